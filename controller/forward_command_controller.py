@@ -1,0 +1,91 @@
+"""forward_command_controller/ForwardCommandController: the newest message is the command."""
+
+import logging
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.interface import indices
+from hal.types import FloatArray, JointLimits, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+ARRIVED_SHARE = 0.02
+"""Share of a joint's range within which it has arrived."""
+STILL_SHARE = 0.03
+"""Share of a joint's velocity limit below which it stands still."""
+STILL_S = 0.1
+"""So long it must stand still short of its goal to count as stalled (fingers on an object)."""
+
+
+class ForwardCommandController:
+    """Holds the measured position until the first command comes; then repeats the last one."""
+
+    kind = "forward_command_controller/ForwardCommandController"
+
+    def __init__(
+        self,
+        name: str,
+        joints: Sequence[str],
+        limits: Sequence[JointLimits],
+        hardware_joints: Sequence[str],
+    ) -> None:
+        self.name = name
+        self.joints = tuple(joints)
+        self.command: FloatArray = np.full(len(joints), np.nan)
+        self._index = indices(joints, hardware_joints)
+        self._range = np.array([limit.upper - limit.lower for limit in limits])
+        self._lower = np.array([limit.lower for limit in limits])
+        self._upper = np.array([limit.upper for limit in limits])
+        self._velocity = np.array([limit.velocity for limit in limits])
+        self._inbox: deque[FloatArray] = deque(maxlen=1)
+        self._still_s = 0.0
+        self._settled = True
+
+    def submit(self, values: Sequence[float]) -> str | None:
+        """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""
+        if not values:
+            return None
+        if len(values) != len(self.joints):
+            return (
+                f"command size ({len(values)}) does not match number of interfaces "
+                f"({len(self.joints)}): dropped"
+            )
+        if not np.isfinite(values).all():
+            return "Non-finite value received. Dropping message"
+        self._inbox.append(np.array(values, dtype=np.float64))
+        return None
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self._inbox.clear()
+        self.command = command.copy()
+        self._settled = True
+
+    def deactivate(self) -> None:
+        self._inbox.clear()
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        if self._inbox:
+            wanted = self._inbox.popleft()
+            clipped = np.clip(wanted, self._lower, self._upper)
+            if (clipped != wanted).any():
+                LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
+            if (clipped != self.command).any():
+                self._settled, self._still_s = False, 0.0
+            self.command = clipped
+        if not self._settled:
+            self._settled = self._arrived(state) or self._stalled(state, period_s)
+
+    def settled(self) -> bool:
+        return self._settled and not self._inbox
+
+    def _arrived(self, state: JointState) -> bool:
+        error = np.abs(state.position[self._index] - self.command)
+        return bool((error <= ARRIVED_SHARE * self._range).all())
+
+    def _stalled(self, state: JointState, period_s: float) -> bool:
+        slow = np.abs(state.velocity[self._index]) <= STILL_SHARE * self._velocity
+        self._still_s = self._still_s + period_s if bool(slow.all()) else 0.0
+        # The first cycles after a command are still because nothing has begun to move yet.
+        return self._still_s > STILL_S

@@ -1,0 +1,55 @@
+"""What a controller is to the manager, and what a controller may ask of the others."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from hal.types import FloatArray, JointLimits, JointState
+
+Settled = Callable[[str], bool]
+"""Whether the controller of that name has brought its joints where they were told to be."""
+
+
+class Controller(Protocol):
+    """Runs in the loop's thread. No I/O, no waiting: called once a cycle.
+
+    ``joints`` are the joints whose command interface it claims, ``command`` their positions (rad, m;
+    shape (n,)) for the end of the coming period.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> str:
+        """The plug-in's type, as in the controllers file."""
+        ...
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def command(self) -> FloatArray: ...
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        """Take over where the joints are: ``command`` (n,) is what the hardware was last told."""
+        ...
+
+    def deactivate(self) -> None:
+        """Give up what is under way, in words to its client."""
+        ...
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        """One cycle."""
+        ...
+
+    def settled(self) -> bool:
+        """Whether its joints are where they were told to be, or can go no further."""
+        ...
+
+
+def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:
+    """Where each joint stands in the hardware's order."""
+    return [among.index(name) for name in joints]
+
+
+def limits_of(joints: Sequence[str], limits: Mapping[str, JointLimits]) -> tuple[JointLimits, ...]:
+    """Limits in the order of ``joints``."""
+    return tuple(limits[name] for name in joints)

@@ -1,0 +1,110 @@
+"""The fixed-rate loop: read → controllers → safety gate → write."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.manager import ControllerManager
+from drivers.clock import Clock
+from hal.gate import SafetyGate
+from hal.lifecycle import Hardware, LifecycleState
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+
+@dataclass(slots=True)
+class LoopFigures:
+    """How the loop keeps its time. A cycle is missed when the wake-up comes a whole period late."""
+
+    cycles: int = 0
+    missed: int = 0
+    latest_wake_up_s: float = 0.0
+    longest_cycle_s: float = 0.0
+    busy_s: float = 0.0
+
+
+class ControlLoop:
+    """One thread owns it. ``step`` runs one cycle and is what tests call; ``run`` only paces it."""
+
+    def __init__(
+        self,
+        hardware: Hardware,
+        manager: ControllerManager,
+        limits: dict[str, JointLimits],
+        clock: Clock,
+        period_s: float,
+        on_cycle: Callable[[JointState], None] = lambda state: None,
+    ) -> None:
+        self.hardware = hardware
+        self.manager = manager
+        self.clock = clock
+        self.period_s = period_s
+        self.figures = LoopFigures()
+        self.limits = tuple(limits[name] for name in hardware.joints)
+        self.command: FloatArray = np.full(len(hardware.joints), np.nan)
+        self.previous_command = self.command
+        self._gate = SafetyGate(self.limits)
+        self.on_cycle = on_cycle
+        self._gated: dict[int, str] = {}
+
+    def activate(self) -> None:
+        """Hardware on where it stands, then the controllers. Raises what the hardware raises."""
+        self.hardware.activate()
+        state = self.hardware.read()
+        lower = np.array([limit.lower for limit in self.limits])
+        upper = np.array([limit.upper for limit in self.limits])
+        self.command = np.clip(state.position, lower, upper)
+        self.previous_command = self.command
+        self.manager.activate(state, self.command)
+
+    def step(self) -> JointState:
+        """One cycle."""
+        state = self.hardware.read()
+        # The time of the measurement is the cycle's time: what is compared with it must be as old.
+        wanted = self.manager.update(state, self.command, state.stamp_s, self.period_s)
+        self.send(wanted)
+        self.on_cycle(state)
+        return state
+
+    def send(self, wanted: FloatArray) -> None:
+        """The only way to the hardware: through the gate. ``wanted`` has shape (n,)."""
+        gated = self._gate.limit(wanted, self.command, self.period_s)
+        self._tell(gated.reasons)
+        self.previous_command, self.command = self.command, gated.position
+        if self.hardware.state is LifecycleState.ACTIVE:
+            self.hardware.write(JointCommand(gated.position, self.period_s))
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Cycles at the fixed rate until ``stop`` says so."""
+        due_s = self.clock.now()
+        while not stop():
+            self.clock.sleep_until(due_s)
+            woke_s = self.clock.now()
+            self.step()
+            due_s = self._account(due_s, woke_s)
+
+    def _account(self, due_s: float, woke_s: float) -> float:
+        """Book the cycle that was due at ``due_s``; returns when the next one is due."""
+        figures = self.figures
+        late_s = woke_s - due_s
+        busy_s = self.clock.now() - woke_s
+        figures.cycles += 1
+        figures.latest_wake_up_s = max(figures.latest_wake_up_s, late_s)
+        figures.longest_cycle_s = max(figures.longest_cycle_s, busy_s)
+        figures.busy_s += busy_s
+        next_s = due_s + self.period_s
+        # Whole periods that have passed already are missed, not made up for in a burst.
+        missed = max(0, int((self.clock.now() - next_s) / self.period_s))
+        if missed:
+            figures.missed += missed
+            LOG.warning("missed %d cycles: the loop was %.0f ms late", missed, late_s * 1e3)
+        return next_s + missed * self.period_s
+
+    def _tell(self, reasons: dict[int, str]) -> None:
+        """Say once what the gate changes, not in every cycle of an episode."""
+        for index in reasons.keys() - self._gated.keys():
+            LOG.info("safety gate: %s: %s", self.hardware.joints[index], reasons[index])
+        self._gated = reasons

@@ -1,0 +1,101 @@
+"""What the layer above may ask of a servo bus, whatever the make of the servos.
+
+A group read returns a value or a fault for each servo: a silent servo never hides the others.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from drivers.errors import ServoError
+from drivers.registers import Register, ServoModel
+
+FaultKind = Literal["silent", "corrupt"]
+
+
+@dataclass(frozen=True, slots=True)
+class ServoState:
+    """One servo's state from one reply. ``alarms`` are the names of the status bits that are set."""
+
+    position_counts: int
+    velocity_counts_s: int
+    load: float
+    """Drive as a share of full drive, -1 to 1."""
+    voltage_v: float
+    temperature_c: float
+    alarms: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ServoFault:
+    """Why there is no state."""
+
+    kind: FaultKind
+    text: str
+
+
+Reading = ServoState | ServoFault
+
+
+@dataclass(frozen=True, slots=True)
+class ServoGoal:
+    """Where to go, and how fast: ``velocity_counts_s`` 0 means as fast as the servo can."""
+
+    position_counts: int
+    velocity_counts_s: int = 0
+
+
+class ServoBus(Protocol):
+    """One line of servos. One transaction at a time, from one thread.
+
+    Single-servo calls raise ServoError; every call raises PortLost once the line is gone.
+    """
+
+    @property
+    def name(self) -> str:
+        """The port's name."""
+        ...
+
+    def identify(self, servo_id: int, model: ServoModel) -> None:
+        """Raise ServoSilent or ServoRefused unless the servo is there and of this model."""
+        ...
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """One register of one servo."""
+        ...
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """One register of one servo, acknowledged."""
+        ...
+
+    def read_states(self, servo_ids: Sequence[int]) -> dict[int, Reading]:
+        """The state of each servo, or its fault, in one exchange."""
+        ...
+
+    def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
+        """A goal for each servo, in one packet that nobody acknowledges."""
+        ...
+
+    def goal(self, servo_id: int) -> int:
+        """The goal position that the servo holds, in counts."""
+        ...
+
+    def torque_is_on(self, servo_id: int) -> bool:
+        """Whether the servo drives its motor."""
+        ...
+
+    def torque_on(self, servo_id: int) -> None:
+        """Drive the motor. The caller has written the goal before."""
+        ...
+
+    def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
+        """Let go of every servo, each tried whatever the others answer; returns what failed."""
+        ...
+
+    def limit_torque(self, servo_id: int, share: float) -> None:
+        """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back."""
+        ...

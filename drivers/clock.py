@@ -1,0 +1,28 @@
+"""Where time comes from. Nothing else in the core asks for the time or sleeps."""
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Seconds on a clock that never goes backwards; its zero means nothing."""
+
+    def now(self) -> float:
+        """The time in seconds."""
+        ...
+
+    def sleep_until(self, deadline_s: float) -> None:
+        """Return at ``deadline_s`` or a little later; at once if it has passed."""
+        ...
+
+
+class MonotonicClock:
+    """The machine's own monotonic clock. All processes of one machine share it."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def sleep_until(self, deadline_s: float) -> None:
+        remaining_s = deadline_s - time.monotonic()
+        if remaining_s > 0.0:
+            time.sleep(remaining_s)

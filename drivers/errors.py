@@ -1,0 +1,60 @@
+"""Everything that can go wrong below the joints, as one small tree.
+
+DriverError
+├── PortError            the line itself
+│   ├── PortMissing      no such device
+│   ├── PortBusy         another program holds it
+│   ├── PortDenied       no permission
+│   └── PortLost         was there, is gone
+└── ServoError           one servo, named by its ID
+    ├── ServoSilent      no reply before the deadline
+    ├── ServoCorrupt     a reply with a wrong checksum or length
+    └── ServoRefused     a reply, but not the one that was needed
+
+Set-up raises these. The cycle does not: there a servo's error is a value beside the others' values.
+"""
+
+
+class DriverError(Exception):
+    """Base of all errors of this package. The text says what to do."""
+
+
+class PortError(DriverError):
+    """The line to the servos."""
+
+
+class PortMissing(PortError):
+    """There is no such device."""
+
+
+class PortBusy(PortError):
+    """Another program holds the device."""
+
+
+class PortDenied(PortError):
+    """The user may not open the device."""
+
+
+class PortLost(PortError):
+    """The device was open and is gone."""
+
+
+class ServoError(DriverError):
+    """One servo's trouble; ``servo_id`` tells which."""
+
+    def __init__(self, servo_id: int, text: str) -> None:
+        super().__init__(f"servo {servo_id}: {text}")
+        self.servo_id = servo_id
+        self.text = text
+
+
+class ServoSilent(ServoError):
+    """No reply before the deadline."""
+
+
+class ServoCorrupt(ServoError):
+    """A reply with a wrong checksum or length."""
+
+
+class ServoRefused(ServoError):
+    """The servo answered, but refused or is not the one that was expected."""

@@ -1,0 +1,1 @@
+"""Feetech serial bus servos: the STS table, the packets, the bus."""

@@ -1,0 +1,38 @@
+"""feetech-servo-sdk's packet handler over our Port.
+
+The SDK does all single-servo instructions. Its own PortHandler spins at 100 % CPU while it waits and
+flushes output where it should drop stale input; this one waits on the port and drops the input.
+"""
+
+from drivers.clock import Clock
+from drivers.port import Port
+
+_GRACE_S = 0.034
+"""What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
+
+
+class SdkPort:
+    """What scservo_sdk expects of a PortHandler. The method names are the SDK's."""
+
+    def __init__(self, port: Port, clock: Clock) -> None:
+        self.is_using = False
+        self._port = port
+        self._clock = clock
+        self._deadline_s = 0.0
+
+    def clearPort(self) -> None:
+        self._port.discard_input()
+
+    def writePort(self, packet: list[int]) -> int:
+        self._port.write(bytes(packet))
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:
+        return self._port.read(length, self._deadline_s)
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        wire_s = packet_length * 10.0 / self._port.baud
+        self._deadline_s = self._clock.now() + wire_s + _GRACE_S
+
+    def isPacketTimeout(self) -> bool:
+        return self._clock.now() >= self._deadline_s

@@ -1,0 +1,116 @@
+"""Control table of the Feetech STS series, and the STS3215 in its 12 V version.
+
+Source: Feetech's "SMS/STS memory table" (magnetic encoder) and the STS3215-C018 datasheet.
+Words are little endian. Negative numbers are sign-magnitude, the sign in bit 15 unless a line
+says otherwise.
+"""
+
+import math
+from typing import Final
+
+from drivers.registers import Access, Register, ServoModel
+
+READ: Final = Access.READ
+MODEL_ADDRESS: Final = 3
+"""Where every Feetech servo keeps its model number: the SDK's ping reads it there."""
+
+# EEPROM: written only with the lock open.
+firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
+firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
+model_number = Register("model_number", MODEL_ADDRESS, 2, READ, persistent=True)
+servo_id = Register("id", 5, 1, persistent=True)
+baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into BAUD_RATES
+return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us
+status_level = Register("status_level", 8, 1, persistent=True)
+min_position = Register("min_position", 9, 2, persistent=True)  # counts; 0 and 0: multi-turn
+max_position = Register("max_position", 11, 2, persistent=True)  # counts
+max_temperature = Register("max_temperature", 13, 1, persistent=True)  # deg C
+max_voltage = Register("max_voltage", 14, 1, persistent=True)  # 0.1 V
+min_voltage = Register("min_voltage", 15, 1, persistent=True)  # 0.1 V
+max_torque = Register("max_torque", 16, 2, persistent=True)  # 0.1 %
+phase = Register("phase", 18, 1, persistent=True)
+unloading_condition = Register("unloading_condition", 19, 1, persistent=True)  # status bits
+led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True)  # status bits
+position_p = Register("position_p", 21, 1, persistent=True)
+position_d = Register("position_d", 22, 1, persistent=True)
+position_i = Register("position_i", 23, 1, persistent=True)
+minimum_startup_force = Register("minimum_startup_force", 24, 2, persistent=True)  # 0.1 %
+cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
+ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
+protection_current = Register("protection_current", 28, 2, persistent=True)  # 6.5 mA
+angular_resolution = Register("angular_resolution", 30, 1, persistent=True)
+homing_offset = Register("homing_offset", 31, 2, persistent=True, sign_bit=11)  # counts
+operating_mode = Register("operating_mode", 33, 1, persistent=True)  # 0: position
+protective_torque = Register("protective_torque", 34, 1, persistent=True)  # %
+protection_time = Register("protection_time", 35, 1, persistent=True)  # 10 ms
+overload_torque = Register("overload_torque", 36, 1, persistent=True)  # %
+velocity_p = Register("velocity_p", 37, 1, persistent=True)
+overcurrent_time = Register("overcurrent_time", 38, 1, persistent=True)  # 10 ms
+velocity_i = Register("velocity_i", 39, 1, persistent=True)
+
+# RAM: the goals.
+torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on
+acceleration = Register("acceleration", 41, 1)  # 100 counts/s^2; 0: no limit
+goal_position = Register("goal_position", 42, 2, sign_bit=15)  # counts
+goal_time = Register("goal_time", 44, 2, sign_bit=15)  # ms on SCS; unused by STS in position mode
+goal_velocity = Register("goal_velocity", 46, 2, sign_bit=15)  # counts/s; 0: as fast as it can
+torque_limit = Register("torque_limit", 48, 2)  # 0.1 %
+lock = Register("lock", 55, 1)  # 1: EEPROM locked
+
+# RAM: the state. The first five are one block of eight bytes.
+present_position = Register("present_position", 56, 2, READ, sign_bit=15)  # counts
+present_velocity = Register("present_velocity", 58, 2, READ, sign_bit=15)  # counts/s
+present_load = Register("present_load", 60, 2, READ, sign_bit=10)  # 0.1 % of full drive
+present_voltage = Register("present_voltage", 62, 1, READ)  # 0.1 V
+present_temperature = Register("present_temperature", 63, 1, READ)  # deg C
+async_write_flag = Register("async_write_flag", 64, 1, READ)
+status = Register("status", 65, 1, READ)  # status bits
+moving = Register("moving", 66, 1, READ)
+present_current = Register("present_current", 69, 2, READ, sign_bit=15)  # 6.5 mA
+
+REGISTERS: Final[tuple[Register, ...]] = tuple(
+    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
+)
+
+STATE_BLOCK: Final = (
+    present_position,
+    present_velocity,
+    present_load,
+    present_voltage,
+    present_temperature,
+)
+GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
+
+BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
+
+STATUS_BITS: Final = {
+    0: "voltage",
+    1: "angle sensor",
+    2: "temperature",
+    3: "current",
+    4: "angle",
+    5: "overload",
+}
+"""Meaning of the bits of a reply's status byte and of the ``status`` register."""
+
+VOLTAGE_UNIT_V: Final = 0.1
+TORQUE_UNIT: Final = 0.001
+ACCELERATION_UNIT_COUNTS_S2: Final = 100
+CURRENT_UNIT_A: Final = 0.0065
+
+STS3215 = ServoModel(
+    name="sts3215",
+    number=777,
+    byte_order="little",
+    counts_per_turn=4096,
+    rated_voltage_v=12.0,
+    stall_torque_nm=2.94,  # 30 kg cm
+    no_load_speed_rad_s=45.0 * 2.0 * math.pi / 60.0,  # 45 turns a minute
+)
+
+MODELS: Final = {STS3215.name: STS3215}
+
+
+def alarms(status: int) -> tuple[str, ...]:
+    """Names of the bits that are set in a status byte."""
+    return tuple(name for bit, name in STATUS_BITS.items() if status >> bit & 1)

@@ -1,0 +1,77 @@
+"""Servos as data: a register is one line of a table, a servo model is a table."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal
+
+ByteOrder = Literal["little", "big"]
+
+
+class Access(Enum):
+    """Who may change a register."""
+
+    READ = "read"
+    READ_WRITE = "read_write"
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One entry of a control table.
+
+    ``sign_bit`` is the bit that holds the sign of a sign-magnitude number (Feetech's way of
+    writing negative values); None means that the register is unsigned.
+    ``persistent`` registers live in EEPROM: they survive power-off and wear out when written.
+    """
+
+    name: str
+    address: int
+    size: int
+    access: Access = Access.READ_WRITE
+    persistent: bool = False
+    sign_bit: int | None = None
+
+    @property
+    def largest(self) -> int:
+        """The largest value that the register can say."""
+        bits = self.size * 8 if self.sign_bit is None else self.sign_bit
+        return (1 << bits) - 1
+
+    @property
+    def smallest(self) -> int:
+        """The smallest value that the register can say."""
+        return 0 if self.sign_bit is None else -self.largest
+
+    def encode(self, value: int, order: ByteOrder) -> bytes:
+        """``value`` as it goes over the wire. Raises ValueError where it does not fit."""
+        if not self.smallest <= value <= self.largest:
+            raise ValueError(
+                f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written"
+            )
+        raw = value
+        if self.sign_bit is not None and value < 0:
+            raw = -value | 1 << self.sign_bit
+        return raw.to_bytes(self.size, order)
+
+    def decode(self, data: bytes, order: ByteOrder) -> int:
+        """The value in ``data``, which is ``size`` bytes long."""
+        raw = int.from_bytes(data, order)
+        if self.sign_bit is None:
+            return raw
+        sign = 1 << self.sign_bit
+        return -(raw & sign - 1) if raw & sign else raw & sign - 1
+
+
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """What distinguishes one servo model from another.
+
+    ``stall_torque_nm`` and ``no_load_speed_rad_s`` are the datasheet's figures at ``rated_voltage_v``.
+    """
+
+    name: str
+    number: int
+    byte_order: ByteOrder
+    counts_per_turn: int
+    rated_voltage_v: float
+    stall_torque_nm: float
+    no_load_speed_rad_s: float

@@ -1,0 +1,141 @@
+"""A real serial device (or a pseudo-terminal) as a Port."""
+
+import errno
+import grp
+import os
+import select
+import termios
+from collections.abc import Iterator
+from pathlib import Path
+
+import serial
+
+from drivers.clock import Clock, MonotonicClock
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+
+
+class SerialPort:
+    """Opens a device exclusively and waits on its file descriptor, never spinning.
+
+    Raises PortMissing, PortBusy (with the owner's name) or PortDenied (with the group to join).
+    """
+
+    def __init__(self, device: str, baud: int = 1_000_000, clock: Clock | None = None) -> None:
+        self.name = device
+        self.baud = baud
+        self._clock = clock or MonotonicClock()
+        self._serial = _open(device, baud)
+        self._fd: int = self._serial.fileno()
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+
+    def write(self, data: bytes) -> None:
+        try:
+            sent = os.write(self._fd, data)
+            while sent < len(data):  # the kernel's buffer was full: rare, a request is short
+                select.select([], [self._fd], [], 1.0)
+                sent += os.write(self._fd, data[sent:])
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        received = b""
+        while len(received) < size:
+            wait_s = deadline_s - self._clock.now()
+            if not self._poll.poll(max(0.0, wait_s * 1000.0)):
+                break
+            received += self._read_some(size - len(received))
+        return received
+
+    def discard_input(self) -> None:
+        try:
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except (termios.error, OSError, ValueError) as error:
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        self._serial.close()
+        self._fd = -1
+
+    def _read_some(self, size: int) -> bytes:
+        try:
+            data = os.read(self._fd, size)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not data:  # readable, yet nothing to read: the other end hung up
+            raise self._lost(None)
+        return data
+
+    def _lost(self, error: Exception | None) -> PortLost:
+        reason = f" ({error})" if error else ""
+        return PortLost(
+            f"{self.name} is gone{reason}: check the cable and the servos' power, then start again"
+        )
+
+
+def _open(device: str, baud: int) -> serial.Serial:
+    path = Path(device)
+    if not path.exists():
+        raise PortMissing(_missing_text(device))
+    # A program that does not lock the device (the SDKs do not) is seen only in the process table.
+    owners = list(port_owners(path))
+    if owners:
+        raise PortBusy(f"{device} is in use by {', '.join(owners)}: end that program first")
+    try:
+        return serial.Serial(device, baud, timeout=0, write_timeout=None, exclusive=True)
+    except serial.SerialException as error:
+        raise _open_error(path, error) from error
+    except (ValueError, OSError, termios.error) as error:
+        raise PortError(f"{device} does not take {baud} baud or is no serial port: {error}") from error
+
+
+def _open_error(path: Path, error: serial.SerialException) -> PortError:
+    if error.errno == errno.EACCES:
+        return PortDenied(_denied_text(path))
+    if error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
+        owners = ", ".join(port_owners(path)) or "a program of another user"
+        return PortBusy(f"{path} is in use by {owners}: end that program first")
+    if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return PortMissing(_missing_text(str(path)))
+    return PortError(f"cannot open {path}: {error}")
+
+
+def _missing_text(device: str) -> str:
+    found = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
+    return f"there is no {device}: plug in the adapter or name another port (there is {', '.join(found) or 'none'})"
+
+
+def _denied_text(path: Path) -> str:
+    group_id = path.stat().st_gid
+    try:
+        group = grp.getgrgid(group_id).gr_name
+    except KeyError:
+        group = str(group_id)
+    return (
+        f"no permission to open {path}: it belongs to the group '{group}'. Run "
+        f"'sudo usermod -aG {group} $USER', log out and in again"
+    )
+
+
+def port_owners(path: Path) -> Iterator[str]:
+    """Names of the other processes that hold the device open, as far as we may look."""
+    device = path.resolve()
+    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
+        if int(process.name) != os.getpid() and _holds(process, device):
+            yield f"{_command(process)} (process {process.name})"
+
+
+def _holds(process: Path, device: Path) -> bool:
+    try:
+        return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
+    except OSError:  # ended meanwhile, or another user's
+        return False
+
+
+def _command(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:
+        return "a program"

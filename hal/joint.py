@@ -1,0 +1,54 @@
+"""From servo counts to joint positions and back."""
+
+import math
+from dataclasses import dataclass
+
+from drivers.registers import ServoModel
+from hal.types import JointLimits
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One driven joint and the servo behind it.
+
+    ``sign`` is +1 or -1, ``zero_counts`` the servo's reading at joint position 0, ``transmission``
+    joint units per radian of the servo's shaft: 1.0 for a revolute joint, metres for a prismatic one.
+    """
+
+    name: str
+    servo_id: int
+    model: ServoModel
+    limits: JointLimits
+    sign: int = 1
+    zero_counts: int = 2048
+    transmission: float = 1.0
+    torque_limit: float = 1.0
+    """Share (0 to 1) of full drive that the servo may use."""
+
+    @property
+    def units_per_count(self) -> float:
+        """rad or m per count, with the sign."""
+        return self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn
+
+    @property
+    def full_effort(self) -> float:
+        """N m or N at full drive and standstill."""
+        return self.model.stall_torque_nm / self.transmission
+
+    def position(self, counts: int) -> float:
+        """Joint position in rad or m."""
+        return (counts - self.zero_counts) * self.units_per_count
+
+    def counts(self, position: float) -> int:
+        """The servo's position nearest to a joint position, never outside the joint's limits."""
+        lower, upper = self.counts_range()
+        return min(max(round(position / self.units_per_count) + self.zero_counts, lower), upper)
+
+    def counts_range(self) -> tuple[int, int]:
+        """The outermost counts that lie within the limits."""
+        ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
+        # 1e-9: a limit that is a whole number of counts must not lose one to rounding.
+        return (
+            math.ceil(min(ends) - 1e-9) + self.zero_counts,
+            math.floor(max(ends) + 1e-9) + self.zero_counts,
+        )

@@ -1,0 +1,51 @@
+"""ros2_control's component life cycle, and what every kind of hardware offers."""
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Protocol
+
+from hal.errors import LifecycleError
+from hal.types import JointCommand, JointState
+
+
+class LifecycleState(Enum):
+    """States of a hardware component or a controller; the values are lifecycle_msgs' ids."""
+
+    UNCONFIGURED = 1
+    INACTIVE = 2
+    ACTIVE = 3
+    FINALIZED = 4
+
+
+class Hardware(Protocol):
+    """The second seam: where joints leave. Called from one thread.
+
+    configure: UNCONFIGURED → INACTIVE, opens and checks; nothing moves and torque stays as it was.
+    activate: INACTIVE → ACTIVE, torque on with the goal at the measured position.
+    deactivate: ACTIVE → INACTIVE; ``relax`` lets go of the joints, else they hold where they are.
+    cleanup: → UNCONFIGURED, gives everything back; allowed in every state.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def state(self) -> LifecycleState: ...
+    def configure(self) -> None: ...
+    def activate(self) -> None: ...
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        """Returns what went wrong on the way, each with the servo's name."""
+        ...
+
+    def cleanup(self) -> None: ...
+    def read(self) -> JointState: ...
+    def write(self, command: JointCommand) -> None: ...
+
+
+def require(state: LifecycleState, wanted: LifecycleState, what: str) -> None:
+    """Raise LifecycleError unless the component is in the wanted state."""
+    if state is not wanted:
+        raise LifecycleError(
+            f"cannot {what} while {state.name.lower()}: it must be {wanted.name.lower()}"
+        )

@@ -1,0 +1,142 @@
+"""The robot file: which servo drives which joint, and how the arm is left."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.feetech import sts
+from hal.description import Component, Description, UrdfJoint
+from hal.errors import RobotFileError
+from hal.joint import Joint
+from hal.types import JointLimits
+from hal.yaml_file import load
+
+ExitPolicy = Literal["hold", "relax"]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class BusFile(_Strict):
+    """The line to the servos. Which device it is, the command line says."""
+
+    protocol: Literal["feetech"] = "feetech"
+    baud: int = Field(1_000_000, gt=0)
+
+
+class JointFile(_Strict):
+    """One joint's servo. Units: rad (m for a prismatic joint) and seconds."""
+
+    servo_id: int = Field(ge=0, le=253)
+    model: Literal["sts3215"]
+    sign: Literal[1, -1] = 1
+    zero_counts: int = Field(2048, ge=-32767, le=32767)
+    metres_per_radian: Positive | None = None
+    torque_limit: float = Field(1.0, gt=0, le=1)
+    acceleration: Positive
+    jerk: Positive
+
+
+class ExitFile(_Strict):
+    """What becomes of the torque at the end, on virtual and on real servos."""
+
+    virtual: ExitPolicy = "hold"
+    real: ExitPolicy = "relax"
+
+
+class ParkFile(_Strict):
+    """Where to go before letting go, at which share of the joints' velocity limits."""
+
+    pose: dict[str, float]
+    velocity_scale: float = Field(0.25, gt=0, le=1)
+
+
+class RobotFile(_Strict):
+    """The whole file."""
+
+    bus: BusFile = BusFile()
+    joints: dict[str, JointFile]
+    on_exit: ExitFile = ExitFile()
+    park: ParkFile | None = None
+    controller_defaults: dict[str, dict[str, Any]] = {}
+
+    @model_validator(mode="after")
+    def _one_servo_a_joint(self) -> Self:
+        owners: dict[int, str] = {}
+        for name, joint in self.joints.items():
+            other = owners.setdefault(joint.servo_id, name)
+            if other != name:
+                raise ValueError(f"{other} and {name} both have servo_id {joint.servo_id}")
+        unknown = set(self.park.pose if self.park else ()) - set(self.joints)
+        if unknown:
+            raise ValueError(f"park.pose names unknown joints: {', '.join(sorted(unknown))}")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The robot file and the URDF, brought together for one hardware component."""
+
+    joints: tuple[Joint, ...]
+    file: RobotFile
+
+    def limits(self) -> dict[str, JointLimits]:
+        """Limits by joint name."""
+        return {joint.name: joint.limits for joint in self.joints}
+
+
+def load_robot_file(path: Path) -> RobotFile:
+    """Read the robot file. Raises RobotFileError with every mistake, its file and line."""
+    return load(path, RobotFile, RobotFileError)
+
+
+def assemble(file: RobotFile, description: Description, component: Component) -> Robot:
+    """Join file and URDF: each joint that takes commands needs a servo, and no servo is left over."""
+    missing = [name for name in component.joints if name not in file.joints]
+    extra = [name for name in file.joints if name not in component.joints]
+    problems = [f"the URDF commands {name}, for which the robot file has no servo" for name in missing]
+    problems += [f"the robot file has a servo for {name}, which the URDF does not command" for name in extra]
+    joints: list[Joint] = []
+    for name in component.joints:
+        if name in file.joints:
+            problems += _problems(description.joints[name], file.joints[name])
+            joints.append(_joint(name, file.joints[name], description.joints[name]))
+    if problems:
+        raise RobotFileError("\n".join(problems))
+    return Robot(tuple(joints), file)
+
+
+def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
+    prismatic = urdf.kind == "prismatic"
+    problems: list[str] = []
+    if prismatic != (file.metres_per_radian is not None):
+        need = "needs" if prismatic else "must not have"
+        problems.append(f"{urdf.name} is {urdf.kind} in the URDF and {need} metres_per_radian")
+    if urdf.velocity <= 0 or urdf.lower >= urdf.upper:
+        problems.append(f"{urdf.name} needs <limit lower upper velocity> in the URDF, lower < upper")
+    return problems
+
+
+def _joint(name: str, file: JointFile, urdf: UrdfJoint) -> Joint:
+    limits = JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk)
+    return Joint(
+        name=name,
+        servo_id=file.servo_id,
+        model=sts.MODELS[file.model],
+        limits=limits,
+        sign=file.sign,
+        zero_counts=file.zero_counts,
+        transmission=file.metres_per_radian or 1.0,
+        torque_limit=file.torque_limit,
+    )
+
+
+def servo_names(joints: Mapping[int, Joint], servo_id: int) -> str:
+    """How a servo is called in a message: by its joint and its ID."""
+    joint = joints.get(servo_id)
+    return f"{joint.name} (servo {servo_id})" if joint else f"servo {servo_id}"

@@ -1,0 +1,23 @@
+"""What the ROS nodes are given to show: the running stack, as the wiring has put it together."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from controller.loop import ControlLoop
+from hal.description import Component, Description
+from hal.kinematics import Quaternion, Vector
+
+Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
+"""Poses in base_link (m; x, y, z, w) of what a simulation knows beside the arm; empty on a real one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """One robot: its loop, its description, and the scene if there is a simulation below."""
+
+    loop: ControlLoop
+    description: Description
+    component: Component
+    servo_ids: Mapping[str, int]
+    scene: Scene
+    set_interpolation: Callable[[bool], None] | None

@@ -1,0 +1,105 @@
+"""The command line. Each verb reads its arguments and hands over."""
+
+import logging
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from controller.controllers_file import ControllersFileError
+from controller.manager import ClaimError
+from drivers.errors import DriverError
+from hal.errors import HalError
+from servoloop.files import CONTROLLERS, URDF, Files, read_files
+from servoloop.hardware import HardwareKind
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="A robot arm on serial bus servos under ROS 2: real, or virtual down to the byte.",
+)
+
+RobotOption = Annotated[
+    Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")
+]
+UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
+
+
+def main() -> None:
+    """Run a verb. What a user can mend is said in words, without a traceback."""
+    try:
+        app()
+    except (DriverError, HalError, ControllersFileError, ClaimError) as error:
+        typer.secho(f"servoloop: {error}", fg="red", err=True)
+        raise SystemExit(1) from None
+
+
+@app.command()
+def up(
+    hardware: Annotated[
+        HardwareKind | None,
+        typer.Option(help="What is below the loop; by default what the URDF's plugin says."),
+    ] = None,
+    port: Annotated[
+        str, typer.Option(help="Serial device of the servos, or 'virtual' for simulated ones.")
+    ] = "virtual",
+    controllers: Annotated[
+        Path, typer.Option(help="Controllers file, as for ros2_control.")
+    ] = CONTROLLERS,
+    urdf: UrdfOption = URDF,
+    robot: RobotOption = None,
+    ready_file: Annotated[
+        Path | None, typer.Option(help="Written when the stack is ready for goals.")
+    ] = None,
+) -> None:
+    """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
+
+    Example: `servoloop up --port /dev/ttyACM0`
+    """
+    from servoloop.up import up as run  # noqa: PLC0415
+
+    _log_to_terminal()
+    files = read_files(urdf, controllers, robot)
+
+    def ready(what: str) -> None:
+        typer.echo(f"ready: {what}")
+        if ready_file is not None:
+            partial = ready_file.with_name(ready_file.name + ".part")
+            partial.write_text(f"{os.getpid()}\n")
+            partial.replace(ready_file)
+
+    raise typer.Exit(run(hardware, port, files, ready))
+
+
+@app.command()
+def emulate(
+    link: Annotated[Path, typer.Argument(help="Where to serve the bus: a path that is free.")],
+    urdf: UrdfOption = URDF,
+    robot: RobotOption = None,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")
+    ] = None,
+) -> None:
+    """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
+
+    Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
+    """
+    from servoloop.emulator import emulate as run  # noqa: PLC0415
+    from servoloop.signals import Signals  # noqa: PLC0415
+
+    _log_to_terminal()
+    files: Files = read_files(urdf, CONTROLLERS, robot)
+    with Signals() as signals:
+        run(
+            files.robot,
+            link,
+            stop=lambda: signals.count > 0,
+            on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {link}"),
+        )
+
+
+def _log_to_terminal() -> None:
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")

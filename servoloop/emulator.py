@@ -1,0 +1,44 @@
+"""``servoloop emulate``: the virtual bus with its world."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hal.robot import Robot
+from sim_backend.bus import VirtualBus
+from sim_backend.emulator import serve
+from sim_backend.feeder import Feeder
+from sim_backend.plant import Coupling, WorldPlant
+from sim_backend.world import World
+from sim_backend.world_feed import WorldFeed, feed_path
+
+
+def couplings(robot: Robot) -> list[Coupling]:
+    """The virtual arm is built as the robot file says."""
+    return [
+        Coupling(
+            servo_id=joint.servo_id,
+            joint=joint.name,
+            sign=joint.sign,
+            zero_counts=joint.zero_counts,
+            transmission=joint.transmission,
+            counts_per_turn=joint.model.counts_per_turn,
+        )
+        for joint in robot.joints
+    ]
+
+
+def emulate(robot: Robot, link: Path, stop: Callable[[], bool], on_ready: Callable[[], None]) -> World:
+    """Serve the bus at ``link`` until ``stop``. Raises PortBusy where ``link`` is taken."""
+    world = World()
+    feeder = Feeder()
+    plant = WorldPlant(world, couplings(robot), lambda time_s: feeder.update(world, time_s))
+    bus = VirtualBus.of(plant)
+    with WorldFeed(feed_path(link)) as feed:
+        serve(
+            bus,
+            link,
+            stop=stop,
+            on_tick=lambda now_s: feed.tick(now_s, world, bus.dropped_s),
+            on_ready=on_ready,
+        )
+    return world

@@ -1,0 +1,112 @@
+"""Which hardware: servos on a port, the arm in MuJoCo, or the mock. Nothing else differs."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.feetech.bus import FeetechBus
+from drivers.serial_port import SerialPort
+from hal.errors import DescriptionError
+from hal.kinematics import Quaternion, Vector
+from hal.lifecycle import Hardware
+from hal.mock_hardware import MockHardware
+from hal.servo_hardware import ServoHardware
+from servoloop.files import Files
+from sim_backend.world_feed import WorldFeedClient, feed_path
+
+Pose = tuple[Vector, Quaternion]
+
+
+class HardwareKind(StrEnum):
+    """Values of ``--hardware``."""
+
+    SERVOS = "servos"
+    MUJOCO = "mujoco"
+    MOCK = "mock"
+
+
+PLUGINS = {
+    "servoloop/ServoHardware": HardwareKind.SERVOS,
+    "servoloop/MujocoHardware": HardwareKind.MUJOCO,
+    "mock_components/GenericSystem": HardwareKind.MOCK,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Below:
+    """What the loop stands on."""
+
+    hardware: Hardware
+    scene: Callable[[], Mapping[str, Pose]]
+    set_interpolation: Callable[[bool], None] | None
+    virtual: bool
+    """Whether nothing real moves."""
+
+
+def choose(kind: HardwareKind | None, files: Files) -> HardwareKind:
+    """What the command line says, or else the URDF's ``<plugin>``."""
+    plugin = files.component.plugin
+    if kind is None and plugin not in PLUGINS:
+        raise DescriptionError(f"unknown <plugin> {plugin}: known are {', '.join(PLUGINS)}")
+    return kind or PLUGINS[plugin]
+
+
+def build(kind: HardwareKind, files: Files, port: str, clock: Clock) -> Below:
+    """The hardware component, unconfigured: nothing is opened yet."""
+    if kind is HardwareKind.MOCK:
+        dynamics = files.component.parameters.get("calculate_dynamics", "false").lower() == "true"
+        mock = MockHardware(files.component.name, files.component.joints, clock, dynamics)
+        return Below(mock, dict, None, virtual=True)
+    if kind is HardwareKind.MUJOCO:
+        return _mujoco(files, clock)
+    return _servos(files, port, clock)
+
+
+def _mujoco(files: Files, clock: Clock) -> Below:
+    from sim_backend.mujoco_hardware import MujocoHardware  # noqa: PLC0415 (MuJoCo loads slowly)
+    from sim_backend.world import World  # noqa: PLC0415
+
+    world = World()
+    hardware = MujocoHardware(files.component.name, files.robot.joints, world, clock)
+
+    def scene() -> Mapping[str, Pose]:
+        return {n: (p.position_m, p.quaternion_xyzw) for n, p in world.poses().items()}
+
+    return Below(hardware, scene, None, virtual=True)
+
+
+def _servos(files: Files, port: str, clock: Clock) -> Below:
+    baud = files.robot.file.bus.baud
+
+    def open_bus() -> FeetechBus:
+        return FeetechBus(SerialPort(port, baud, clock), clock)
+
+    hardware = ServoHardware(files.component.name, files.robot.joints, open_bus, clock)
+
+    def set_interpolation(on: bool) -> None:
+        hardware.interpolate = on
+
+    # An emulator says beside its line what is seen in its world; a real line has no such thing.
+    feed = feed_path(Path(port))
+    virtual = feed.is_socket()
+    scene = Scene(WorldFeedClient(feed)) if virtual else dict
+    return Below(hardware, scene, set_interpolation, virtual)
+
+
+class Scene:
+    """The newest poses that an emulator published."""
+
+    def __init__(self, client: WorldFeedClient) -> None:
+        self._client = client
+        self._poses: dict[str, Pose] = {}
+
+    def __call__(self) -> Mapping[str, Pose]:
+        newest = self._client.newest()
+        if newest is not None:
+            self._poses = {
+                name: (tuple(pose["position_m"]), tuple(pose["quaternion_xyzw"]))
+                for name, pose in newest["poses"].items()
+            }
+        return self._poses

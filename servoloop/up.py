@@ -1,0 +1,133 @@
+"""``servoloop up``: the stack of one robot, from start to end."""
+
+import gc
+import logging
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller import controllers_file
+from controller.ending import end
+from controller.loop import ControlLoop
+from controller.manager import ControllerManager
+from drivers.clock import MonotonicClock
+from servoloop import hardware
+from servoloop.emulator_process import emulator_process
+from servoloop.files import Files
+from servoloop.hardware import Below, HardwareKind
+from servoloop.signals import Signals
+
+LOG = logging.getLogger("servoloop")
+
+VIRTUAL = "virtual"
+
+
+@dataclass(slots=True)
+class _Run:
+    """The loop's thread and what became of it."""
+
+    loop: ControlLoop
+    relax: bool
+    files: Files
+    signals: Signals
+    failed: bool = False
+    done: bool = False
+
+    def __call__(self) -> None:
+        park = self.files.robot.file.park
+        try:
+            self.loop.run(lambda: self.signals.count > 0)
+        except Exception as error:
+            LOG.exception("the loop ends: %s", error)
+            self.failed = True
+        finally:
+            problems = end(
+                self.loop,
+                self.relax,
+                park.pose if park else None,
+                park.velocity_scale if park else 1.0,
+                hurry=lambda: self.signals.count > 1,
+            )
+            self.failed = self.failed or bool(problems)
+            self.done = True
+
+
+def up(kind: HardwareKind | None, port: str, files: Files, ready: Callable[[str], None]) -> int:
+    """Run until a signal or a fault; returns the exit status."""
+    chosen = hardware.choose(kind, files)
+    with Signals() as signals, _line(chosen, port) as device:
+        clock = MonotonicClock()
+        below = hardware.build(chosen, files, device, clock)
+        return _serve(below, files, signals, ready)
+
+
+@contextmanager
+def _line(kind: HardwareKind, port: str) -> Iterator[str]:
+    """The device to open: the one that was named, or that of an emulator of our own."""
+    if kind is not HardwareKind.SERVOS or port != VIRTUAL:
+        yield port
+        return
+    with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
+        link = Path(folder) / "bus"
+        with emulator_process(link):
+            yield str(link)
+
+
+def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], None]) -> int:
+    from nodes.stack import Stack  # noqa: PLC0415 (only this verb needs ROS)
+    from nodes.surface import Surface  # noqa: PLC0415
+
+    loop = _loop(below, files)
+    below.hardware.configure()
+    servo_ids = {joint.name: joint.servo_id for joint in files.robot.joints}
+    surface = Surface(
+        Stack(
+            loop,
+            files.description,
+            files.component,
+            servo_ids if below.set_interpolation else {},
+            below.scene,
+            below.set_interpolation,
+        )
+    )
+    loop.on_cycle = surface.post
+    try:
+        loop.activate()
+    except BaseException:
+        below.hardware.cleanup()
+        surface.close()
+        raise
+    exits = files.robot.file.on_exit
+    policy = exits.virtual if below.virtual else exits.real
+    run = _Run(loop, policy == "relax", files, signals)
+    _prepare_interpreter()
+    thread = threading.Thread(target=run, name="control loop")
+    thread.start()
+    ready(f"{files.component.name} at {1.0 / loop.period_s:g} Hz")
+    surface.spin(lambda: run.done)
+    thread.join()
+    surface.close()
+    gc.unfreeze()
+    return 1 if run.failed else 0
+
+
+def _loop(below: Below, files: Files) -> ControlLoop:
+    limits = files.robot.limits()
+    manager = ControllerManager(below.hardware.joints)
+    for controller in controllers_file.build(
+        files.controllers, files.description, files.component, limits, manager.settled
+    ):
+        manager.add(controller)
+    period_s = 1.0 / files.controllers.update_rate_hz
+    return ControlLoop(below.hardware, manager, limits, MonotonicClock(), period_s)
+
+
+def _prepare_interpreter() -> None:
+    """Keep the other thread and the collector from making the loop late."""
+    sys.setswitchinterval(0.0005)
+    gc.collect()
+    gc.freeze()
