@@ -147,9 +147,7 @@ def _build(
     parameters, hardware_joints = file.parameters, component.joints
     if isinstance(parameters, _Jtc):
         own = limits_of(parameters.joints, limits)
-        return JointTrajectoryController(
-            file.name, _jtc_settings(parameters), own, hardware_joints, settled
-        )
+        return JointTrajectoryController(file.name, _jtc_settings(parameters), own, hardware_joints, settled)
     if isinstance(parameters, _Forward):
         own = limits_of(parameters.joints, limits)
         return ForwardCommandController(file.name, parameters.joints, own, hardware_joints)
@@ -209,9 +207,7 @@ def _checked(
         return None
 
 
-def _unknown_joints(
-    path: Path, controllers: list[ControllerFile], component: Component
-) -> list[str]:
+def _unknown_joints(path: Path, controllers: list[ControllerFile], component: Component) -> list[str]:
     known = component.joints
     return [
         f"{path}: {c.name}.joints names {joint}, which takes no commands in the URDF's "

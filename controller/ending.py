@@ -47,15 +47,11 @@ def _try(problems: list[str], what: str, action: Callable[[], None]) -> None:
 def _stop(loop: ControlLoop) -> None:
     velocity = (loop.command - loop.previous_command) / loop.period_s
     bound = np.array([limit.velocity for limit in loop.limits])
-    start = Kinematics(
-        loop.command, np.clip(velocity, -bound, bound), np.zeros_like(loop.command)
-    )
+    start = Kinematics(loop.command, np.clip(velocity, -bound, bound), np.zeros_like(loop.command))
     _drive(loop, plan_stop(start, loop.limits), lambda: False)
 
 
-def _park(
-    loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]
-) -> None:
+def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> None:
     pairs = zip(loop.hardware.joints, loop.command, strict=True)
     target = np.array([park.get(name, held) for name, held in pairs])
     slow = [_slower(limit, scale) for limit in loop.limits]
@@ -69,9 +65,7 @@ def _park(
 
 
 def _slower(limit: JointLimits, scale: float) -> JointLimits:
-    return JointLimits(
-        limit.lower, limit.upper, limit.velocity * scale, limit.acceleration, limit.jerk
-    )
+    return JointLimits(limit.lower, limit.upper, limit.velocity * scale, limit.acceleration, limit.jerk)
 
 
 def _drive(loop: ControlLoop, motion: Motion, hurry: Callable[[], bool]) -> None:

@@ -48,10 +48,7 @@ class ForwardCommandController:
         if not values:
             return None
         if len(values) != len(self.joints):
-            return (
-                f"command size ({len(values)}) does not match number of interfaces "
-                f"({len(self.joints)}): dropped"
-            )
+            return f"command size ({len(values)}) does not match number of interfaces ({len(self.joints)}): dropped"
         if not np.isfinite(values).all():
             return "Non-finite value received. Dropping message"
         self._inbox.append(np.array(values, dtype=np.float64))

@@ -115,10 +115,7 @@ def _points_reason(goal: TrajectoryGoal) -> str | None:
         for what in ("positions", "velocities", "accelerations"):
             size = len(getattr(point, what))
             if size != len(goal.joints) and (size or what == "positions"):
-                return (
-                    f"Mismatch between joint_names size ({len(goal.joints)}) and {what} ({size}) "
-                    f"at point #{index}."
-                )
+                return f"Mismatch between joint_names size ({len(goal.joints)}) and {what} ({size}) at point #{index}."
         if before_s is not None and point.time_from_start_s <= before_s:
             return (
                 f"Time between points {index - 1} and {index} is not strictly increasing, it is "
@@ -131,9 +128,7 @@ def _points_reason(goal: TrajectoryGoal) -> str | None:
     return None
 
 
-def _values_reason(
-    goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits]
-) -> str | None:
+def _values_reason(goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits]) -> str | None:
     by_name = dict(zip(joints, limits, strict=True))
     for index, point in enumerate(goal.points):
         for values in (point.positions, point.velocities, point.accelerations):

@@ -34,7 +34,7 @@ class JtcSettings:
 
     joints: tuple[str, ...]
     may_end_moving: bool = False
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances = field(default_factory=Tolerances)
     command_lead_s: float = 0.0
     """How long the servos lag behind their goals: so much earlier they are told."""
     wait_for: tuple[str, ...] = ()
@@ -203,15 +203,14 @@ class JointTrajectoryController:
             return
         if motion.stretched:
             LOG.warning(
-                "%s: %s", self.name, f"the limits stretch the motion from {motion.asked_s:.2f} s "
-                f"to {motion.duration_s:.2f} s",
+                "%s: %s",
+                self.name,
+                f"the limits stretch the motion from {motion.asked_s:.2f} s to {motion.duration_s:.2f} s",
             )
         active.motion = motion
         self._follow(motion)
 
-    def _advance(
-        self, active: _Active, state: JointState, reference: Kinematics, step_s: float
-    ) -> None:
+    def _advance(self, active: _Active, state: JointState, reference: Kinematics, step_s: float) -> None:
         if fault := self._lasting_fault(active, state):
             self._give_up(active, reference, ErrorCode.PATH_TOLERANCE_VIOLATED, fault)
         elif active.motion is None:
@@ -220,9 +219,7 @@ class JointTrajectoryController:
             self._judge(active, active.motion, state, reference)
 
     def _lasting_fault(self, active: _Active, state: JointState) -> str | None:
-        active.silent = {
-            name: active.silent.get(name, 0) + 1 for name in self.joints if name in state.faults
-        }
+        active.silent = {name: active.silent.get(name, 0) + 1 for name in self.joints if name in state.faults}
         lasting = [name for name, cycles in active.silent.items() if cycles >= SILENT_CYCLES]
         return "; ".join(state.faults[name] for name in lasting) or None
 
@@ -232,16 +229,12 @@ class JointTrajectoryController:
         ready = active.waited_s > 0.0 and all(map(self._others_settled, self.settings.wait_for))
         late = active.waited_s >= self.settings.wait_for_timeout_s
         if late and not ready:
-            LOG.warning(
-                "%s: starts although %s has not settled", self.name, ", ".join(self.settings.wait_for)
-            )
+            LOG.warning("%s: starts although %s has not settled", self.name, ", ".join(self.settings.wait_for))
         active.waited_s += step_s
         if ready or late:
             self._start(active, reference)
 
-    def _judge(
-        self, active: _Active, motion: Motion, state: JointState, reference: Kinematics
-    ) -> None:
+    def _judge(self, active: _Active, motion: Motion, state: JointState, reference: Kinematics) -> None:
         error = np.abs(reference.position - state.position[self._index])
         after_end_s = self._elapsed_s - motion.duration_s
         if self._exceeds(error, active.tolerances.path) and after_end_s < 0.0:
@@ -250,16 +243,12 @@ class JointTrajectoryController:
         elif after_end_s >= 0.0:
             self._judge_end(active, motion, error, after_end_s)
 
-    def _judge_end(
-        self, active: _Active, motion: Motion, error: FloatArray, after_end_s: float
-    ) -> None:
+    def _judge_end(self, active: _Active, motion: Motion, error: FloatArray, after_end_s: float) -> None:
         allowed_s = active.tolerances.goal_time_s
         if not self._exceeds(error, active.tolerances.goal):
             text = "Goal successfully reached!"
             if motion.stretched:
-                text += (
-                    f" The limits stretched it from {motion.asked_s:.2f} s to {motion.duration_s:.2f} s."
-                )
+                text += f" The limits stretched it from {motion.asked_s:.2f} s to {motion.duration_s:.2f} s."
             active.handle.decide(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, text)
             self._active = None
         elif 0.0 < allowed_s < after_end_s:
@@ -269,13 +258,10 @@ class JointTrajectoryController:
 
     def _exceeds(self, error: FloatArray, tolerance: Mapping[str, float]) -> bool:
         return any(
-            0.0 < tolerance.get(name, 0.0) < deviation
-            for name, deviation in zip(self.joints, error, strict=True)
+            0.0 < tolerance.get(name, 0.0) < deviation for name, deviation in zip(self.joints, error, strict=True)
         )
 
-    def _give_up(
-        self, active: _Active, reference: Kinematics, error_code: int, text: str
-    ) -> None:
+    def _give_up(self, active: _Active, reference: Kinematics, error_code: int, text: str) -> None:
         LOG.error("%s: %s", self.name, text)
         active.handle.decide(GoalStatus.ABORTED, error_code, text)
         self._stop(reference)

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from controller.interface import Controller, indices
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
@@ -57,9 +55,7 @@ class ControllerManager:
                 controller.deactivate()
                 self._states[name] = LifecycleState.INACTIVE
 
-    def update(
-        self, state: JointState, last: FloatArray, now_s: float, period_s: float
-    ) -> FloatArray:
+    def update(self, state: JointState, last: FloatArray, now_s: float, period_s: float) -> FloatArray:
         """One cycle: the wanted command (n,); a joint that nobody commands keeps ``last``."""
         wanted = last.copy()
         for name, controller in self._controllers.items():
@@ -73,4 +69,3 @@ class ControllerManager:
         controller = self._controllers.get(name)
         active = self._states.get(name) is LifecycleState.ACTIVE
         return controller is None or not active or controller.settled()
-

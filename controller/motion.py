@@ -101,9 +101,7 @@ def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
     return Motion((Segment(trajectory, 0.0),), trajectory.duration, trajectory.duration)
 
 
-def _segment(
-    start: Kinematics, end: Kinematics, limits: Sequence[JointLimits], span_s: float
-) -> Trajectory:
+def _segment(start: Kinematics, end: Kinematics, limits: Sequence[JointLimits], span_s: float) -> Trajectory:
     task = _task(start, limits)
     task.target_position = list(end.position)
     task.target_velocity = list(end.velocity)

@@ -9,9 +9,7 @@ from controller.motion import Kinematics, WayPoint
 from hal.types import FloatArray, JointLimits
 
 
-def way_points(
-    goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits]
-) -> list[WayPoint]:
+def way_points(goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[WayPoint]:
     """What lies ahead; points whose time has passed are dropped, but never the last one."""
     bound = np.array([limit.velocity for limit in limits])
     points: list[WayPoint] = []

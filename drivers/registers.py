@@ -44,9 +44,7 @@ class Register:
     def encode(self, value: int, order: ByteOrder) -> bytes:
         """``value`` as it goes over the wire. Raises ValueError where it does not fit."""
         if not self.smallest <= value <= self.largest:
-            raise ValueError(
-                f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written"
-            )
+            raise ValueError(f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written")
         raw = value
         if self.sign_bit is not None and value < 0:
             raw = -value | 1 << self.sign_bit

@@ -70,9 +70,7 @@ class SerialPort:
 
     def _lost(self, error: Exception | None) -> PortLost:
         reason = f" ({error})" if error else ""
-        return PortLost(
-            f"{self.name} is gone{reason}: check the cable and the servos' power, then start again"
-        )
+        return PortLost(f"{self.name} is gone{reason}: check the cable and the servos' power, then start again")
 
 
 def _open(device: str, baud: int) -> serial.Serial:
@@ -123,7 +121,7 @@ def port_owners(path: Path) -> Iterator[str]:
     """Names of the other processes that hold the device open, as far as we may look."""
     device = path.resolve()
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
-        if int(process.name) != os.getpid() and _holds(process, device):
+        if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
             yield f"{_command(process)} (process {process.name})"
 
 
@@ -132,6 +130,21 @@ def _holds(process: Path, device: Path) -> bool:
         return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
     except OSError:  # ended meanwhile, or another user's
         return False
+
+
+def _serves(process: Path, device: Path) -> bool:
+    """Whether the process is the far end of this pseudo-terminal: an emulator keeps both ends open."""
+    if device.parent != Path("/dev/pts"):
+        return False
+    try:
+        infos = [(process / "fdinfo" / fd.name).read_text() for fd in _masters(process)]
+    except OSError:
+        return False
+    return any(line.split() == ["tty-index:", device.name] for info in infos for line in info.splitlines())
+
+
+def _masters(process: Path) -> list[Path]:
+    return [fd for fd in (process / "fd").iterdir() if os.readlink(fd).endswith("/ptmx")]
 
 
 def _command(process: Path) -> str:

@@ -119,9 +119,7 @@ def _component(block: Element, joints: Mapping[str, UrdfJoint]) -> Component:
     plugin = None if hardware is None else hardware.findtext("plugin")
     if hardware is None or not plugin:
         raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
-    elements = {
-        _attribute(e, "name", f"a joint of '{name}'"): e for e in block.findall("joint")
-    }
+    elements = {_attribute(e, "name", f"a joint of '{name}'"): e for e in block.findall("joint")}
     for joint in elements:
         if joint not in joints:
             raise DescriptionError(f"<ros2_control name='{name}'> names joint '{joint}', which the URDF has not")
@@ -129,10 +127,7 @@ def _component(block: Element, joints: Mapping[str, UrdfJoint]) -> Component:
         name=name,
         kind=_attribute(block, "type", f"<ros2_control name='{name}'>"),
         plugin=plugin.strip(),
-        parameters={
-            _attribute(p, "name", "a <param>"): (p.text or "").strip()
-            for p in hardware.findall("param")
-        },
+        parameters={_attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")},
         command_interfaces={j: _interfaces(e, "command_interface") for j, e in elements.items()},
         state_interfaces={j: _interfaces(e, "state_interface") for j, e in elements.items()},
     )

@@ -45,9 +45,7 @@ class SafetyGate:
             if not np.isfinite(value):
                 reasons[i] = f"the command is {value}: holding"
             elif abs(inside[i] - value) > 1e-9:
-                reasons[i] = (
-                    f"{value:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}"
-                )
+                reasons[i] = f"{value:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}"
             elif abs(safe[i] - value) > 1e-9:
                 reasons[i] = f"{value:.4f} is too far for one period: going to {safe[i]:.4f}"
         return reasons

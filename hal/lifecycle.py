@@ -46,6 +46,4 @@ class Hardware(Protocol):
 def require(state: LifecycleState, wanted: LifecycleState, what: str) -> None:
     """Raise LifecycleError unless the component is in the wanted state."""
     if state is not wanted:
-        raise LifecycleError(
-            f"cannot {what} while {state.name.lower()}: it must be {wanted.name.lower()}"
-        )
+        raise LifecycleError(f"cannot {what} while {state.name.lower()}: it must be {wanted.name.lower()}")

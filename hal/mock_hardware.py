@@ -16,9 +16,7 @@ class MockHardware:
     the commands; without it the velocity stays 0.
     """
 
-    def __init__(
-        self, name: str, joints: Sequence[str], clock: Clock, calculate_dynamics: bool = False
-    ) -> None:
+    def __init__(self, name: str, joints: Sequence[str], clock: Clock, calculate_dynamics: bool = False) -> None:
         self.name = name
         self.joints = tuple(joints)
         self.state = LifecycleState.UNCONFIGURED
@@ -45,9 +43,7 @@ class MockHardware:
 
     def read(self) -> JointState:
         unknown = np.full(len(self.joints), np.nan)
-        return JointState(
-            self._clock.now(), self._position.copy(), self._velocity.copy(), unknown
-        )
+        return JointState(self._clock.now(), self._position.copy(), self._velocity.copy(), unknown)
 
     def write(self, command: JointCommand) -> None:
         require(self.state, LifecycleState.ACTIVE, "write")

@@ -26,7 +26,7 @@ class BusFile(_Strict):
     """The line to the servos. Which device it is, the command line says."""
 
     protocol: Literal["feetech"] = "feetech"
-    baud: int = Field(1_000_000, gt=0)
+    baud: int = Field(default=1_000_000, gt=0)
 
 
 class JointFile(_Strict):

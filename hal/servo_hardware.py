@@ -29,9 +29,7 @@ class ServoHardware:
     instead of leaping to the goal and waiting there.
     """
 
-    def __init__(
-        self, name: str, joints: Sequence[Joint], open_bus: Callable[[], ServoBus], clock: Clock
-    ) -> None:
+    def __init__(self, name: str, joints: Sequence[Joint], open_bus: Callable[[], ServoBus], clock: Clock) -> None:
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
@@ -103,12 +101,8 @@ class ServoHardware:
                 position[index] = joint.position(reading.position_counts)
                 velocity[index] = reading.velocity_counts_s * joint.units_per_count
                 effort[index] = reading.load * joint.full_effort * joint.sign
-                health[joint.name] = ServoHealth(
-                    reading.voltage_v, reading.temperature_c, reading.alarms
-                )
-        self._last = JointState(
-            self._clock.now(), position, velocity, effort, dict(self._faults), health
-        )
+                health[joint.name] = ServoHealth(reading.voltage_v, reading.temperature_c, reading.alarms)
+        self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last
 
     def write(self, command: JointCommand) -> None:
@@ -143,19 +137,13 @@ class ServoHardware:
             except ServoError as error:
                 problems.append(f"{joint.name}: {error}")
         if len(problems) == len(self._joints):
-            raise DriverError(
-                f"no servo answers on {bus.name}: check the servos' power and the baud rate"
-            )
+            raise DriverError(f"no servo answers on {bus.name}: check the servos' power and the baud rate")
         if problems:
             raise DriverError("\n".join(problems))
 
     def _measure_all(self, bus: ServoBus) -> dict[int, ServoState]:
         readings = bus.read_states(self._ids)
-        silent = [
-            f"{self._by_id[i].name}: {r.text}"
-            for i, r in readings.items()
-            if not isinstance(r, ServoState)
-        ]
+        silent = [f"{self._by_id[i].name}: {r.text}" for i, r in readings.items() if not isinstance(r, ServoState)]
         if silent:
             raise ActivationError("torque stays off: " + "; ".join(silent))
         return {i: r for i, r in readings.items() if isinstance(r, ServoState)}

@@ -7,12 +7,11 @@ from typing import TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from hal.errors import HalError
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def load(path: Path, model: type[Model], error: type[HalError]) -> Model:
+def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     """Read ``path`` as ``model``. Raises ``error`` whose text lists every mistake with its line."""
     try:
         text = path.read_text()

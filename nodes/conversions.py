@@ -57,9 +57,7 @@ def point_message(
     acceleration: FloatArray | Sequence[float] = (),
 ) -> JointTrajectoryPoint:
     """One point; arrays of shape (n,), or empty."""
-    return JointTrajectoryPoint(
-        positions=list(position), velocities=list(velocity), accelerations=list(acceleration)
-    )
+    return JointTrajectoryPoint(positions=list(position), velocities=list(velocity), accelerations=list(acceleration))
 
 
 def kinematics_message(state: Kinematics) -> JointTrajectoryPoint:

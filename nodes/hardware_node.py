@@ -39,9 +39,7 @@ class HardwareNode:
         message.header.stamp = self.node.get_clock().now().to_msg()
         message.status = [self._loop_status()]
         if self._state is not None:
-            message.status += [
-                self._servo_status(self._state, joint) for joint in self._stack.servo_ids
-            ]
+            message.status += [self._servo_status(self._state, joint) for joint in self._stack.servo_ids]
         self._diagnostics.publish(message)
 
     def _loop_status(self) -> DiagnosticStatus:
@@ -72,9 +70,7 @@ class HardwareNode:
         )
         health = state.health.get(joint)
         if health is not None:
-            status.values = _values(
-                voltage_v=f"{health.voltage_v:.1f}", temperature_c=f"{health.temperature_c:.0f}"
-            )
+            status.values = _values(voltage_v=f"{health.voltage_v:.1f}", temperature_c=f"{health.temperature_c:.0f}")
             if health.alarms:
                 status.level = DiagnosticStatus.WARN
                 status.message = f"alarm: {', '.join(health.alarms)}"

@@ -21,12 +21,8 @@ class ManagerNode:
         self.node = Node("controller_manager")
         self._stack = stack
         self.node.create_service(ListControllers, "~/list_controllers", self._controllers)
-        self.node.create_service(
-            ListHardwareComponents, "~/list_hardware_components", self._components
-        )
-        self.node.create_service(
-            ListHardwareInterfaces, "~/list_hardware_interfaces", self._interfaces
-        )
+        self.node.create_service(ListHardwareComponents, "~/list_hardware_components", self._components)
+        self.node.create_service(ListHardwareInterfaces, "~/list_hardware_interfaces", self._interfaces)
 
     def _controllers(
         self, request: ListControllers.Request, response: ListControllers.Response
@@ -78,10 +74,7 @@ class ManagerNode:
         ]
 
     def _state_interfaces(self) -> list[HardwareInterface]:
-        return [
-            HardwareInterface(name=name, data_type="double", is_available=True)
-            for name in self._state_names()
-        ]
+        return [HardwareInterface(name=name, data_type="double", is_available=True) for name in self._state_names()]
 
     def _interfaces(
         self, request: ListHardwareInterfaces.Request, response: ListHardwareInterfaces.Response

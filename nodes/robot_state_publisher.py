@@ -43,7 +43,5 @@ class RobotStatePublisher:
         self._tf.publish(TFMessage(transforms=transforms))
 
     def _publish_fixed(self, stamp: Time) -> None:
-        transforms = [
-            transform_message(j.parent, j.child, *child_pose(j, 0.0), stamp) for j in self._fixed
-        ]
+        transforms = [transform_message(j.parent, j.child, *child_pose(j, 0.0), stamp) for j in self._fixed]
         self._tf_static.publish(TFMessage(transforms=transforms))

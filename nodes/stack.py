@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from controller.loop import ControlLoop
-from hal.description import Component, Description
-from hal.kinematics import Quaternion, Vector
+from hal.description import Component, Description, Vector
+from hal.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
 """Poses in base_link (m; x, y, z, w) of what a simulation knows beside the arm; empty on a real one."""

@@ -36,24 +36,17 @@ class Surface:
         self._hardware = HardwareNode(stack)
         self._links = RobotStatePublisher(stack)
         controllers = stack.loop.manager.controllers.values()
-        self._trajectories = [
-            TrajectoryNode(c) for c in controllers if isinstance(c, JointTrajectoryController)
-        ]
-        self._forwards = [
-            ForwardNode(c) for c in controllers if isinstance(c, ForwardCommandController)
-        ]
+        self._trajectories = [TrajectoryNode(c) for c in controllers if isinstance(c, JointTrajectoryController)]
+        self._forwards = [ForwardNode(c) for c in controllers if isinstance(c, ForwardCommandController)]
         self._broadcasters = [c for c in controllers if isinstance(c, JointStateBroadcaster)]
         self._states = [JointStateNode(c) for c in self._broadcasters]
         self._executor = SingleThreadedExecutor()
-        for owner in (
-            self._manager,
-            self._hardware,
-            self._links,
-            *self._trajectories,
-            *self._forwards,
-            *self._states,
-        ):
-            self._executor.add_node(owner.node)
+        nodes = [self._manager.node, self._hardware.node, self._links.node]
+        nodes += [n.node for n in self._trajectories]
+        nodes += [n.node for n in self._forwards]
+        nodes += [n.node for n in self._states]
+        for node in nodes:
+            self._executor.add_node(node)
         self._guard: GuardCondition = self._manager.node.create_guard_condition(self._drain)
 
     def post(self, state: JointState) -> None:
@@ -87,8 +80,10 @@ class Surface:
         now_s = self._manager.node.get_clock().now().nanoseconds * 1e-9
         stamp = time_message(now_s - age_s)
         self._hardware.see(state)
-        for node in (*self._states, *self._trajectories):
-            node.publish(stamp)
+        for states in self._states:
+            states.publish(stamp)
+        for trajectories in self._trajectories:
+            trajectories.publish(stamp)
         for broadcaster in self._broadcasters:
             if broadcaster.latest is not None:
                 self._links.publish(broadcaster.latest, stamp)

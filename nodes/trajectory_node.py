@@ -21,9 +21,7 @@ class TrajectoryNode:
         self._controller = controller
         self._goals: dict[bytes, GoalHandle] = {}
         self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
-        self._state = self.node.create_publisher(
-            JointTrajectoryControllerState, "~/controller_state", 10
-        )
+        self._state = self.node.create_publisher(JointTrajectoryControllerState, "~/controller_state", 10)
         self._server = ActionServer(
             self.node,
             FollowJointTrajectory,
@@ -76,9 +74,7 @@ class TrajectoryNode:
         await future
         return self._finish(server_goal, self._goals.pop(key))
 
-    def _finish(
-        self, server_goal: ServerGoalHandle, handle: GoalHandle
-    ) -> FollowJointTrajectory.Result:
+    def _finish(self, server_goal: ServerGoalHandle, handle: GoalHandle) -> FollowJointTrajectory.Result:
         # A goal that reaches its end in the instant in which its cancel is accepted is canceling
         # for the action server, which then allows no success.
         if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
@@ -87,9 +83,7 @@ class TrajectoryNode:
             server_goal.succeed()
         else:
             server_goal.abort()
-        return FollowJointTrajectory.Result(
-            error_code=handle.error_code, error_string=handle.error_text
-        )
+        return FollowJointTrajectory.Result(error_code=handle.error_code, error_string=handle.error_text)
 
     def _feedback(self, tracking: Tracking, stamp: Time) -> FollowJointTrajectory.Feedback:
         feedback = FollowJointTrajectory.Feedback()

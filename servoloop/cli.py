@@ -22,9 +22,7 @@ app = typer.Typer(
     help="A robot arm on serial bus servos under ROS 2: real, or virtual down to the byte.",
 )
 
-RobotOption = Annotated[
-    Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")
-]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
 UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
 
 
@@ -46,20 +44,16 @@ def up(
     port: Annotated[
         str, typer.Option(help="Serial device of the servos, or 'virtual' for simulated ones.")
     ] = "virtual",
-    controllers: Annotated[
-        Path, typer.Option(help="Controllers file, as for ros2_control.")
-    ] = CONTROLLERS,
+    controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
-    ready_file: Annotated[
-        Path | None, typer.Option(help="Written when the stack is ready for goals.")
-    ] = None,
+    ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
 ) -> None:
     """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
 
     Example: `servoloop up --port /dev/ttyACM0`
     """
-    from servoloop.up import up as run  # noqa: PLC0415
+    from servoloop.up import up as run
 
     _log_to_terminal()
     files = read_files(urdf, controllers, robot)
@@ -79,19 +73,19 @@ def emulate(
     link: Annotated[Path, typer.Argument(help="Where to serve the bus: a path that is free.")],
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
-    pictures: Annotated[
-        Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")
-    ] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
 
     Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
     """
-    from servoloop.emulator import emulate as run  # noqa: PLC0415
-    from servoloop.signals import Signals  # noqa: PLC0415
+    from servoloop.emulator import emulate as run
+    from servoloop.realtime import claim_realtime_priority
+    from servoloop.signals import Signals
 
     _log_to_terminal()
     files: Files = read_files(urdf, CONTROLLERS, robot)
+    claim_realtime_priority()
     with Signals() as signals:
         run(
             files.robot,
@@ -103,3 +97,54 @@ def emulate(
 
 def _log_to_terminal() -> None:
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+
+
+@app.command()
+def pick(
+    grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
+) -> None:
+    """Send one pick-place goal, print its feedback, and exit with 0 if it succeeds.
+
+    Example: `servoloop pick B`
+    """
+    from nodes.pick_client import ACTION, PickClient
+    from nodes.session import client_session
+    from servoloop.signals import Signals
+
+    with Signals() as signals, client_session("servoloop_pick") as (node, executor):
+        client = PickClient(node, executor)
+        if not client.wait(5.0):
+            raise DriverError(f"nobody offers {ACTION}: start the stack and the pick-place node")
+        outcome = client.pick(
+            grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
+        )
+    typer.echo(("done: " if outcome.success else "failed: ") + outcome.message)
+    raise typer.Exit(0 if outcome.success else 1)
+
+
+@app.command()
+def demo(
+    grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
+    repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
+) -> None:
+    """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
+
+    Example: `servoloop demo --grades A,C --repeat 3`
+    """
+    from rich.console import Console
+
+    from servoloop import report as reports
+    from servoloop.demo import demo as run
+    from servoloop.live import Live
+    from servoloop.show import Interrupted
+
+    console = Console()
+    try:
+        with Live(console) as live:
+            report = run([g for g in grades.split(",") if g], repeat, out, live)
+    except Interrupted:
+        raise typer.Exit(130) from None
+    reports.write_json(report, out / "result.json")
+    reports.print_table(report, console)
+    raise typer.Exit(0 if reports.succeeded(report) else 1)

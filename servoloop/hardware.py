@@ -8,8 +8,9 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.feetech.bus import FeetechBus
 from drivers.serial_port import SerialPort
+from hal.description import Vector
 from hal.errors import DescriptionError
-from hal.kinematics import Quaternion, Vector
+from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
@@ -65,8 +66,8 @@ def build(kind: HardwareKind, files: Files, port: str, clock: Clock) -> Below:
 
 
 def _mujoco(files: Files, clock: Clock) -> Below:
-    from sim_backend.mujoco_hardware import MujocoHardware  # noqa: PLC0415 (MuJoCo loads slowly)
-    from sim_backend.world import World  # noqa: PLC0415
+    from sim_backend.mujoco_hardware import MujocoHardware
+    from sim_backend.world import World
 
     world = World()
     hardware = MujocoHardware(files.component.name, files.robot.joints, world, clock)

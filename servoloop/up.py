@@ -19,6 +19,7 @@ from servoloop import hardware
 from servoloop.emulator_process import emulator_process
 from servoloop.files import Files
 from servoloop.hardware import Below, HardwareKind
+from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
 
 LOG = logging.getLogger("servoloop")
@@ -78,8 +79,8 @@ def _line(kind: HardwareKind, port: str) -> Iterator[str]:
 
 
 def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], None]) -> int:
-    from nodes.stack import Stack  # noqa: PLC0415 (only this verb needs ROS)
-    from nodes.surface import Surface  # noqa: PLC0415
+    from nodes.stack import Stack
+    from nodes.surface import Surface
 
     loop = _loop(below, files)
     below.hardware.configure()
@@ -105,6 +106,7 @@ def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], 
     policy = exits.virtual if below.virtual else exits.real
     run = _Run(loop, policy == "relax", files, signals)
     _prepare_interpreter()
+    claim_realtime_priority()
     thread = threading.Thread(target=run, name="control loop")
     thread.start()
     ready(f"{files.component.name} at {1.0 / loop.period_s:g} Hz")

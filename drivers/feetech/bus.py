@@ -1,6 +1,7 @@
 """Feetech STS servos on one port: single-servo calls by the SDK, group transactions by us."""
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, PacketHandler
 
@@ -17,7 +18,7 @@ FIRST_REPLY_S = 0.02
 GAP_S = 0.003
 """How long the next reply may take once replies come."""
 
-_ORDER = "little"
+_ORDER: Final = "little"
 _STATE_ADDRESS = sts.STATE_BLOCK[0].address
 _STATE_SIZE = sum(register.size for register in sts.STATE_BLOCK)
 _GOAL_ADDRESS = sts.GOAL_BLOCK[0].address
@@ -49,9 +50,7 @@ class FeetechBus:
             )
 
     def read(self, servo_id: int, register: Register) -> int:
-        data, result, _ = self._sdk.readTxRx(
-            self._sdk_port, servo_id, register.address, register.size
-        )
+        data, result, _ = self._sdk.readTxRx(self._sdk_port, servo_id, register.address, register.size)
         _raise_for(servo_id, result)
         if len(data) != register.size:
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
@@ -59,9 +58,7 @@ class FeetechBus:
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         data = list(register.encode(value, _ORDER))
-        result, _ = self._sdk.writeTxRx(
-            self._sdk_port, servo_id, register.address, register.size, data
-        )
+        result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
         _raise_for(servo_id, result)
 
     def read_states(self, servo_ids: Sequence[int]) -> dict[int, Reading]:
@@ -147,6 +144,4 @@ def _raise_for(servo_id: int, result: int) -> None:
         return
     if result == COMM_RX_CORRUPT:
         raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
-    raise ServoSilent(
-        servo_id, "does not answer: check its power and cable, its ID and the baud rate"
-    )
+    raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

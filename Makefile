@@ -1,0 +1,54 @@
+# `make demo` or `make test` is all a newcomer needs: each sets everything up first.
+.PHONY: help setup demo test check lint format lock clean
+.DEFAULT_GOAL := help
+
+BIN := .venv/bin
+
+# .venv brings its own ROS 2. A ROS installation sourced in this shell would be mixed into it by these.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
+
+help:
+	@echo 'make setup   everything into .venv; a second time within seconds'
+	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
+	@echo 'make test    set-up, then the tests (PYTEST_ARGS="-k hash")'
+	@echo 'make check   set-up, then lint, types, import direction and tests'
+	@echo 'make lint    lint, types and import direction only'
+	@echo 'make format  format the code'
+	@echo 'make lock    requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
+	@echo 'make clean   remove .venv and everything built'
+
+setup:
+	@sh tools/setup.sh
+
+demo: setup
+	@$(BIN)/servoloop demo $(DEMO_ARGS)
+
+test: setup
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+check: lint
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# uv resolves for all supported versions of Python at once, which pip can not; it stays out of .venv.
+lock:
+	@mkdir -p build && sh tools/setup.sh --python > build/python
+	@"$$(cat build/python)" -m venv build/lock
+	@build/lock/bin/pip --disable-pip-version-check install --quiet uv==0.13.8
+	@build/lock/bin/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
+	  --extra ros --group interfaces-build --group dev \
+	  --custom-compile-command 'make lock' --output-file requirements.lock $(LOCK_ARGS) > /dev/null
+	@echo 'requirements.lock is up to date'
+
+clean:
+	rm -rf .venv build dist out .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,91 @@
+"""Serves a virtual bus on a pseudo-terminal, in real time, in the caller's one thread.
+
+Between events it sleeps. Physics is brought up to date before every reply and at least every 5 ms.
+Replies that come within a millisecond of one another reach the client together at the time of the
+last: a USB adapter hands over once a frame, and it spares both sides the wake-ups.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from select import select
+from typing import Final
+
+from drivers.clock import Clock, MonotonicClock
+from sim_backend.bus import Reply, VirtualBus
+from sim_backend.pty_link import PtyLink
+
+TICK_S: Final = 0.005
+LONGEST_CATCH_UP_S: Final = 0.2
+USB_FRAME_S: Final = 0.001
+
+
+def serve(
+    bus: VirtualBus,
+    link: Path,
+    *,
+    stop: Callable[[], bool],
+    on_tick: Callable[[float], None] | None = None,
+    on_ready: Callable[[], None] | None = None,
+    clock: Clock | None = None,
+) -> None:
+    """Serve ``bus`` at the path ``link`` until ``stop()`` says so; then the link is removed.
+
+    ``on_tick(now_s)`` is called after every look at the line, at least every 5 ms, and must not
+    block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where ``link`` is
+    taken. A signal handler need only make ``stop()`` true.
+    """
+    clock = clock or MonotonicClock()
+    with PtyLink(link) as line:
+        emulator = Emulator(bus, line, clock)
+        if on_ready is not None:
+            on_ready()
+        while not stop():
+            select([line], [], [], emulator.patience_s())
+            emulator.turn()
+            if on_tick is not None:
+                on_tick(clock.now())
+
+
+class Emulator:
+    """One bus on one line. ``turn`` does what is due and returns; it never waits."""
+
+    def __init__(self, bus: VirtualBus, line: PtyLink, clock: Clock) -> None:
+        self._bus = bus
+        self._line = line
+        self._clock = clock
+        self._coming: deque[Reply] = deque()
+        self._next_tick_s = clock.now()
+        bus.advance(clock.now())
+
+    def patience_s(self) -> float:
+        """How long there is nothing to do unless a client writes."""
+        due_s = min(self._next_tick_s, self._burst_end_s()) if self._coming else self._next_tick_s
+        return max(0.0, due_s - self._clock.now())
+
+    def turn(self) -> None:
+        """Send what is due, answer what came, keep the physics up to date."""
+        if self._coming and self._burst_end_s() <= self._clock.now():
+            self._send_burst()
+        data = self._line.read()
+        now_s = self._clock.now()
+        if data or now_s >= self._next_tick_s:
+            self._bus.advance(now_s, LONGEST_CATCH_UP_S)
+            self._next_tick_s = now_s + TICK_S
+        if data:
+            self._coming += self._bus.receive(data, now_s, self._line.baud)
+
+    def _burst_length(self) -> int:
+        """How many of the coming replies are handed over together."""
+        coming = self._coming
+        length = 1
+        while length < len(coming) and (coming[length].due_s - coming[length - 1].due_s < USB_FRAME_S):
+            length += 1
+        return length
+
+    def _burst_end_s(self) -> float:
+        return self._coming[self._burst_length() - 1].due_s
+
+    def _send_burst(self) -> None:
+        replies = [self._coming.popleft() for _ in range(self._burst_length())]
+        self._line.write(b"".join(reply.data for reply in replies))

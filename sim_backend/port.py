@@ -1,0 +1,74 @@
+"""The virtual bus as a ``drivers.port.Port``, without any operating system in between.
+
+On a simulated clock a read jumps to the arrival of the bytes, so the real driver runs in one
+thread, faster than real time, and every run gives the same bytes.
+"""
+
+from collections import deque
+
+from drivers.clock import Clock
+from drivers.errors import PortLost
+from sim_backend.bus import Reply, VirtualBus
+
+
+class VirtualPort:
+    """One end of the wire of a ``VirtualBus``."""
+
+    def __init__(self, bus: VirtualBus, clock: Clock, *, baud: int = 1_000_000, name: str = "virtual") -> None:
+        self._bus = bus
+        self._clock = clock
+        self._baud = baud
+        self._name = name
+        self._gone = ""
+        self._coming: deque[Reply] = deque()
+        self._arrived = bytearray()
+        bus.advance(clock.now())
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def baud(self) -> int:
+        return self._baud
+
+    def write(self, data: bytes) -> None:
+        self._alive()
+        self._coming.extend(self._bus.receive(data, self._clock.now(), self._baud))
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self._alive()
+        self._collect()
+        while len(self._arrived) < size and self._coming and self._coming[0].due_s <= deadline_s:
+            self._clock.sleep_until(self._coming[0].due_s)
+            self._collect()
+        if len(self._arrived) < size:
+            self._clock.sleep_until(deadline_s)
+            self._collect()
+        data = bytes(self._arrived[:size])
+        del self._arrived[:size]
+        return data
+
+    def discard_input(self) -> None:
+        """Drop what has arrived. What is still on the wire comes later, as on a real line."""
+        self._alive()
+        self._collect()
+        self._arrived.clear()
+
+    def close(self) -> None:
+        self._gone = self._gone or "was closed"
+        self._coming.clear()
+        self._arrived.clear()
+
+    def unplug(self) -> None:
+        """Pull the adapter: from now on every method raises ``PortLost``."""
+        self._gone = "was unplugged: plug it in and open it again"
+
+    def _alive(self) -> None:
+        if self._gone:
+            raise PortLost(f"{self._name} {self._gone}")
+
+    def _collect(self) -> None:
+        now_s = self._clock.now()
+        while self._coming and self._coming[0].due_s <= now_s:
+            self._arrived += self._coming.popleft().data

@@ -1,0 +1,77 @@
+"""What an STS servo does to protect itself: status bits, protective torque, unloading.
+
+From the memory table: the bits; the limits; "protection time" at "overload torque" leads to
+"protective torque"; a bit in "unloading condition" makes its protection act.
+Assumed, because the table is silent: overload stays latched until the torque switch is written or
+a goal no longer asks for the blocked direction (a stream of the same goal does not end it);
+over-current releases the motor and is latched likewise; voltage and temperature are reported, and
+release the motor, only as long as they are wrong.
+"""
+
+from typing import Final
+
+from drivers.feetech import sts
+from sim_backend.sts_memory import Memory
+
+VOLTAGE: Final = 1 << 0
+TEMPERATURE: Final = 1 << 2
+CURRENT: Final = 1 << 3
+OVERLOAD: Final = 1 << 5
+
+_TIME_UNIT_S: Final = 0.01
+
+
+class Protection:
+    """Watches one servo; ``duty_limit`` and ``released`` are what the motor driver has to obey."""
+
+    def __init__(self) -> None:
+        self.status = 0
+        self.duty_limit = 1.0
+        self.released = False
+        self.blocked_direction = 0.0
+        """The drive at which a protection latched; 0 when none is."""
+        self._overload_s = 0.0
+        self._overcurrent_s = 0.0
+
+    def load(self, memory: Memory) -> None:
+        """Take the limits from the registers."""
+        self._acts_on = memory.get(sts.unloading_condition)
+        self._highest_v = memory.get(sts.max_voltage) * sts.VOLTAGE_UNIT_V
+        self._lowest_v = memory.get(sts.min_voltage) * sts.VOLTAGE_UNIT_V
+        self._hottest_c = memory.get(sts.max_temperature)
+        self._overload_duty = memory.get(sts.overload_torque) / 100.0
+        self._overload_limit_s = memory.get(sts.protection_time) * _TIME_UNIT_S
+        self._protective_duty = memory.get(sts.protective_torque) / 100.0
+        self._overcurrent_a = memory.get(sts.protection_current) * sts.CURRENT_UNIT_A
+        self._overcurrent_limit_s = memory.get(sts.overcurrent_time) * _TIME_UNIT_S
+
+    def clear(self) -> None:
+        """Forget what is latched."""
+        self._overload_s = self._overcurrent_s = self.blocked_direction = 0.0
+        self.status &= ~(OVERLOAD | CURRENT)
+        self._act()
+
+    def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
+        """One look at the motor, ``dt_s`` after the last one."""
+        latched = self.status & (OVERLOAD | CURRENT)
+        over = abs(duty) >= self._overload_duty
+        self._overload_s = self._overload_s + dt_s if over else 0.0
+        if self._overload_s >= self._overload_limit_s > 0.0:
+            latched |= OVERLOAD
+        over = abs(current_a) >= self._overcurrent_a
+        self._overcurrent_s = self._overcurrent_s + dt_s if over else 0.0
+        if self._overcurrent_s >= self._overcurrent_limit_s > 0.0:
+            latched |= CURRENT
+        if latched and not self.blocked_direction:
+            self.blocked_direction = duty
+        if not self._lowest_v <= voltage_v <= self._highest_v:
+            latched |= VOLTAGE
+        if temperature_c > self._hottest_c:
+            latched |= TEMPERATURE
+        self.status = latched
+        self._act()
+
+    def _act(self) -> None:
+        acting = self.status & self._acts_on
+        self.released = bool(acting & (VOLTAGE | TEMPERATURE | CURRENT))
+        self.duty_limit = self._protective_duty if acting & OVERLOAD else 1.0

@@ -1,0 +1,128 @@
+"""The control table of one virtual STS servo as bytes: who may write what, what power-off forgets.
+
+Factory values are those of Feetech's "SMS/STS memory table"; where it leaves a field empty the
+value is marked as assumed. Addresses that the table does not list read 0 and cannot be written
+(assumed).
+
+The lock (register 55), as the table puts it: 0 "save EEPROM changes", 1 "do not save". So a write
+to EEPROM always takes effect at once; with the lock closed it is gone after power-off.
+"""
+
+from typing import Final
+
+from drivers.feetech import sts
+from drivers.registers import Access, Register, ServoModel
+
+SIZE: Final = 256
+EEPROM_END: Final = sts.torque_enable.address
+
+FACTORY: Final[dict[Register, int]] = {
+    sts.firmware_major: 3,
+    sts.firmware_minor: 10,
+    sts.baud_rate: 0,
+    sts.return_delay: 0,
+    sts.status_level: 1,
+    sts.min_position: 0,
+    sts.max_position: 4095,
+    sts.max_temperature: 70,
+    sts.max_voltage: 140,  # assumed: the 12 V version
+    sts.min_voltage: 40,
+    sts.max_torque: 1000,
+    sts.phase: 12,  # assumed: speed in 0.0146 rpm (one count/s), speed 0 is "as fast as it can"
+    sts.unloading_condition: 44,  # temperature, current, overload
+    sts.led_alarm_condition: 47,  # assumed
+    sts.position_p: 32,
+    sts.position_d: 32,
+    sts.position_i: 0,
+    sts.minimum_startup_force: 0,  # assumed; real ones have around 16
+    sts.cw_dead_zone: 1,
+    sts.ccw_dead_zone: 1,
+    sts.protection_current: 511,
+    sts.angular_resolution: 1,
+    sts.protective_torque: 20,
+    sts.protection_time: 200,
+    sts.overload_torque: 80,
+    sts.velocity_p: 10,  # assumed
+    sts.overcurrent_time: 200,
+    sts.velocity_i: 10,  # assumed
+    sts.lock: 1,
+}
+"""Every register that is not here is 0."""
+
+_WRITABLE: Final = frozenset(
+    register.address + i
+    for register in sts.REGISTERS
+    if register.access is Access.READ_WRITE
+    for i in range(register.size)
+)
+
+
+class Memory:
+    """The bytes that the wire sees, and the EEPROM's bytes behind them."""
+
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        self._order = model.byte_order
+        self._model = model
+        self._bytes = bytearray(SIZE)
+        self._saved = bytearray(EEPROM_END)
+        self.put(sts.servo_id, servo_id)
+        self._save()
+        self.restore_factory()
+        self.power_up()
+
+    def get(self, register: Register) -> int:
+        """A register's value, decoded."""
+        end = register.address + register.size
+        return register.decode(bytes(self._bytes[register.address : end]), self._order)
+
+    def put(self, register: Register, value: int) -> None:
+        """The firmware's own write: no access rules, volatile; values beyond the range saturate."""
+        value = max(register.smallest, min(register.largest, value))
+        end = register.address + register.size
+        self._bytes[register.address : end] = register.encode(value, self._order)
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes from ``address``; zeros where the table ends."""
+        return bytes(self._bytes[address : address + size]).ljust(size, b"\0")
+
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire. Read-only bytes and senseless IDs and bauds stay as they are."""
+        for at, value in enumerate(data, address):
+            if at in _WRITABLE and not _senseless(at, value):
+                self._bytes[at] = value
+                if at < EEPROM_END and not self._bytes[sts.lock.address]:
+                    self._saved[at] = value
+
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        self.put(register, value)
+        span = slice(register.address, register.address + register.size)
+        self._saved[span] = self._bytes[span]
+
+    def power_up(self) -> None:
+        """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""
+        self._bytes[EEPROM_END:] = bytes(SIZE - EEPROM_END)
+        self._bytes[:EEPROM_END] = self._saved
+        self.put(sts.lock, FACTORY[sts.lock])
+        self.put(sts.torque_limit, self.get(sts.max_torque))
+
+    def restore_factory(self) -> None:
+        """Instruction 0x06: EEPROM to factory values, saved, except for the ID."""
+        servo_id = self.get(sts.servo_id)
+        self._bytes[:EEPROM_END] = bytes(EEPROM_END)
+        for register, value in FACTORY.items():
+            if register.persistent:
+                self.put(register, value)
+        self.put(sts.model_number, self._model.number)
+        self.put(sts.servo_id, servo_id)
+        self._save()
+
+    def _save(self) -> None:
+        self._saved[:] = self._bytes[:EEPROM_END]
+
+
+def _senseless(address: int, value: int) -> bool:
+    """Whether a servo would be lost to its bus with this value (that it refuses it is assumed)."""
+    if address == sts.servo_id.address:
+        return value > 0xFD
+    return address == sts.baud_rate.address and value >= len(sts.BAUD_RATES)

@@ -1,0 +1,158 @@
+"""The simulated world: the arm, one cube, its stand and three bins, in MuJoCo.
+
+The world takes joint efforts and gives joint positions and velocities; what lies between a goal and an
+effort (the servo) is not its business. It knows no wall clock: `step` is one timestep, always.
+World frame = base_link. Joint order is `World.joints` everywhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SCENE: Final = Path(__file__).resolve().parent.parent / "urdf" / "scene.xml"
+JOINTS: Final = (*(f"joint{i}" for i in range(1, 7)), "hand_right_joint")
+READY: Final = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828, 0.0)
+"""The ready pose with the hand open: six angles (rad) and the right finger (m)."""
+
+BINS: Final = ("A", "B", "C")
+REST_M_S: Final = 0.01
+REST_RAD_S: Final = 0.1
+ON_STAND_M: Final = np.array([0.012, 0.022, 0.006])
+"""So far from its place on the stand the cube still lies on it; further out it would topple."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a body is in base_link: position (m) and orientation (unit quaternion, x y z w)."""
+
+    position_m: tuple[float, float, float]
+    quaternion_xyzw: tuple[float, float, float, float]
+
+
+class World:
+    """One arm at work. Deterministic: the same efforts give the same positions, bit for bit."""
+
+    joints: tuple[str, ...] = JOINTS
+
+    def __init__(self, scene: Path | None = None, initial_position: Sequence[float] | None = None) -> None:
+        """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
+
+        `initial_position`: seven values in the order of `joints` (rad, m); default `READY`.
+        """
+        self.model: Any = mujoco.MjModel.from_xml_path(str(scene or SCENE))
+        self.data: Any = mujoco.MjData(self.model)
+        self.timestep_s = float(self.model.opt.timestep)
+        self._find_joints()
+        self._find_geoms()
+        self._place_arm(READY if initial_position is None else initial_position)
+
+    def _find_joints(self) -> None:
+        """Look names up once: `position` and `velocity` are called in every step."""
+        joints = [self.model.joint(name) for name in self.joints]
+        self._qpos = np.array([joint.qposadr[0] for joint in joints])
+        self._qvel = np.array([joint.dofadr[0] for joint in joints])
+        cube = self.model.joint("cube")
+        self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
+        self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
+        self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
+
+    def _find_geoms(self) -> None:
+        arm = self.model.body("base_link").id
+        self._of_arm = self.model.body_rootid[self.model.geom_bodyid] == arm
+        self._cube_geom = self.model.geom("cube").id
+        self._place_geom = self.model.geom("cube_place").id
+
+    def _place_arm(self, position: Sequence[float]) -> None:
+        self.data.qpos[self._qpos] = position
+        self.data.qpos[self.model.joint("hand_left_joint").qposadr[0]] = position[6]
+        mujoco.mj_forward(self.model, self.data)
+        bodies = {f"bin_{name}": self.data.body(f"bin_{name}") for name in BINS}
+        self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
+        sites = [(name, f"bin_{name}_inside") for name in BINS]
+        self._insides = [
+            (name, self.data.site(site).xpos.copy(), self.model.site(site).size.copy()) for name, site in sites
+        ]
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the world was made, s."""
+        return float(self.data.time)
+
+    def position(self) -> FloatArray:
+        """Joint positions, shape (7,): rad, the last one m."""
+        now: FloatArray = self.data.qpos[self._qpos]
+        return now
+
+    def velocity(self) -> FloatArray:
+        """Joint velocities, shape (7,): rad/s, the last one m/s."""
+        now: FloatArray = self.data.qvel[self._qvel]
+        return now
+
+    def step(self, effort: Sequence[float] | FloatArray) -> None:
+        """Advance by one timestep under the given joint efforts, shape (7,): N m, the last one N."""
+        self.data.ctrl[:] = effort
+        mujoco.mj_step(self.model, self.data)
+
+    def poses(self) -> dict[str, Pose]:
+        """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""
+        cube = self.data.qpos[self._cube_qpos]
+        return {"cube": _pose(cube[:3], cube[3:]), **self._bin_poses}
+
+    def cube_at_rest(self) -> bool:
+        """Whether the cube is still (lying, or held still)."""
+        speed = np.abs(self.data.qvel[self._cube_qvel])
+        return bool(speed[:3].max() < REST_M_S and speed[3:].max() < REST_RAD_S)
+
+    def cube_bin(self) -> str | None:
+        """The bin in which the cube lies at rest: "A", "B" or "C"; None if it moves or is in none.
+
+        The cube on the stand is in no bin: the bins' insides end below the stand's top.
+        """
+        middle = self.data.qpos[self._cube_qpos][:3]
+        inside = (name for name, box, size in self._insides if (np.abs(middle - box) < size).all())
+        return next(inside, None) if self.cube_at_rest() else None
+
+    def cube_on_stand(self) -> bool:
+        """Whether the cube lies at rest on the stand."""
+        offset = np.abs(self.data.qpos[self._cube_qpos][:3] - self._home[:3])
+        return bool((offset < ON_STAND_M).all()) and self.cube_at_rest()
+
+    def cube_touched(self) -> bool:
+        """Whether the arm touches the cube."""
+        pairs = self.data.contact.geom
+        return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
+
+    def stand_free(self) -> bool:
+        """Whether no part of the arm is where a fresh cube would be laid (and 2 mm around it)."""
+        arm = np.flatnonzero(self._of_arm)
+        distance = (mujoco.mj_geomDistance(self.model, self.data, geom, self._place_geom, 0.01, None) for geom in arm)
+        return all(gap > 0.0 for gap in distance)
+
+    def feed_cube(self) -> None:
+        """Lay the cube at rest in the middle of the stand."""
+        self.data.qpos[self._cube_qpos] = self._home
+        self.data.qvel[self._cube_qvel] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def configuration(self) -> FloatArray:
+        """All that a picture needs: a copy of MuJoCo's positions of arm and cube."""
+        everything: FloatArray = self.data.qpos.copy()
+        return everything
+
+    def cube_height_m(self, configuration: FloatArray) -> float:
+        """Height of the cube's middle above the table in a `configuration`."""
+        return float(configuration[self._cube_qpos][2])
+
+
+def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
+    """MuJoCo says w first; everything else here says w last."""
+    x, y, z = (float(value) for value in position)
+    qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
+    return Pose((x, y, z), (qx, qy, qz, qw))

@@ -1,0 +1,218 @@
+"""Servos on the virtual wire: who answers, when, and what a fault does to it."""
+
+import pytest
+
+from drivers.feetech import sts
+from sim_backend.bus import Reply, VirtualBus
+from sim_backend.plant import BenchPlant, Coupling, WorldPlant
+from sim_backend.rig import Rig
+from sim_backend.servo import VirtualServo
+from sim_backend.sts_wire import Code, checksum, status_packet
+
+BYTE_S = 1e-5
+DELAY_S = 2e-6
+
+
+def packet(servo_id: int, code: int, parameters: bytes = b"") -> bytes:
+    body = bytes((servo_id, len(parameters) + 2, code)) + parameters
+    return b"\xff\xff" + body + bytes((checksum(body),))
+
+
+def bus_of(*servo_ids: int, paced: bool = True) -> VirtualBus:
+    return VirtualBus.of(BenchPlant(servo_ids), paced=paced)
+
+
+def ids(replies: list[Reply]) -> list[int]:
+    return [reply.data[2] for reply in replies]
+
+
+READ_POSITIONS = packet(0xFE, Code.SYNC_READ, b"\x38\x02\x03\x01\x02")
+
+
+def test_a_reply_takes_the_wire_its_time() -> None:
+    bus = bus_of(1)
+    (reply,) = bus.receive(packet(1, Code.PING), 10.0)
+    assert reply.data == status_packet(1, 0)
+    assert reply.due_s == pytest.approx(10.0 + 12 * BYTE_S + DELAY_S)
+
+
+def test_unpaced_replies_come_at_once() -> None:
+    bus = bus_of(1, paced=False)
+    assert [reply.due_s for reply in bus.receive(packet(1, Code.PING), 10.0)] == [10.0]
+
+
+def test_the_return_delay_is_in_units_of_two_microseconds() -> None:
+    bus = bus_of(1)
+    bus.servo(1).write(sts.return_delay.address, b"\xfa")
+    (reply,) = bus.receive(packet(1, Code.PING), 0.0)
+    assert reply.due_s == pytest.approx(12 * BYTE_S + 500e-6)
+
+
+def test_a_sync_read_is_answered_in_its_order_one_after_the_other() -> None:
+    replies = bus_of(1, 2, 3).receive(READ_POSITIONS, 0.0)
+    assert ids(replies) == [3, 1, 2]
+    first = len(READ_POSITIONS) * BYTE_S
+    turn = DELAY_S + 8 * BYTE_S
+    assert [r.due_s for r in replies] == pytest.approx([first + n * turn for n in (1, 2, 3)])
+
+
+def test_a_silent_servo_leaves_a_gap_and_hides_nobody() -> None:
+    bus = bus_of(1, 2, 3)
+    bus.faults.silence(1)
+    replies = bus.receive(READ_POSITIONS, 0.0)
+    assert ids(replies) == [3, 2]
+    assert replies[1].due_s - replies[0].due_s == pytest.approx(DELAY_S + 16 * BYTE_S)
+    bus.faults.restore(1)
+    assert ids(bus.receive(READ_POSITIONS, 1.0)) == [3, 1, 2]
+
+
+def test_a_silenced_servo_hears_nothing_either() -> None:
+    bus = bus_of(1)
+    bus.faults.silence(1)
+    assert bus.receive(packet(1, Code.WRITE, b"\x29\x07"), 0.0) == []
+    assert bus.servo(1).read(sts.acceleration.address, 1) == b"\0"
+
+
+def test_a_corrupted_reply_is_corrupt_once() -> None:
+    bus = bus_of(1)
+    bus.faults.corrupt_next(1)
+    (bad,) = bus.receive(packet(1, Code.PING), 0.0)
+    (good,) = bus.receive(packet(1, Code.PING), 1.0)
+    assert bad.data[:-1] == good.data[:-1]
+    assert bad.data[-1] != good.data[-1] == checksum(good.data[2:-1])
+
+
+def test_a_sync_write_reaches_those_it_names_and_is_not_answered() -> None:
+    bus = bus_of(1, 2, 3)
+    entries = b"\x29\x01" + b"\x01\x07" + b"\x03\x09" + b"\x02"  # the last one is cut off
+    assert bus.receive(packet(0xFE, Code.SYNC_WRITE, entries), 0.0) == []
+    assert [bus.servo(i).read(41, 1) for i in (1, 2, 3)] == [b"\x07", b"\0", b"\x09"]
+
+
+@pytest.mark.parametrize("parameters", [b"", b"\x29", b"\x29\x01", b"\x29\x05\x01"])
+def test_empty_sync_instructions_do_nothing(parameters: bytes) -> None:
+    bus = bus_of(2)
+    assert bus.receive(packet(0xFE, Code.SYNC_WRITE, parameters), 0.0) == []
+    assert bus.receive(packet(0xFE, Code.SYNC_READ, parameters), 0.0) == []
+
+
+def test_a_broadcast_write_reaches_all_and_is_not_answered() -> None:
+    bus = bus_of(1, 2)
+    assert bus.receive(packet(0xFE, Code.WRITE, b"\x29\x07"), 0.0) == []
+    assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\x07", b"\x07"]
+
+
+def test_a_broadcast_action_starts_all_registered_writes() -> None:
+    bus = bus_of(1, 2)
+    for servo_id in (1, 2):
+        assert ids(bus.receive(packet(servo_id, Code.REG_WRITE, b"\x29\x07"), 0.0)) == [servo_id]
+    assert bus.receive(packet(0xFE, Code.ACTION), 0.1) == []
+    assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\x07", b"\x07"]
+
+
+def test_a_broadcast_ping_is_answered_by_rising_id() -> None:
+    assert ids(bus_of(5, 2, 3).receive(packet(0xFE, Code.PING), 0.0)) == [2, 3, 5]
+
+
+def test_another_baud_is_not_understood_and_a_new_one_holds_after_its_reply() -> None:
+    bus = bus_of(1)
+    assert bus.receive(packet(1, Code.PING), 0.0, 115_200) == []
+    assert len(bus.receive(packet(1, Code.WRITE, b"\x06\x04"), 1.0)) == 1
+    assert bus.receive(packet(1, Code.PING), 2.0) == []
+    (reply,) = bus.receive(packet(1, Code.PING), 3.0, 115_200)
+    assert reply.due_s == pytest.approx(3.0 + 120 / 115_200 + DELAY_S)
+
+
+def test_two_servos_with_one_id_spoil_each_others_replies() -> None:
+    bus = bus_of(1, 2)
+    bus.servo(2).write(sts.servo_id.address, b"\x01")
+    assert ids(bus.receive(packet(1, Code.PING), 0.0)) == [1]  # equal replies hide it
+    bus.servos[0].write(sts.acceleration.address, b"\x0f")
+    bus.servos[1].write(sts.acceleration.address, b"\x35")
+    (reply,) = bus.receive(packet(1, Code.READ, b"\x29\x01"), 0.1)
+    assert reply.data[5] == 0x05
+    assert checksum(reply.data[2:-1]) != reply.data[-1]
+
+
+def test_a_half_packet_is_forgotten_after_a_pause() -> None:
+    bus = bus_of(1)
+    assert bus.receive(b"\xff\xff\x01\xf0\x03", 0.0) == []
+    assert ids(bus.receive(packet(1, Code.PING), 1.0)) == [1]
+
+
+def test_a_packet_in_two_portions_is_answered_after_the_second() -> None:
+    bus = bus_of(1)
+    ping = packet(1, Code.PING)
+    assert bus.receive(ping[:4], 0.0) == []
+    (reply,) = bus.receive(ping[4:], 0.001)
+    assert reply.due_s == pytest.approx(0.001 + 8 * BYTE_S + DELAY_S)
+
+
+def test_physics_follows_the_callers_time() -> None:
+    bus = bus_of(1)
+    bus.servo(1).write(sts.torque_enable.address, b"\x01")
+    bus.advance(100.0)
+    before = bus.servo(1).read(56, 2)
+    bus.advance(100.3)
+    assert bus.servo(1).read(56, 2) != before
+    assert bus.dropped_s == 0.0
+
+
+def test_time_that_is_too_long_is_dropped_and_counted() -> None:
+    bus = bus_of(1)
+    bus.advance(0.0)
+    bus.advance(5.0, longest_s=0.2)
+    assert bus.dropped_s == pytest.approx(4.8)
+    bus.advance(5.1, longest_s=0.2)
+    assert bus.dropped_s == pytest.approx(4.8)
+
+
+def test_a_rig_wants_its_servos_in_the_order_of_the_plant() -> None:
+    servos = [VirtualServo(sts.STS3215, i) for i in (2, 1)]
+    with pytest.raises(ValueError, match="same IDs"):
+        Rig(servos, BenchPlant([1, 2]))
+
+
+class OneJointWorld:
+    """A world that remembers what was done to it."""
+
+    joints = ("free", "finger")
+    timestep_s = 0.001
+    time_s = 0.0
+
+    def __init__(self) -> None:
+        self.efforts: list[list[float]] = []
+
+    def position(self) -> "Listed":
+        return Listed([9.0, 0.02])
+
+    def velocity(self) -> "Listed":
+        return Listed([9.0, -0.04])
+
+    def step(self, effort: list[float]) -> None:
+        self.efforts.append(list(effort))
+        self.time_s += self.timestep_s
+
+
+class Listed(list[float]):
+    """Enough of an array."""
+
+    def tolist(self) -> list[float]:
+        return list(self)
+
+
+def test_a_coupling_turns_metres_into_radians_and_torque_into_force() -> None:
+    world = OneJointWorld()
+    seen: list[float] = []
+    coupling = Coupling(7, "finger", sign=-1, zero_counts=1024, transmission=0.02)
+    plant = WorldPlant(world, [coupling], seen.append)  # type: ignore[arg-type]
+    assert plant.angles() == pytest.approx([-1.0 + coupling.zero_rad])
+    assert plant.velocities() == pytest.approx([2.0])
+    plant.step([0.5])
+    assert world.efforts == [pytest.approx([0.0, -25.0])]
+    assert seen == [0.001]
+
+
+def test_a_coupling_to_a_joint_that_is_not_there_is_refused() -> None:
+    with pytest.raises(ValueError, match="no joint elbow"):
+        WorldPlant(OneJointWorld(), [Coupling(1, "elbow")])  # type: ignore[arg-type]

@@ -1,0 +1,132 @@
+"""The side channel beside the emulated bus: newest first, never in anybody's way."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import PortBusy
+from sim_backend.world_feed import PERIOD_S, WorldFeed, WorldFeedClient, feed_path
+
+
+@dataclass(frozen=True)
+class StillPose:
+    position_m: tuple[float, float, float] = (0.1, 0.2, 0.3)
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+class StillWorld:
+    """A cube in a bin, for ever."""
+
+    joints = ("joint1", "hand")
+    time_s = 0.0
+
+    def position(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        return np.array([0.5, 0.01])
+
+    def poses(self) -> dict[str, StillPose]:
+        return {"cube": StillPose()}
+
+    def cube_bin(self) -> str | None:
+        return "A"
+
+
+@pytest.fixture
+def feed(tmp_path: Path) -> Iterator[WorldFeed]:
+    with WorldFeed(feed_path(tmp_path / "bus")) as feed:
+        yield feed
+
+
+def publish(feed: WorldFeed, world: StillWorld, times: int = 1) -> None:
+    for _ in range(times):
+        world.time_s += 1.0
+        feed.tick(world.time_s, world, 0.25)
+
+
+def test_a_publication_says_what_a_camera_would_see(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    publish(feed, world)
+    assert client.newest() == {
+        "time_s": 1.0,
+        "poses": {"cube": {"position_m": [0.1, 0.2, 0.3], "quaternion_xyzw": [0, 0, 0, 1]}},
+        "cube_bin": "A",
+        "joints": {"joint1": 0.5, "hand": 0.01},
+        "dropped_s": 0.25,
+    }
+    assert client.newest() is None
+    client.close()
+
+
+def test_only_the_newest_is_given(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    publish(feed, world, 5)
+    newest = client.newest()
+    assert newest is not None
+    assert newest["time_s"] == 5.0
+    client.close()
+
+
+def test_between_two_periods_nothing_is_published(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    feed.tick(1.0, world, 0.0)
+    feed.tick(1.0 + PERIOD_S / 4, world, 0.0)
+    assert client.newest() is not None
+    assert client.newest() is None
+    client.close()
+
+
+def test_a_client_that_does_not_read_is_dropped_and_the_others_are_not(feed: WorldFeed) -> None:
+    slow, fast, world = WorldFeedClient(feed.path), WorldFeedClient(feed.path), StillWorld()
+    for _ in range(5000):
+        publish(feed, world)
+        assert fast.newest() is not None
+    while not slow.ended:
+        slow.newest()
+    assert not fast.ended
+    fast.close()
+
+
+def test_a_client_that_went_away_disturbs_nobody(feed: WorldFeed) -> None:
+    WorldFeedClient(feed.path).close()
+    publish(feed, StillWorld(), 3)
+
+
+def test_a_line_in_two_portions_is_put_together(feed: WorldFeed) -> None:
+    client = WorldFeedClient(feed.path)
+    feed._accept()
+    line = json.dumps({"time_s": 1.0}).encode() + b"\n"
+    feed._clients[0].send(line[:5])
+    assert client.newest() is None
+    feed._clients[0].send(line[5:])
+    assert client.newest() == {"time_s": 1.0}
+    client.close()
+
+
+def test_the_client_notices_the_end(tmp_path: Path) -> None:
+    with WorldFeed(tmp_path / "bus.world") as feed:
+        client = WorldFeedClient(feed.path)
+        feed.tick(0.0, StillWorld(), 0.0)
+    client.newest()
+    assert client.ended
+    assert not feed.path.exists()
+    with pytest.raises(OSError, match="No such file"):
+        WorldFeedClient(feed.path)
+    client.close()
+
+
+def test_a_second_feed_is_refused_and_remains_are_removed(feed: WorldFeed) -> None:
+    with pytest.raises(PortBusy, match="another emulator"):
+        WorldFeed(feed.path)
+    feed._socket.close()  # as if killed: the socket's name stays
+    WorldFeed(feed.path).close()
+
+
+def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "bus.world"
+    path.write_text("mine")
+    with pytest.raises(PortBusy, match="no emulator's socket"):
+        WorldFeed(path)
+    assert path.read_text() == "mine"

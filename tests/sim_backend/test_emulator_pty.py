@@ -1,0 +1,215 @@
+"""The virtual bus on a pseudo-terminal, used by the official SDK as it is. Real time, with deadlines."""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.clock import MonotonicClock
+from drivers.errors import PortBusy, PortError
+from drivers.feetech import sts
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
+from sim_backend.plant import BenchPlant
+from sim_backend.pty_link import PtyLink
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("scservo_sdk")
+ROOT = Path(__file__).resolve().parents[2]
+IDS = (1, 2, 3)
+
+EMULATE = """
+import signal, sys
+from pathlib import Path
+from sim_backend.bus import VirtualBus
+from sim_backend.emulator import serve
+from sim_backend.plant import BenchPlant
+ended = []
+signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
+serve(VirtualBus.of(BenchPlant((1, 2, 3))), Path(sys.argv[1]), stop=lambda: bool(ended))
+"""
+
+
+def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
+    """Poll until ``what()`` is true. The limit is for a machine in trouble, not a measurement."""
+    deadline_s = time.monotonic() + within_s
+    while not what():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Iterator[Path]:
+    path = tmp_path / "bus"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    emulator = subprocess.Popen([sys.executable, "-c", EMULATE, str(path)], env=environment)
+    try:
+        eventually(path.exists)
+        yield path
+        emulator.send_signal(signal.SIGTERM)
+        assert emulator.wait(20) == 0
+        assert not path.is_symlink()
+    finally:
+        emulator.kill()
+        emulator.wait()
+
+
+class Client:
+    """The official SDK's own classes on ``link``; lost answers of a busy machine are asked for again."""
+
+    def __init__(self, link: Path) -> None:
+        self.port = sdk.PortHandler(str(link))
+        self.handler = sdk.protocol_packet_handler()
+        assert self.port.openPort()
+
+    def answer(self, ask: Callable[[], tuple[Any, ...]]) -> Any:
+        answers: list[tuple[Any, ...]] = []
+
+        def answered() -> bool:
+            self.port.ser.reset_input_buffer()
+            answers.append(ask())
+            return bool(answers[-1][-2] == sdk.COMM_SUCCESS)
+
+        eventually(answered)
+        return answers[-1][0]
+
+    def position(self, servo_id: int) -> int:
+        read = self.handler.read2ByteTxRx
+        return int(self.answer(lambda: read(self.port, servo_id, 56)))
+
+    def torque_on(self, servo_id: int) -> None:
+        self.answer(lambda: self.handler.write2ByteTxRx(self.port, servo_id, 42, 2048))
+        self.answer(lambda: self.handler.write1ByteTxRx(self.port, servo_id, 40, 1))
+
+
+@pytest.fixture
+def client(link: Path) -> Iterator[Client]:
+    client = Client(link)
+    yield client
+    client.port.closePort()
+
+
+def test_the_sdk_pings_reads_and_writes(client: Client) -> None:
+    handler, port = client.handler, client.port
+    assert client.answer(lambda: handler.ping(port, 2)) == 777
+    client.answer(lambda: handler.write1ByteTxRx(port, 2, 41, 9))
+    assert client.answer(lambda: handler.read1ByteTxRx(port, 2, 41)) == 9
+    assert handler.ping(port, 77)[1] == sdk.COMM_RX_TIMEOUT
+
+
+def test_the_sdk_moves_the_servos_in_a_group(client: Client) -> None:
+    handler, port = client.handler, client.port
+    goals = {1: 1900, 2: 2100, 3: 2300}
+    write = sdk.GroupSyncWrite(port, handler, 42, 6)
+    for servo_id, goal in goals.items():
+        client.torque_on(servo_id)
+        write.addParam(servo_id, [goal & 0xFF, goal >> 8, 0, 0, 0xE8, 0x03])
+    assert write.txPacket() == sdk.COMM_SUCCESS
+    read = sdk.GroupSyncRead(port, handler, 56, 8)
+    for servo_id in goals:
+        read.addParam(servo_id)
+
+    def arrived() -> bool:
+        if read.txRxPacket() != sdk.COMM_SUCCESS:
+            port.ser.reset_input_buffer()
+            return False
+        return all(abs(read.getData(i, 56, 2) - goal) <= 5 for i, goal in goals.items())
+
+    eventually(arrived)
+    assert read.getData(1, 62, 1) in {119, 120}
+
+
+def test_clients_come_and_go(link: Path) -> None:
+    for _ in range(3):
+        client = Client(link)
+        assert client.position(1) == pytest.approx(2048, abs=2)
+        client.port.closePort()
+
+
+def test_another_baud_is_accepted_and_meets_silence(client: Client) -> None:
+    assert client.port.setBaudRate(250_000)
+    assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
+    assert client.port.setBaudRate(1_000_000)
+    client.position(1)
+
+
+def test_a_second_emulator_is_refused_and_says_why(link: Path) -> None:
+    with pytest.raises(PortBusy, match="end that one"):
+        serve(VirtualBus.of(BenchPlant(IDS)), link, stop=lambda: True)
+
+
+def test_the_link_of_an_ended_emulator_is_taken_over(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    link.symlink_to(tmp_path / "gone")
+    ready: list[Path] = []
+    serve(
+        VirtualBus.of(BenchPlant(IDS)),
+        link,
+        stop=lambda: True,
+        on_ready=lambda: ready.append(link.readlink()),
+    )
+    assert ready[0].parts[1] == "dev"
+    assert not link.is_symlink()
+
+
+def test_anything_else_is_left_alone(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    link.write_text("mine")
+    with pytest.raises(PortBusy, match="choose another path"):
+        PtyLink(link)
+    assert link.read_text() == "mine"
+    with pytest.raises(PortError, match="not a folder"):
+        PtyLink(tmp_path / "nowhere" / "bus")
+
+
+def test_a_link_that_was_replaced_meanwhile_is_not_removed(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    with PtyLink(link):
+        link.unlink()
+        link.write_text("mine")
+    assert link.read_text() == "mine"
+
+
+def test_the_line_carries_any_baud(tmp_path: Path) -> None:
+    with PtyLink(tmp_path / "bus") as line:
+        assert line.baud == 1_000_000
+        for baud in sts.BAUD_RATES:
+            line.baud = baud
+            assert line.baud == baud
+
+
+def test_a_stall_is_dropped_not_caught_up(tmp_path: Path) -> None:
+    clock = SimulatedClock()
+    bus = VirtualBus.of(BenchPlant(IDS))
+    with PtyLink(tmp_path / "bus") as line:
+        emulator = Emulator(bus, line, clock)
+        clock.sleep_until(7.0)
+        emulator.turn()
+    assert bus.dropped_s == pytest.approx(7.0 - LONGEST_CATCH_UP_S)
+
+
+def test_nobody_has_to_listen(tmp_path: Path) -> None:
+    with PtyLink(tmp_path / "bus") as line:
+        for _ in range(100):
+            line.write(bytes(4096))
+        assert line.read() == b""
+
+
+def test_ticks_are_served_and_stop_is_obeyed(tmp_path: Path) -> None:
+    ticks: list[float] = []
+    serve(
+        VirtualBus.of(BenchPlant(IDS)),
+        tmp_path / "bus",
+        stop=lambda: len(ticks) >= 3,
+        on_tick=ticks.append,
+        clock=MonotonicClock(),
+    )
+    assert ticks == sorted(ticks)

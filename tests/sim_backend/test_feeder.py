@@ -1,0 +1,145 @@
+"""The rule of the next cube, told to a world of paper, and once to the real one."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from sim_backend.feeder import Feeder
+from sim_backend.world import READY, World
+
+PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55, 0.0)
+BIN = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55, 0.0)
+DT_S = 0.005
+
+
+@dataclass
+class PaperWorld:
+    """What the feeder sees of a world, set by hand."""
+
+    place: str = "bin"
+    at_rest: bool = True
+    touched: bool = False
+    free: bool = True
+    pose: tuple = READY
+    speed: list = field(default_factory=lambda: [0.0] * 7)
+    fed: int = 0
+    time_s: float = 0.0
+
+    def velocity(self):
+        return np.array(self.speed)
+
+    def position(self):
+        return np.array(self.pose)
+
+    def cube_at_rest(self):
+        return self.at_rest
+
+    def cube_on_stand(self):
+        return self.place == "stand" and self.at_rest
+
+    def cube_touched(self):
+        return self.touched
+
+    def stand_free(self):
+        return self.free
+
+    def feed_cube(self):
+        self.place, self.fed = "stand", self.fed + 1
+
+
+@pytest.fixture
+def world():
+    return PaperWorld()
+
+
+@pytest.fixture
+def run(world):
+    feeder = Feeder()
+
+    def go(seconds, joint=None, speed=0.0):
+        world.speed = [0.0] * 7
+        if joint is not None:
+            world.speed[joint] = speed
+        for _ in range(round(seconds / DT_S)):
+            world.time_s += DT_S
+            feeder.update(world, world.time_s)
+        return world.fed
+
+    return go
+
+
+def test_the_old_cube_stays_while_the_arm_rests(run):
+    assert run(60.0) == 0
+
+
+def test_a_rested_arm_that_sets_out_gets_one_fresh_cube(run):
+    run(1.1)
+    assert run(2.0, joint=5, speed=1.0) == 1
+    assert run(5.0) == 1
+
+
+def test_a_short_rest_brings_none(run):
+    run(0.9)
+    assert run(2.0, joint=5, speed=1.0) == 0
+
+
+def test_the_rest_is_counted_from_when_the_cube_lies_still(run, world):
+    world.at_rest = False
+    run(5.0)
+    world.at_rest = True
+    run(0.5)
+    assert run(1.0, joint=0, speed=0.5) == 0
+
+
+def test_a_pause_above_the_bin_does_not_end_the_job(run, world):
+    world.pose = BIN
+    run(5.0)
+    assert run(1.0, joint=0, speed=0.5) == 0
+    run(11.0)
+    assert run(1.0, joint=0, speed=0.5) == 1
+
+
+@pytest.mark.parametrize("cube", [{"place": "stand"}, {"touched": True}, {"at_rest": False}])
+def test_a_cube_that_is_not_done_stays(run, world, cube):
+    vars(world).update(cube)
+    run(20.0)
+    assert run(2.0, joint=5, speed=1.0) == 0
+
+
+def test_a_moving_hand_alone_is_no_new_job(run):
+    run(2.0)
+    assert run(2.0, joint=6, speed=0.08) == 0
+
+
+def test_the_hum_of_a_holding_servo_is_rest(run):
+    run(2.0, joint=3, speed=0.03)
+    assert run(0.1, joint=3, speed=0.3) == 1
+
+
+def test_never_into_a_finger(run, world):
+    run(2.0)
+    world.free = False
+    assert run(1.0, joint=5, speed=1.0) == 0
+    world.free = True
+    assert run(0.1, joint=5, speed=1.0) == 1
+
+
+def test_a_real_world_gets_its_cube_back_as_the_arm_leaves_ready():
+    world, feeder = World(), Feeder()
+    world.data.qpos[world._cube_qpos][:3] = (0.29, 0.123, 0.03)
+    goal = np.array(READY)
+
+    def hold(seconds):
+        for _ in range(round(seconds / world.timestep_s)):
+            stiffness, damping = np.array([48.0] * 6 + [3000.0]), np.array([1.0] * 6 + [600.0])
+            gravity = world.data.qfrc_bias[world._qvel]
+            world.step(stiffness * (goal - world.position()) - damping * world.velocity() + gravity)
+            feeder.update(world, world.time_s)
+
+    hold(1.8)
+    assert world.cube_bin() == "A" and feeder.due
+    goal = np.array([*READY[:5], READY[5] + 0.3, 0.0])
+    hold(0.2)
+    assert world.cube_on_stand() and not feeder.due
+    assert not world.cube_touched()

@@ -1,0 +1,70 @@
+"""Pictures: the rays against MuJoCo's own, and the files."""
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from sim_backend.picture import VISIBLE_GROUPS, Recorder, _cast, render
+from sim_backend.world import World
+
+
+def test_rays_hit_what_mujoco_says_they_hit():
+    world = World(initial_position=[0.4, -0.2, -0.8, -0.6, -1.1, 1.55, 0.02])
+    model, data, random = world.model, world.data, np.random.default_rng(7)
+    groups = np.array([i in VISIBLE_GROUPS for i in range(6)], dtype=np.uint8)
+    for eye in ([0.9, -0.6, 0.62], [0.0, 0.5, 0.3], [0.3, 0.0, 0.9]):
+        origin = np.array(eye)
+        rays = random.normal([0.2, 0.0, 0.12], [0.12, 0.12, 0.1], (600, 3)) - origin
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        geom, distance, normal = _cast(model, data, origin, rays)
+        for i, ray in enumerate(rays):
+            its_geom, its_normal = np.zeros(1, dtype=np.int32), np.zeros(3)
+            its_distance = mujoco.mj_ray(model, data, origin, ray, groups, True, -1, its_geom, its_normal)
+            assert geom[i] == its_geom[0]
+            if its_distance >= 0.0:
+                assert distance[i] == pytest.approx(its_distance, abs=1e-9)
+                np.testing.assert_allclose(normal[i], its_normal, atol=1e-6)
+
+
+def test_the_picture_shows_the_cube_and_the_bins():
+    world = World()
+    image = render(world.model, world.data, width=120, height=90).astype(int)
+    assert image.shape == (90, 120, 3)
+    red, green, blue = image[..., 0], image[..., 1], image[..., 2]
+    for share in (red > 2 * (green + 5), green > red + 25, blue > red + 40, (red > blue + 80) & (green > blue + 50)):
+        assert share.mean() > 0.001
+
+
+def test_only_known_shapes_are_drawn():
+    world = World()
+    world.model.geom_type[world.model.geom("cube").id] = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    with pytest.raises(ValueError, match="planes, boxes and cylinders"):
+        render(world.model, world.data, width=60, height=45, smooth=False)
+
+
+def test_the_recorder_leaves_rests_out_and_its_memory_is_bounded():
+    world = World()
+    recorder = Recorder(world, period_s=0.1, frames=5)
+    for i in range(30):
+        recorder.update(0.1 * i)
+    assert len(recorder._taken) == 1
+    for i in range(30, 60):
+        world.data.qpos[0] += 0.01
+        recorder.update(0.1 * i)
+    assert len(recorder._taken) == 5
+
+
+def test_files_are_written_and_the_world_is_left_alone(tmp_path, monkeypatch):
+    world = World()
+    recorder = Recorder(world, period_s=0.1, frames=2)
+    recorder.update(0.0)
+    world.data.qpos[world._cube_qpos][2] += 0.05
+    recorder.update(0.1)
+    before = world.data.xpos.copy()
+    recorder.save(tmp_path / "pictures")
+    np.testing.assert_array_equal(world.data.xpos, before)
+    with Image.open(tmp_path / "pictures" / "arm.png") as still:
+        assert still.size == (960, 720)
+    with Image.open(tmp_path / "pictures" / "arm.gif") as film:
+        assert film.n_frames == 2 and film.info["loop"] == 0

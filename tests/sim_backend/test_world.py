@@ -1,0 +1,117 @@
+"""The world by itself: read-outs, rest, where the cube is."""
+
+import numpy as np
+import pytest
+
+from sim_backend.world import JOINTS, READY, World
+
+POSES = {
+    "ready": READY[:6],
+    "pick": (0.0, -0.35, -0.70, -0.70, -1.10, 1.55),
+    "A": (0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+    "B": (0.0, -0.2, -0.8, -0.6, -1.1, 1.55),
+    "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+}
+NO_EFFORT = [0.0] * 7
+
+
+def put_cube(world, x, y, z):
+    """Lay the cube down somewhere, level, and let it settle."""
+    world.feed_cube()
+    world.data.body("cube")
+    world.data.qpos[world._cube_qpos][:3] = (x, y, z)
+    for _ in range(400):
+        world.step(NO_EFFORT)
+
+
+def folded():
+    """A world with the arm leaning back, away from the cube."""
+    return World(initial_position=[0.0, 1.5, 0.5, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_starts_at_ready_at_rest_with_the_cube_on_the_stand():
+    world = World()
+    assert world.joints == JOINTS
+    np.testing.assert_allclose(world.position(), READY)
+    np.testing.assert_array_equal(world.velocity(), np.zeros(7))
+    assert world.time_s == 0.0
+    assert world.cube_on_stand() and world.cube_bin() is None
+    assert set(world.poses()) == {"cube", "bin_A", "bin_B", "bin_C"}
+
+
+def test_position_and_velocity_are_copies():
+    world = World()
+    before = world.position()
+    world.step([1.0] * 7)
+    np.testing.assert_allclose(before, READY)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_gravity_needs_less_than_half_of_a_servo(pose):
+    world = World(initial_position=[*POSES[pose], 0.0])
+    assert np.abs(world.data.qfrc_bias[world._qvel])[:6].max() < 1.0
+
+
+@pytest.mark.parametrize("grade", "ABC")
+def test_a_cube_in_a_bin_is_in_that_bin(grade):
+    world = folded()
+    x, y, z = world.poses()[f"bin_{grade}"].position_m
+    # 4 cm outward, so that the stand in the middle of bin B is not in the way
+    put_cube(world, x + (0.04 if grade == "B" else 0.0), y, z + 0.03)
+    assert world.cube_bin() == grade and not world.cube_on_stand()
+
+
+def test_a_cube_on_the_stand_or_on_the_table_is_in_no_bin():
+    world = folded()
+    put_cube(world, *world._home[:3])
+    assert world.cube_on_stand() and world.cube_bin() is None
+    put_cube(world, 0.1, 0.3, 0.025)
+    assert not world.cube_on_stand() and world.cube_bin() is None and world.cube_at_rest()
+
+
+def test_a_falling_cube_is_in_no_bin():
+    world = folded()
+    x, y, z = world.poses()["bin_A"].position_m
+    world.data.qpos[world._cube_qpos][:3] = (x, y, z + 0.04)
+    for _ in range(30):
+        world.step(NO_EFFORT)
+    assert not world.cube_at_rest() and world.cube_bin() is None
+
+
+def test_fed_cube_lies_still_and_stays():
+    world = folded()
+    put_cube(world, 0.1, 0.3, 0.025)
+    world.feed_cube()
+    assert world.cube_on_stand()
+    for _ in range(1000):
+        world.step(NO_EFFORT)
+    assert world.cube_on_stand()
+
+
+def test_open_fingers_stay_clear_of_the_cube_from_ready_to_pick():
+    ready, pick = np.array(READY[:6]), np.array(POSES["pick"])
+    for share in np.linspace(0.0, 1.0, 41):
+        world = World(initial_position=[*(ready + share * (pick - ready)), 0.0])
+        assert world.stand_free() and not world.cube_touched()
+
+
+def test_closed_fingers_are_in_the_place_of_the_cube():
+    assert not World(initial_position=[*POSES["pick"], 0.04]).stand_free()
+
+
+def test_the_cube_is_touched_when_the_fingers_close_on_it():
+    world = World(initial_position=[*POSES["pick"], 0.0275])
+    world.data.qfrc_applied[world._qvel] = world.data.qfrc_bias[world._qvel]
+    for _ in range(100):
+        world.step([0, 0, 0, 0, 0, 0, 40.0])
+    assert world.cube_touched()
+
+
+def test_same_efforts_same_world():
+    def end():
+        world, random = World(), np.random.default_rng(1)
+        for _ in range(500):
+            world.step(random.normal(size=7))
+        return world.data.qpos.tobytes() + world.data.qvel.tobytes()
+
+    assert end() == end()

@@ -1,0 +1,188 @@
+"""The whole stack below ROS in one thread on simulated time, from the controllers to the physics."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller import controllers_file
+from controller.forward_command_controller import ForwardCommandController
+from controller.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.interface import Controller
+from controller.joint_trajectory_controller import JointTrajectoryController
+from controller.loop import ControlLoop
+from controller.manager import ControllerManager
+from drivers.feetech.bus import FeetechBus
+from hal.servo_hardware import ServoHardware
+from hal.types import FloatArray, JointState
+from servoloop.emulator import couplings
+from servoloop.files import Files, read_files
+from servoloop.following import FollowingError, between_cycles
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.feeder import Feeder
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+ARM = tuple(f"joint{i}" for i in range(1, 7))
+READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
+PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
+BINS = {
+    "A": (0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+    "B": (0.0, -0.2, -0.8, -0.6, -1.1, 1.55),
+    "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+}
+OPEN_M, CLOSED_M = 0.0, 0.05
+MOVE_S = 2.0
+
+
+@dataclass(slots=True)
+class RecordingPort:
+    """A port that remembers what went over it and when."""
+
+    port: VirtualPort
+    clock: SimulatedClock
+    sent: list[tuple[float, bytes]] = field(default_factory=list)
+    received: list[tuple[float, bytes]] = field(default_factory=list)
+    on_write: Callable[[bytes], None] = lambda data: None
+
+    @property
+    def name(self) -> str:
+        return self.port.name
+
+    @property
+    def baud(self) -> int:
+        return self.port.baud
+
+    def write(self, data: bytes) -> None:
+        now_s = self.clock.now()
+        self.on_write(data)
+        self.port.write(data)
+        self.sent.append((now_s, data))
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        data = self.port.read(size, deadline_s)
+        self.received.append((self.clock.now(), data))
+        return data
+
+    def discard_input(self) -> None:
+        self.port.discard_input()
+
+    def close(self) -> None:
+        self.port.close()
+
+
+@dataclass(slots=True)
+class Trace:
+    """What the arm did every millisecond, and what it was to do at every cycle."""
+
+    world_s: list[float] = field(default_factory=list)
+    actual: list[FloatArray] = field(default_factory=list)
+    cycle_s: list[float] = field(default_factory=list)
+    position: list[FloatArray] = field(default_factory=list)
+    velocity: list[FloatArray] = field(default_factory=list)
+
+    def following_error(self) -> FollowingError:
+        """Of the arm's joints, between the cycles too."""
+        cycles = (np.array(self.cycle_s), np.array(self.position), np.array(self.velocity))
+        return between_cycles(self.world_s, self.actual, *cycles)
+
+
+class StackRig:
+    """Configured, not yet active. ``after_cycle`` is where a client's reactions come in."""
+
+    def __init__(
+        self,
+        *,
+        interpolate: bool = True,
+        files: Files | None = None,
+        wrap: Callable[[Controller], Controller] = lambda controller: controller,
+        start: Sequence[float] | None = None,
+    ) -> None:
+        self.files = files or read_files()
+        self.clock = SimulatedClock()
+        self.world = World(initial_position=start)
+        self.trace = Trace()
+        self._feeder = Feeder()
+        self.bus = VirtualBus.of(WorldPlant(self.world, couplings(self.files.robot), self._after_step))
+        self.virtual_port = VirtualPort(self.bus, self.clock)
+        self.port = RecordingPort(self.virtual_port, self.clock)
+        robot = self.files.robot
+        self.hardware = ServoHardware("arm", robot.joints, lambda: FeetechBus(self.port, self.clock), self.clock)
+        self.hardware.interpolate = interpolate
+        limits = robot.limits()
+        self.manager = ControllerManager(self.hardware.joints)
+        built = controllers_file.build(
+            self.files.controllers, self.files.description, self.files.component, limits, self.manager.settled
+        )
+        self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
+        self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        for controller in built:
+            self.manager.add(wrap(controller))
+        self.after_cycle: Callable[[], None] = lambda: None
+        period_s = 1.0 / self.files.controllers.update_rate_hz
+        self.loop = ControlLoop(self.hardware, self.manager, limits, self.clock, period_s, self._on_cycle)
+
+    def up(self) -> "StackRig":
+        """Configure and activate."""
+        self.hardware.configure()
+        self.loop.activate()
+        return self
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Cycles for so long, or until ``until``."""
+        end_s = self.clock.now() + seconds - 1e-9
+        self.loop.run(lambda: self.clock.now() >= end_s or until())
+
+    def go(self, pose: Sequence[float], seconds: float = MOVE_S) -> GoalHandle:
+        """One goal as the pick-place node sends it."""
+        goal = TrajectoryGoal(ARM, (GoalPoint(tuple(pose), seconds),))
+        reason = self.arm.check(goal)
+        assert reason is None, reason
+        return self.arm.submit(goal)
+
+    def _after_step(self, time_s: float) -> None:
+        self._feeder.update(self.world, time_s)
+        self.trace.world_s.append(time_s)
+        self.trace.actual.append(self.world.position()[:6])
+
+    def _on_cycle(self, state: JointState) -> None:
+        tracking = self.arm.tracking
+        if tracking is not None:
+            self.trace.cycle_s.append(tracking.stamp_s)
+            self.trace.position.append(tracking.reference.position)
+            self.trace.velocity.append(tracking.reference.velocity)
+        self.after_cycle()
+
+
+class UnpacedJob:
+    """The pick-place node's job by the letter: the hand is told, and the arm in the same instant."""
+
+    def __init__(self, rig: StackRig, grade: str) -> None:
+        self._rig = rig
+        self._steps = [
+            (None, READY),
+            (OPEN_M, PICK),
+            (CLOSED_M, BINS[grade]),
+            (OPEN_M, READY),
+        ]
+        self.handles: list[GoalHandle] = []
+
+    @property
+    def done(self) -> bool:
+        return not self._steps and self.handles[-1].done
+
+    def react(self) -> None:
+        """Called after each cycle: sends what comes next as soon as the last goal is decided."""
+        if self._steps and (not self.handles or self.handles[-1].done):
+            hand_m, pose = self._steps.pop(0)
+            if hand_m is not None:
+                assert self._rig.hand.submit([hand_m]) is None
+            self.handles.append(self._rig.go(pose))
+
+    def run(self, longest_s: float = 20.0) -> None:
+        """From beginning to end."""
+        self._rig.after_cycle = self.react
+        self._rig.run(longest_s, lambda: self.done)
+        self._rig.after_cycle = lambda: None

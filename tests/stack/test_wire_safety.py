@@ -1,0 +1,230 @@
+"""What never goes over the wire, whatever goes wrong: many scenarios, each by its seed."""
+
+import random
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from controller.ending import end
+from controller.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.interface import Controller
+from drivers.bus import ServoGoal
+from drivers.errors import DriverError, PortLost
+from drivers.feetech import sts
+from drivers.feetech.bus import FeetechBus
+from hal.errors import ActivationError, HalError
+from hal.lifecycle import LifecycleState
+from hal.types import FloatArray, JointState
+from tests.stack.rig import ARM, BINS, PICK, READY, StackRig
+from tests.stack.wire_monitor import WireMonitor
+
+POSES = (READY, PICK, *BINS.values(), (0.0,) * 6)
+SCENARIO_S = 2.5
+
+
+@dataclass(slots=True)
+class Rogue:
+    """A controller gone mad: now and then it wants NaN, the moon, or the other end of the joint."""
+
+    inner: Controller
+    chance: random.Random
+    command: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def name(self) -> str:
+        return self.inner.name
+
+    @property
+    def kind(self) -> str:
+        return self.inner.kind
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.inner.joints
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self.inner.activate(state, command)
+
+    def deactivate(self) -> None:
+        self.inner.deactivate()
+
+    def settled(self) -> bool:
+        return self.inner.settled()
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        self.inner.update(state, now_s, period_s)
+        self.command = self.inner.command.copy()
+        if self.joints and self.chance.random() < 0.3:
+            wrong = self.chance.choice((np.nan, np.inf, -np.inf, 1e9, -1e9, 0.0, 3.0, -3.0))
+            self.command[self.chance.randrange(len(self.command))] = wrong
+        if self.chance.random() < 0.005:
+            raise RuntimeError("a controller's bug")
+
+
+class Scenario:
+    """One random story on one rig."""
+
+    def __init__(self, seed: int, rogue: bool) -> None:
+        self.chance = random.Random(seed)
+        self.rig = StackRig(wrap=lambda c: Rogue(c, self.chance) if rogue else c)
+        rig = self.rig
+        self.monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
+        rig.port.on_write = self.monitor.see
+        rig.after_cycle = self.mischief
+        self.handles: list[GoalHandle] = []
+
+    def play(self) -> list[str]:
+        """From configure to the end of the program; returns what could not be done at the end."""
+        self.rig.up()
+        with suppress(PortLost, RuntimeError):  # the program ends then, as below
+            self.rig.run(SCENARIO_S)
+        park = self.rig.files.robot.file.park
+        assert park is not None
+        relax, hurried = self.chance.random() < 0.5, self.chance.random() < 0.2
+        return end(self.rig.loop, relax, park.pose, park.velocity_scale, lambda: hurried)
+
+    def mischief(self) -> None:
+        """One cycle's worth of it."""
+        chance, rig = self.chance, self.rig
+        acts: list[tuple[float, Callable[[], None]]] = [
+            (0.08, self.send_goal),
+            (0.04, self.cancel_one),
+            (0.08, self.tell_hand),
+            (0.03, lambda: rig.bus.faults.silence(chance.randint(1, 7))),
+            (0.20, lambda: rig.bus.faults.restore(chance.randint(1, 7))),
+            (0.10, lambda: rig.bus.faults.corrupt_next(chance.randint(1, 7), chance.randint(1, 3))),
+            (0.02, lambda: rig.clock.sleep_until(rig.clock.now() + chance.uniform(0.01, 0.5))),
+            (0.004, rig.virtual_port.unplug),
+        ]
+        for probability, act in acts:
+            if chance.random() < probability:
+                act()
+
+    def send_goal(self) -> None:
+        chance = self.chance
+        pose = chance.choice((*POSES, tuple(chance.uniform(-2.0, 2.0) for _ in ARM)))
+        goal = TrajectoryGoal(ARM, (GoalPoint(pose, chance.uniform(0.0, 3.0)),))
+        if self.rig.arm.check(goal) is None:
+            self.handles.append(self.rig.arm.submit(goal))
+
+    def cancel_one(self) -> None:
+        if self.handles:
+            self.rig.arm.cancel(self.chance.choice(self.handles))
+
+    def tell_hand(self) -> None:
+        self.rig.hand.submit([self.chance.choice((0.0, 0.05, 0.5, -1.0, float("nan")))])
+
+
+@pytest.mark.parametrize("rogue", [False, True], ids=["sane", "rogue"])
+@pytest.mark.parametrize("seed", range(12))
+def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
+    scenario = Scenario(seed, rogue)
+    scenario.play()
+    assert scenario.monitor.broken == []
+    assert scenario.monitor.torque_on_seen == 7
+    assert scenario.monitor.goals_seen > 100
+    assert all(handle.done for handle in scenario.handles)
+    assert scenario.rig.hardware.state is LifecycleState.UNCONFIGURED
+
+
+def test_the_monitor_sees_what_it_is_there_for() -> None:
+    """Writes that pass the stack's layers by are caught, each of them."""
+    scenario = Scenario(3, rogue=False)
+    rig = scenario.rig
+    rig.after_cycle = lambda: None
+    rig.up()
+    rig.run(0.1)
+    joint = rig.files.robot.joints[0]
+    bus = FeetechBus(rig.port, rig.clock)
+    assert scenario.monitor.broken == []
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # a leap
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)})  # a leap, and outside
+    bus.torque_off([joint.servo_id])
+    bus.torque_on(joint.servo_id)  # the goal is somewhere else
+    assert [text.split(": ")[1].split(" ")[:2] for text in scenario.monitor.broken] == [
+        ["goal", "leaps"],
+        ["goal", f"{joint.counts_range()[1] + 1}"],
+        ["goal", "leaps"],
+        ["torque", "on"],
+    ]
+
+
+@pytest.mark.parametrize("relax", [False, True], ids=["hold", "relax"])
+def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> None:
+    rig = StackRig().up()
+    rig.go(PICK, 1.0)
+    rig.run(0.7)
+    assert np.abs(rig.world.velocity()[:6]).max() > 0.5
+    park = rig.files.robot.file.park
+    assert park is not None
+    assert end(rig.loop, relax, park.pose, park.velocity_scale) == []
+    assert [servo.memory.get(sts.torque_enable) for servo in rig.bus.servos] == [0 if relax else 1] * 7
+    assert np.abs(rig.world.velocity()[:6]).max() < 0.1
+    if relax:
+        assert np.abs(rig.world.position()[:6]).max() < 0.05
+
+
+def test_a_second_signal_lets_go_without_parking() -> None:
+    rig = StackRig().up()
+    rig.go(PICK, 1.0)
+    rig.run(0.7)
+    assert end(rig.loop, True, dict.fromkeys(ARM, 0.0), 0.25, hurry=lambda: True) == []
+    assert [servo.memory.get(sts.torque_enable) for servo in rig.bus.servos] == [0] * 7
+    assert np.abs(rig.world.position()[:6]).max() > 0.3
+
+
+def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
+    rig = StackRig()
+    monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
+    rig.port.on_write = monitor.see
+    rig.hardware.configure()
+    rig.bus.faults.silence(4)
+    with pytest.raises(ActivationError, match="joint4.*servo 4 does not answer"):
+        rig.loop.activate()
+    assert monitor.torque_on_seen == 0
+
+
+def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_read() -> None:
+    rig = StackRig().up()
+    handle = rig.go(PICK)
+    rig.run(0.5)
+    rig.bus.faults.silence(3)
+    rig.run(0.5)
+    assert handle.status is GoalStatus.ABORTED
+    assert "joint3: servo 3 does not answer" in handle.error_text
+    state = rig.hardware.read()
+    assert set(state.faults) == {"joint3"}
+    others = [i for i in range(6) if i != 2]
+    assert np.abs(state.position - rig.world.position())[others].max() < 0.01
+    assert np.abs(rig.world.velocity()[:6]).max() < 0.1
+
+
+def test_one_corrupt_reply_disturbs_nobody() -> None:
+    rig = StackRig().up()
+    handle = rig.go(PICK)
+    rig.run(0.5)
+    rig.bus.faults.corrupt_next(3)
+    rig.run(2.0)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert np.abs(rig.world.position()[:6] - PICK).max() < 0.03
+
+
+@pytest.mark.parametrize("servo_id", range(1, 8))
+@pytest.mark.parametrize("corrupt", [1, 2, 3, 4, 5, 6])
+def test_corrupt_replies_while_starting_leave_the_arm_holding_or_off(servo_id: int, corrupt: int) -> None:
+    """However many replies are lost on the way up, what comes up is sane, or says why it does not."""
+    rig = StackRig()
+    monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
+    rig.port.on_write = monitor.see
+    rig.bus.faults.corrupt_next(servo_id, corrupt)
+    try:
+        rig.up()
+    except (DriverError, HalError) as error:
+        assert f"servo {servo_id}" in str(error)
+    else:
+        rig.run(0.2)
+        assert np.isfinite(rig.loop.command).all()
+    assert monitor.broken == []

@@ -1,0 +1,34 @@
+"""The message packages in interfaces/, and which of them a sourced ROS installation already has.
+
+python3 tools/interface_packages.py            # all
+python3 tools/interface_packages.py --missing  # those to build in a ROS workspace
+"""
+
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+INTERFACES = ROOT / "interfaces"
+KINDS = ("msg", "srv", "action")
+
+
+def definitions(package: str) -> list[Path]:
+    """The .msg, .srv and .action files of a package."""
+    return sorted(path for kind in KINDS for path in (INTERFACES / package / kind).glob(f"*.{kind}"))
+
+
+def packages() -> list[str]:
+    """The largest first: with several cores the whole build ends sooner so."""
+    names = [path.parent.name for path in INTERFACES.glob("*/package.xml")]
+    return sorted(names, key=lambda name: (-len(definitions(name)), name))
+
+
+def provided_by_ros(package: str) -> bool:
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return any(prefix and (Path(prefix) / "share" / package / "package.xml").exists() for prefix in prefixes)
+
+
+if __name__ == "__main__":
+    wanted = [name for name in packages() if "--missing" not in sys.argv or not provided_by_ros(name)]
+    print(" ".join(wanted))

