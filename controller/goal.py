@@ -37,14 +37,41 @@ class GoalPoint:
     accelerations: tuple[float, ...] = ()
 
 
+ERASE = -1.0
+"""A tolerance that a goal switches off (control_msgs/JointTolerance)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Largest deviations by joint name (rad, m); a joint that is not named has none."""
+    """Largest deviations by joint name (rad, m); a joint that is not named has none.
+
+    In a goal 0 stands for the controller's default and ERASE for none at all.
+    """
 
     path: Mapping[str, float] = field(default_factory=dict)
     goal: Mapping[str, float] = field(default_factory=dict)
     goal_time_s: float = 0.0
     """How long after the end the goal tolerance may stay violated; 0: for ever."""
+
+
+def resolve(asked: Tolerances, default: Tolerances, joints: Sequence[str]) -> Tolerances:
+    """What a goal asks for over the defaults. Raises ValueError, saying why, where it makes no sense."""
+    for name in (*asked.path, *asked.goal):
+        if name not in joints:
+            raise ValueError(f"joint '{name}' does not exist")
+    return Tolerances(
+        {name: _resolved(asked.path.get(name, 0.0), default.path.get(name, 0.0)) for name in joints},
+        {name: _resolved(asked.goal.get(name, 0.0), default.goal.get(name, 0.0)) for name in joints},
+        _resolved(asked.goal_time_s, default.goal_time_s),
+    )
+
+
+def _resolved(asked: float, default: float) -> float:
+    if asked == ERASE:
+        return 0.0
+    if not asked >= 0.0:
+        raise ValueError(f"{asked} is no tolerance")
+    return asked or default
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +174,12 @@ def _values_reason(goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence
                 return (
                     f"{name} would move at {velocity:.4f} at point #{index}, beyond its limit "
                     f"{by_name[name].velocity:.4f}"
+                )
+        for name, acceleration in zip(goal.joints, point.accelerations, strict=False):
+            if abs(acceleration) > by_name[name].acceleration:
+                return (
+                    f"{name} would accelerate at {acceleration:.4f} at point #{index}, beyond its limit "
+                    f"{by_name[name].acceleration:.4f}"
                 )
     return None
 

@@ -14,6 +14,7 @@ from controller.goal import (
     Tolerances,
     TrajectoryGoal,
     reason_to_reject,
+    resolve,
 )
 from controller.interface import Settled, indices
 from controller.motion import Kinematics, Motion, MotionError, plan, plan_stop
@@ -26,6 +27,8 @@ SILENT_CYCLES = 3
 """So many cycles in a row a servo may be silent before the goal is given up."""
 LONGEST_STEP = 2.0
 """A cycle that comes late moves the trajectory on by at most so many periods: no leap after a stall."""
+
+DEACTIVATED = "Current goal cancelled during deactivate transition."
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +107,8 @@ class JointTrajectoryController:
         """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
         handle = GoalHandle(goal)
         self._inbox.append(handle)
+        if not self._running:  # stopped since the check
+            handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
         return handle
 
     def cancel(self, handle: GoalHandle) -> None:
@@ -122,11 +127,10 @@ class JointTrajectoryController:
 
     def deactivate(self) -> None:
         self._running = False
-        text = "Current goal cancelled during deactivate transition."
-        handles = [self._active.handle] if self._active else []
-        for handle in (*handles, *self._inbox):
-            handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
-        self._inbox.clear()
+        if self._active:
+            self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
+        while self._inbox:
+            self._inbox.popleft().decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
         self._active = None
 
     def settled(self) -> bool:
@@ -186,12 +190,12 @@ class JointTrajectoryController:
                 self._start(self._active, reference)
 
     def _tolerances(self, asked: Tolerances) -> Tolerances:
-        own = self.settings.tolerances
-        return Tolerances(
-            {**own.path, **asked.path},
-            {**own.goal, **asked.goal},
-            asked.goal_time_s or own.goal_time_s,
-        )
+        """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
+        try:
+            return resolve(asked, self.settings.tolerances, self.joints)
+        except ValueError as error:
+            LOG.error("%s: in the goal's tolerances %s: using the default tolerances", self.name, error)
+            return self.settings.tolerances
 
     def _start(self, active: _Active, reference: Kinematics) -> None:
         goal = active.handle.goal
@@ -252,7 +256,7 @@ class JointTrajectoryController:
             active.handle.decide(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, text)
             self._active = None
         elif 0.0 < allowed_s < after_end_s:
-            text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s - allowed_s:f} seconds"
+            text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds"
             active.handle.decide(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text)
             self._active = None  # it stands already: the last point goes on being held
 

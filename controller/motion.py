@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from hal.types import FloatArray, JointLimits
 
-_ROUNDING_S = 1e-6
+_ROUNDING = 1e-6
+"""Of positions (rad, m) and times (s)."""
 
 
 class MotionError(Exception):
@@ -106,9 +107,22 @@ def _segment(start: Kinematics, end: Kinematics, limits: Sequence[JointLimits], 
     task.target_position = list(end.position)
     task.target_velocity = list(end.velocity)
     task.target_acceleration = list(end.acceleration)
-    if span_s > _ROUNDING_S:
+    if span_s > _ROUNDING:
         task.minimum_duration = span_s
-    return _calculate(task, len(limits))
+    trajectory = _calculate(task, len(limits))
+    _check_positions(trajectory, limits)
+    return trajectory
+
+
+def _check_positions(trajectory: Trajectory, limits: Sequence[JointLimits]) -> None:
+    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it."""
+    for number, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True), start=1):
+        for reached in (swing.min, swing.max):
+            if not limit.lower - _ROUNDING <= reached <= limit.upper + _ROUNDING:
+                raise MotionError(
+                    f"joint {number} would swing to {reached:.4f}, outside its limits "
+                    f"{limit.lower:.4f} to {limit.upper:.4f}"
+                )
 
 
 def _task(start: Kinematics, limits: Sequence[JointLimits]) -> InputParameter:
@@ -126,8 +140,8 @@ def _calculate(task: InputParameter, dofs: int) -> Trajectory:
     trajectory = Trajectory(dofs)
     try:
         result = Ruckig(dofs).calculate(task, trajectory)
-    except RuntimeError as error:  # ruckig refuses targets beyond the limits, NaN and the like
-        raise MotionError(f"no motion within the limits: {error}") from error
+    except RuckigError as error:  # ruckig refuses targets beyond the limits, NaN and the like
+        raise MotionError(f"no motion within the limits: {' '.join(str(error).split())}") from error
     if result not in (Result.Working, Result.Finished):
         raise MotionError(f"no motion within the limits ({result.name})")
     return trajectory

@@ -150,7 +150,7 @@ class PickPlaceJob:
             return self._failed(end.ending, str(end))
         except Exception as error:  # a job that cannot go on must still say so
             return self._failed(Ending.ABORTED, f"internal error: {error!r}")
-        message = f"the apple is in bin {self.grade}"
+        message = f"let go over bin {self.grade}; the arm is back at ready"  # nothing here sees the apple
         self._say(Phase.DONE, message)
         return Result(Ending.SUCCEEDED, self.request_id, message)
 

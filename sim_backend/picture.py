@@ -93,7 +93,8 @@ def _candidates(columns: Any, away: FloatArray, radius: float) -> Any:
     along = columns[:, 0] * x
     along += columns[:, 1] * y
     along += columns[:, 2] * z
-    return np.flatnonzero(along > np.float32(np.sqrt(max(0.0, away @ away - (1.001 * radius) ** 2))))
+    nearest = float(away @ away) - (1.001 * radius) ** 2
+    return np.flatnonzero(along > np.float32(max(0.0, nearest) ** 0.5))
 
 
 def _hit(kind: int, size: FloatArray, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -199,18 +200,18 @@ class Recorder:
         if len(self._taken) < self._frames and not still:
             self._taken.append(now)
 
-    def save(self, folder: Path, fps: float = 8.0) -> None:
-        """Draw `arm.png` (the cube held at its highest) and `arm.gif` into `folder`."""
+    def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
+        """Draw `arm.png` (the cube held at its highest) and `arm.gif`, half as wide, into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        save_png(folder / "arm.png", self._draw(self._best, width=960, height=720))
+        save_png(folder / "arm.png", self._draw(self._best, width, smooth=True))
         frames = self._taken or [self._best]
-        save_gif(folder / "arm.gif", [self._draw(q, smooth=False) for q in frames], fps)
+        save_gif(folder / "arm.gif", [self._draw(q, width // 2, smooth=False) for q in frames], fps)
 
-    def _draw(self, configuration: FloatArray, **size: Any) -> Picture:
+    def _draw(self, configuration: FloatArray, width: int, smooth: bool) -> Picture:
         # Its own data: drawing must not disturb the world.
         model = self._world.model
         data = mujoco.MjData(model)
         data.qpos[:] = configuration
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
-        return render(model, data, **size)
+        return render(model, data, width=width, height=width * 3 // 4, smooth=smooth)

@@ -24,7 +24,7 @@ READY: Final = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828, 0.0)
 BINS: Final = ("A", "B", "C")
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
-ON_STAND_M: Final = np.array([0.012, 0.022, 0.006])
+ON_STAND_M: Final = np.array([0.012, 0.032, 0.006])
 """So far from its place on the stand the cube still lies on it; further out it would topple."""
 
 

@@ -8,8 +8,8 @@ import os
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-INTERFACES = ROOT / "interfaces"
+from places import INTERFACES
+
 KINDS = ("msg", "srv", "action")
 
 

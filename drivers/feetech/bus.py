@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, PacketHandler
+from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
 
 from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
@@ -39,8 +39,7 @@ class FeetechBus:
         return self._port.name
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        number, result, _ = self._sdk.ping(self._sdk_port, servo_id)
-        _raise_for(servo_id, result)
+        number = self.read(servo_id, sts.model_number)
         if number != model.number:
             known = next((m.name for m in sts.MODELS.values() if m.number == number), "unknown")
             raise ServoRefused(
@@ -50,8 +49,11 @@ class FeetechBus:
             )
 
     def read(self, servo_id: int, register: Register) -> int:
-        data, result, _ = self._sdk.readTxRx(self._sdk_port, servo_id, register.address, register.size)
+        # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
+        request = [0, 0, servo_id, 4, INST_READ, register.address, register.size, 0]
+        reply, result, _ = self._sdk.txRxPacket(self._sdk_port, request)
         _raise_for(servo_id, result)
+        data = reply[5 : reply[3] + 3]
         if len(data) != register.size:
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
         return register.decode(bytes(data), _ORDER)

@@ -15,10 +15,17 @@ class SdkPort:
     """What scservo_sdk expects of a PortHandler. The method names are the SDK's."""
 
     def __init__(self, port: Port, clock: Clock) -> None:
-        self.is_using = False
         self._port = port
         self._clock = clock
         self._deadline_s = 0.0
+
+    @property
+    def is_using(self) -> bool:
+        """The SDK's lock. One thread owns the port, and an exception would leave the lock shut for good."""
+        return False
+
+    @is_using.setter
+    def is_using(self, value: bool) -> None: ...
 
     def clearPort(self) -> None:
         self._port.discard_input()

@@ -64,7 +64,7 @@ class FakeArm:
     def forget(self, *plans: Plan) -> None:
         """Begin anew, with plans for the coming goals."""
         for notes in (self.plans, self.goals, self.ended_ns, self.hand):
-            notes.clear()  # type: ignore[attr-defined]
+            notes.clear()
         self.canceled = 0
         self._answer.clear()
         self.plans.extend(plans)

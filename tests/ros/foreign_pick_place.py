@@ -34,7 +34,7 @@ LOOK_S = 1.0
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 
 
-class Robot(Node):
+class Robot(Node):  # type: ignore[misc]
     """Sends, waits, sends the next."""
 
     def __init__(self) -> None:

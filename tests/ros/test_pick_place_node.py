@@ -1,6 +1,8 @@
-"""The pick-and-place node over real DDS: its names, its goals, and what it does when things fail."""
+"""The pick-and-place node over real DDS: its names, its goals, and what it does about failures."""
 
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -361,10 +363,7 @@ def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_p
         assert "Traceback" not in cell.log()
 
 
-def test_wrong_parameters_are_named(ros_domain: int, tmp_path: Path, repository: Path) -> None:
-    import subprocess
-    import sys
-
+def test_wrong_parameters_are_named(ros_domain: int) -> None:
     command = [sys.executable, "-m", "nodes.vision_pick_place_controller", "--ros-args"]
     command += ["-p", "grades:=[A, D]", "-p", "poses.pick:=[1.0]"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

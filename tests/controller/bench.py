@@ -1,0 +1,147 @@
+"""Controllers on a mock arm with simulated time: two joints and a hand, every cycle by hand."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller.forward_command_controller import ForwardCommandController
+from controller.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.interface import Controller
+from controller.joint_trajectory_controller import JointTrajectoryController, JtcSettings
+from controller.loop import ControlLoop
+from controller.manager import ControllerManager
+from hal.mock_hardware import MockHardware
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from sim_backend.clock import SimulatedClock
+
+PERIOD_S = 0.05
+ARM = ("shoulder", "elbow")
+HAND = "finger"
+JOINTS = (*ARM, HAND)
+ARM_LIMITS = JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)
+HAND_LIMITS = JointLimits(0.0, 0.05, 0.1, 1.0, 20.0)
+LIMITS = {**dict.fromkeys(ARM, ARM_LIMITS), HAND: HAND_LIMITS}
+
+
+class ScriptedHardware(MockHardware):
+    """A mock whose joints can be stuck, slow or silent, and whose calls can fail."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        super().__init__("scripted", JOINTS, clock, calculate_dynamics=True)
+        self.faults: dict[str, str] = {}
+        self.stuck: set[str] = set()
+        self.slow: dict[str, float] = {}
+        """How far a joint gets in one period."""
+        self.failing: dict[str, Exception] = {}
+        """Call → what it raises."""
+        self.calls: list[str] = []
+        self.written: list[FloatArray] = []
+
+    def read(self) -> JointState:
+        self._called("read")
+        state = super().read()
+        return JointState(state.stamp_s, state.position, state.velocity, state.effort, dict(self.faults))
+
+    def write(self, command: JointCommand) -> None:
+        self._called("write")
+        self.written.append(command.position.copy())
+        super().write(JointCommand(self._reached(command.position), command.period_s))
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        self._called("relax" if relax else "hold")
+        return super().deactivate(relax)
+
+    def cleanup(self) -> None:
+        self._called("cleanup")
+        super().cleanup()
+
+    def _called(self, what: str) -> None:
+        self.calls.append(what)
+        if what in self.failing:
+            raise self.failing[what]
+
+    def _reached(self, wanted: FloatArray) -> FloatArray:
+        way = wanted - self._position
+        for index, name in enumerate(self.joints):
+            if name in self.stuck:
+                way[index] = 0.0
+            reach = self.slow.get(name, np.inf)
+            way[index] = np.clip(way[index], -reach, reach)
+        return self._position + way
+
+
+@dataclass(slots=True)
+class Bench:
+    """The loop with an arm and a hand controller."""
+
+    settings: JtcSettings = field(default_factory=lambda: JtcSettings(ARM))
+    wrap: Callable[[Controller], Controller] = lambda controller: controller
+    clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(10.0))
+    hardware: ScriptedHardware = field(init=False)
+    manager: ControllerManager = field(init=False)
+    arm: JointTrajectoryController = field(init=False)
+    hand: ForwardCommandController = field(init=False)
+    loop: ControlLoop = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.hardware = ScriptedHardware(self.clock)
+        self.manager = ControllerManager(JOINTS)
+        self.arm = JointTrajectoryController("arm", self.settings, [ARM_LIMITS] * 2, JOINTS, self.manager.settled)
+        self.hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), JOINTS)
+        for controller in (self.arm, self.hand):
+            self.manager.add(self.wrap(controller))
+        self.loop = ControlLoop(self.hardware, self.manager, LIMITS, self.clock, PERIOD_S)
+
+    def up(self) -> "Bench":
+        """Configured and active, standing at zero."""
+        self.hardware.configure()
+        self.loop.activate()
+        return self
+
+    def cycle(self, count: int = 1) -> None:
+        """So many cycles, each a period after the last."""
+        for _ in range(count):
+            self.clock.sleep_until(self.clock.now() + PERIOD_S)
+            self.loop.step()
+
+    def cycles_until(self, done: Callable[[], bool], longest: int = 400) -> int:
+        """How many cycles it takes."""
+        for count in range(longest):
+            if done():
+                return count
+            self.cycle()
+        raise AssertionError(f"not within {longest} cycles")
+
+    def send(self, goal: TrajectoryGoal) -> GoalHandle:
+        """A goal that must be acceptable."""
+        assert self.arm.check(goal) is None
+        return self.arm.submit(goal)
+
+    def path(self) -> FloatArray:
+        """All commands that were written, shape (cycles, joints)."""
+        return np.array(self.hardware.written)
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Of the reference, now."""
+        assert self.arm.tracking is not None
+        return self.arm.tracking.reference.velocity
+
+
+def to(
+    *position: float,
+    after_s: float = 1.0,
+    path: Mapping[str, float] | None = None,
+    goal: Mapping[str, float] | None = None,
+    goal_time_s: float = 0.0,
+    delay_s: float = 0.0,
+) -> TrajectoryGoal:
+    """One point, as most clients send it."""
+    tolerances = Tolerances(path or {}, goal or {}, goal_time_s)
+    return TrajectoryGoal(ARM, (GoalPoint(tuple(position), after_s),), tolerances, delay_s)
+
+
+def through(*points: GoalPoint, delay_s: float = 0.0) -> TrajectoryGoal:
+    """Several points."""
+    return TrajectoryGoal(ARM, points, delay_s=delay_s)

@@ -1,0 +1,420 @@
+"""The bus over the virtual wire on a simulated clock, and over a port that says what it is told to say."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoRefused, ServoSilent
+from drivers.feetech import sts, wire
+from drivers.feetech.bus import FIRST_REPLY_S, FeetechBus
+from drivers.port import Port
+from drivers.registers import ServoModel
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+IDS = (1, 2, 3, 4, 5, 6, 7)
+
+
+@dataclass
+class Line:
+    """A bus of virtual servos and everything around it."""
+
+    clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(100.0))
+    servos: VirtualBus = field(default_factory=lambda: VirtualBus.of(BenchPlant(IDS)))
+
+    def __post_init__(self) -> None:
+        self.port = VirtualPort(self.servos, self.clock)
+        self.bus = FeetechBus(self.port, self.clock)
+
+    def held(self, servo_id: int, register: sts.Register) -> int:
+        return self.servos.servo(servo_id).memory.get(register)
+
+
+class ScriptedPort:
+    """A port that answers each write with the next of ``answers``, at once, and then keeps quiet."""
+
+    name = "scripted"
+    baud = 1_000_000
+
+    def __init__(self, clock: SimulatedClock, *answers: bytes) -> None:
+        self.clock = clock
+        self.answers = list(answers)
+        self.input = b""
+        self.reads = 0
+        self.sent: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self.input += self.answers.pop(0) if self.answers else b""
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self.reads += 1
+        if len(self.input) < size:
+            self.clock.sleep_until(deadline_s)
+        data, self.input = self.input[:size], self.input[size:]
+        return data
+
+    def discard_input(self) -> None:
+        self.input = b""
+
+    def close(self) -> None: ...
+
+
+def scripted(*answers: bytes) -> tuple[FeetechBus, ScriptedPort, SimulatedClock]:
+    clock = SimulatedClock(5.0)
+    port = ScriptedPort(clock, *answers)
+    typed: Port = port
+    return FeetechBus(typed, clock), port, clock
+
+
+def status(servo_id: int, data: bytes = b"", error: int = 0) -> bytes:
+    return wire.packet(servo_id, error, data)
+
+
+def state(position: int) -> bytes:
+    return position.to_bytes(2, "little") + bytes((0, 0, 0, 0, 120, 30))
+
+
+def is_state(reading: object) -> bool:
+    return isinstance(reading, ServoState)
+
+
+# One servo
+
+
+def test_identify_is_content_with_the_right_model() -> None:
+    Line().bus.identify(3, sts.STS3215)
+
+
+def test_identify_names_the_model_that_it_found_and_says_what_to_do() -> None:
+    line = Line()
+    other = ServoModel("sts9999", 9999, "little", 4096, 12.0, 1.0, 1.0)
+    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(sts3215\), not 9999 \(sts9999\): correct"):
+        line.bus.identify(3, other)
+    line.servos.servo(3).memory.put(sts.model_number, 1234)
+    with pytest.raises(ServoRefused, match=r"is model 1234 \(unknown\), not 777 \(sts3215\)"):
+        line.bus.identify(3, sts.STS3215)
+
+
+def test_a_silent_servo_is_named_and_the_text_says_where_to_look() -> None:
+    line = Line()
+    line.servos.faults.silence(3)
+    uses: list[Callable[[], object]] = [
+        lambda: line.bus.identify(3, sts.STS3215),
+        lambda: line.bus.read(3, sts.present_position),
+        lambda: line.bus.write(3, sts.acceleration, 1),
+        lambda: line.bus.torque_on(3),
+    ]
+    for use in uses:
+        with pytest.raises(ServoSilent, match="servo 3: does not answer: check its power") as caught:
+            use()
+        assert caught.value.servo_id == 3
+
+
+def test_a_corrupt_reply_is_named() -> None:
+    line = Line()
+    line.servos.faults.corrupt_next(3)
+    with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
+        line.bus.read(3, sts.present_position)
+    assert line.bus.read(3, sts.present_position) == 2048
+
+
+@pytest.mark.parametrize("register", [sts.acceleration, sts.goal_position, sts.goal_velocity])
+def test_what_is_written_is_read(register: sts.Register) -> None:
+    line = Line()
+    line.bus.write(2, register, 123)
+    assert line.bus.read(2, register) == line.held(2, register) == 123
+    assert line.bus.read(1, register) == 0
+
+
+def test_a_negative_value_survives_the_way_there_and_back() -> None:
+    line = Line()
+    line.bus.write(2, sts.goal_position, -300)
+    assert line.bus.goal(2) == -300
+
+
+def test_a_value_that_does_not_fit_is_not_sent() -> None:
+    bus, port, _ = scripted()
+    with pytest.raises(ValueError, match="torque_limit takes 0 to 65535"):
+        bus.write(1, sts.torque_limit, -1)
+    with pytest.raises(ValueError, match="goal_position"):
+        bus.write_goals({1: ServoGoal(40_000)})
+    assert port.sent == []
+
+
+def test_an_alarm_in_the_reply_is_no_failure() -> None:
+    """A servo in overload must still obey, above all when it is told to let go."""
+    bus, _, _ = scripted(status(1, b"\x01", error=0x20), status(1, error=0x20))
+    assert bus.torque_is_on(1)
+    assert bus.torque_off([1]) == []
+
+
+def test_waiting_for_a_silent_servo_is_one_wait_not_a_spin() -> None:
+    bus, port, clock = scripted()
+    with pytest.raises(ServoSilent):
+        bus.read(1, sts.present_position)
+    assert port.reads <= 2
+    assert 0.01 < clock.now() - 5.0 < 0.05
+
+
+def test_a_torn_reply_ends_at_the_deadline_too() -> None:
+    bus, port, clock = scripted(status(1, b"\x01\x02")[:-2])
+    with pytest.raises(ServoCorrupt):
+        bus.read(1, sts.present_position)
+    assert port.reads <= 4
+    assert clock.now() - 5.0 < 0.05
+
+
+@pytest.mark.parametrize(
+    ("register", "data"),
+    [
+        (sts.torque_enable, b""),
+        (sts.torque_enable, b"\x01\x02"),
+        (sts.present_position, b""),
+        (sts.present_position, b"\x01"),
+        (sts.present_position, b"\x01\x02\x03"),
+    ],
+)
+def test_a_reply_of_another_length_is_not_taken_for_a_value(register: sts.Register, data: bytes) -> None:
+    """A late acknowledgement has the right ID and a right checksum, and is no answer."""
+    bus, _, _ = scripted(status(1, data))
+    with pytest.raises(ServoCorrupt, match=f"servo 1: answered {len(data)} bytes for {register.name}"):
+        bus.read(1, register)
+
+
+@pytest.mark.parametrize("late", [status(3), status(3, b"\x09")])
+def test_identify_survives_a_reply_without_a_model_number(late: bytes) -> None:
+    bus, _, _ = scripted(late, late)
+    with pytest.raises(DriverError, match="servo 3"):
+        bus.identify(3, sts.STS3215)
+
+
+def test_a_reply_of_another_servo_is_not_taken_for_an_answer() -> None:
+    bus, _, _ = scripted(status(2, b"\x07\x07") + status(1, b"\x00\x08"))
+    assert bus.read(1, sts.present_position) == 2048
+
+
+def test_stale_input_is_dropped_before_a_request() -> None:
+    bus, port, _ = scripted(status(1, b"\x00\x08"))
+    port.input = status(1, b"\x01\x01")
+    assert bus.read(1, sts.present_position) == 2048
+
+
+def test_an_interrupt_in_a_read_does_not_block_the_bus() -> None:
+    """Whoever lets go of the servos after Ctrl-C must reach them."""
+    line = Line()
+    line.bus.torque_on(1)
+
+    def interrupted(size: int, deadline_s: float) -> bytes:
+        raise KeyboardInterrupt
+
+    read = line.port.read
+    line.port.read = interrupted  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        line.bus.read(1, sts.present_position)
+    line.port.read = read  # type: ignore[method-assign]
+    assert line.bus.torque_off([1]) == []
+    assert line.held(1, sts.torque_enable) == 0
+
+
+# Groups
+
+
+def test_all_states_come_in_one_exchange() -> None:
+    line = Line()
+    line.servos.servo(2).memory.put(sts.goal_position, 3000)
+    readings = line.bus.read_states(IDS)
+    assert list(readings) == list(IDS)
+    for reading in readings.values():
+        assert isinstance(reading, ServoState)
+        assert reading == ServoState(2048, 0, 0.0, pytest.approx(12.0), reading.temperature_c)
+        assert 15.0 < reading.temperature_c < 40.0
+
+
+def test_units_and_signs_of_a_state() -> None:
+    data = bytes((0x01, 0x80, 0x64, 0x80, 0xF4, 0x05, 118, 41))  # -1, -100, -500, 11.8 V, 41 C
+    bus, _, _ = scripted(status(1, data, error=0x24))
+    assert bus.read_states([1])[1] == ServoState(
+        -1, -100, pytest.approx(-0.5), pytest.approx(11.8), 41.0, ("temperature", "overload")
+    )
+
+
+@pytest.mark.parametrize("silent", [(1,), (4,), (7,), (1, 2), (3, 5), (1, 3, 5, 7), (1, 2, 3, 4, 5, 6)])
+def test_silent_servos_do_not_hide_the_others(silent: tuple[int, ...]) -> None:
+    line = Line()
+    for servo_id in silent:
+        line.servos.faults.silence(servo_id)
+    readings = line.bus.read_states(IDS)
+    for servo_id in IDS:
+        if servo_id in silent:
+            assert readings[servo_id] == ServoFault("silent", f"servo {servo_id} does not answer")
+        else:
+            assert is_state(readings[servo_id]), servo_id
+
+
+@pytest.mark.parametrize("silent", IDS)
+def test_a_silent_servo_costs_a_few_milliseconds(silent: int) -> None:
+    line = Line()
+    begin_s = line.clock.now()
+    line.bus.read_states(IDS)
+    whole_s = line.clock.now() - begin_s
+    line.servos.faults.silence(silent)
+    begin_s = line.clock.now()
+    line.bus.read_states(IDS)
+    cost_s = line.clock.now() - begin_s - whole_s
+    assert whole_s < 0.0025
+    assert cost_s < 0.008
+
+
+def test_a_dead_bus_costs_the_first_wait_only() -> None:
+    line = Line()
+    for servo_id in IDS:
+        line.servos.faults.silence(servo_id)
+    begin_s = line.clock.now()
+    assert {r.kind for r in line.bus.read_states(IDS).values() if isinstance(r, ServoFault)} == {"silent"}
+    assert line.clock.now() - begin_s == pytest.approx(FIRST_REPLY_S, abs=1e-3)
+
+
+@pytest.mark.parametrize("corrupt", IDS)
+def test_a_corrupt_reply_is_named_and_the_others_are_read(corrupt: int) -> None:
+    line = Line()
+    line.servos.faults.corrupt_next(corrupt)
+    readings = line.bus.read_states(IDS)
+    assert readings.pop(corrupt) == ServoFault("corrupt", f"servo {corrupt} answered with a wrong checksum")
+    assert all(map(is_state, readings.values()))
+    assert all(map(is_state, line.bus.read_states(IDS).values()))
+
+
+@pytest.mark.parametrize(
+    "noise", [b"\x00", b"\xff", b"\xff\xff", b"\xff\xff\x01\x0a\x00\x01", b"\xff\xff\x02\xf0", bytes(range(200))]
+)
+def test_noise_before_and_between_replies_costs_none(noise: bytes) -> None:
+    burst = noise.join(status(i, state(1000 + i)) for i in (1, 2, 3))
+    bus, _, _ = scripted(noise + burst)
+    readings = bus.read_states([1, 2, 3])
+    assert [r.position_counts for r in readings.values() if isinstance(r, ServoState)] == [1001, 1002, 1003]
+
+
+def test_input_from_before_the_request_is_no_answer() -> None:
+    bus, port, _ = scripted(status(1, state(2000)))
+    port.input = status(1, state(1)) + status(2, state(1))
+    first, second = bus.read_states([1, 2]).values()
+    assert isinstance(first, ServoState)
+    assert first.position_counts == 2000
+    assert isinstance(second, ServoFault)
+
+
+def test_replies_of_servos_that_nobody_asked_are_ignored() -> None:
+    bus, _, _ = scripted(status(9, state(1)) + status(1, state(2000)))
+    assert list(bus.read_states([1])) == [1]
+
+
+def test_endless_noise_ends() -> None:
+    bus, port, clock = scripted()
+
+    def babble(size: int, deadline_s: float) -> bytes:
+        if clock.now() >= deadline_s:
+            return b""
+        clock.sleep_until(clock.now() + size * 1e-5)
+        return bytes(size)
+
+    port.read = babble  # type: ignore[method-assign]
+    assert not any(map(is_state, bus.read_states(IDS).values()))
+    assert clock.now() - 5.0 < 0.06
+
+
+@pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
+def test_a_slow_line_is_waited_for(baud: int) -> None:
+    clock = SimulatedClock()
+    servos = VirtualBus.of(BenchPlant(IDS))
+    for servo in servos.servos:
+        servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(baud))
+    bus = FeetechBus(VirtualPort(servos, clock, baud=baud), clock)
+    assert all(map(is_state, bus.read_states(IDS).values()))
+    servos.faults.silence(2)
+    assert sum(map(is_state, bus.read_states(IDS).values())) == len(IDS) - 1
+
+
+def test_goals_arrive_with_their_speeds_and_without_a_ramp() -> None:
+    line = Line()
+    line.bus.write(2, sts.acceleration, 9)
+    line.bus.write_goals({1: ServoGoal(2000, 300), 2: ServoGoal(2100), 3: ServoGoal(-5, 1)})
+    wanted = {1: (2000, 300), 2: (2100, 0), 3: (-5, 1), 4: (0, 0)}
+    for servo_id, (position, velocity) in wanted.items():
+        assert line.bus.goal(servo_id) == position
+        assert line.held(servo_id, sts.goal_velocity) == velocity
+        assert line.held(servo_id, sts.acceleration) == 0
+
+
+# Torque
+
+
+def test_torque_goes_on_and_off_one_by_one() -> None:
+    line = Line()
+    assert not line.bus.torque_is_on(2)
+    line.bus.torque_on(2)
+    assert line.bus.torque_is_on(2)
+    assert not line.bus.torque_is_on(1)
+    assert line.bus.torque_off(IDS) == []
+    assert not line.bus.torque_is_on(2)
+
+
+@pytest.mark.parametrize("broken", [(1,), (7,), (1, 4, 7)])
+def test_torque_off_tries_every_servo_and_names_those_that_failed(broken: tuple[int, ...]) -> None:
+    line = Line()
+    for servo_id in IDS:
+        line.bus.torque_on(servo_id)
+    for servo_id in broken:
+        line.servos.faults.silence(servo_id)
+    failed = line.bus.torque_off(IDS)
+    assert [error.servo_id for error in failed] == list(broken)
+    assert [i for i in IDS if line.held(i, sts.torque_enable)] == list(broken)
+
+
+def test_torque_off_goes_on_after_a_corrupt_acknowledgement() -> None:
+    line = Line()
+    for servo_id in IDS:
+        line.bus.torque_on(servo_id)
+    line.servos.faults.corrupt_next(2)
+    assert [error.servo_id for error in line.bus.torque_off(IDS)] in ([], [2])
+    assert not any(line.held(i, sts.torque_enable) for i in IDS)
+
+
+@pytest.mark.parametrize(("share", "value"), [(1.0, 1000), (0.5, 500), (0.0, 0), (0.1234, 123)])
+def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
+    line = Line()
+    line.bus.limit_torque(1, share)
+    assert line.held(1, sts.torque_limit) == value
+
+
+# The line
+
+
+def test_every_call_says_that_the_line_is_gone() -> None:
+    line = Line()
+    line.port.unplug()
+    uses: list[Callable[[], object]] = [
+        lambda: line.bus.identify(1, sts.STS3215),
+        lambda: line.bus.read(1, sts.goal_position),
+        lambda: line.bus.write(1, sts.acceleration, 0),
+        lambda: line.bus.read_states(IDS),
+        lambda: line.bus.write_goals({1: ServoGoal(1)}),
+        lambda: line.bus.torque_on(1),
+        lambda: line.bus.torque_off(IDS),
+    ]
+    for use in uses * 2:
+        with pytest.raises(PortLost):
+            use()
+
+
+def test_closing_gives_the_port_back() -> None:
+    line = Line()
+    assert line.bus.name == "virtual"
+    line.bus.close()
+    line.bus.close()
+    with pytest.raises(PortLost):
+        line.port.write(b"")

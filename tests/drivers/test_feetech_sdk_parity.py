@@ -1,0 +1,92 @@
+"""Our group packets are the official SDK's group packets, byte by byte."""
+
+import importlib
+from collections.abc import Sequence
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoGoal
+from drivers.clock import MonotonicClock
+from drivers.feetech import sts, wire
+from drivers.feetech.bus import FeetechBus
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("scservo_sdk")
+
+ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
+
+
+class Tape:
+    """What the SDK and we take for a port: keeps what is sent, never answers."""
+
+    name = "tape"
+    baud = 1_000_000
+    is_using = False
+
+    def __init__(self) -> None:
+        self.sent = b""
+
+    def clearPort(self) -> None: ...
+    def setPacketTimeout(self, packet_length: int) -> None: ...
+    def discard_input(self) -> None: ...
+    def close(self) -> None: ...
+
+    def writePort(self, packet: Sequence[int]) -> int:
+        self.sent += bytes(packet)
+        return len(packet)
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        return b""
+
+
+def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
+    tape = Tape()
+    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(0), address, size)
+    for servo_id in servo_ids:
+        assert group.addParam(servo_id)
+    assert group.txPacket() == sdk.COMM_SUCCESS
+    return tape.sent
+
+
+def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
+    tape = Tape()
+    group = sdk.GroupSyncWrite(tape, sdk.PacketHandler(0), address, size)
+    for servo_id, content in data.items():
+        assert group.addParam(servo_id, list(content))
+    assert group.txPacket() == sdk.COMM_SUCCESS
+    return tape.sent
+
+
+@given(ids, st.integers(0, 255), st.integers(1, 255))
+def test_sync_read(servo_ids: list[int], address: int, size: int) -> None:
+    assert wire.sync_read(servo_ids, address, size) == sdk_sync_read(servo_ids, address, size)
+
+
+@given(ids, st.integers(0, 255), st.integers(1, 10), st.data())
+def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
+    contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
+    assert wire.sync_write(address, size, contents) == sdk_sync_write(address, size, contents)
+
+
+@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 4095), st.integers(0, 32767)), min_size=1))
+def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
+    if len(goals) > 24:  # the SDK's longest packet
+        goals = dict(list(goals.items())[:24])
+    tape = Tape()
+    bus = FeetechBus(tape, MonotonicClock())
+    bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
+    low, high = sdk.SCS_LOBYTE, sdk.SCS_HIBYTE
+    contents = {i: bytes((0, low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}
+    assert tape.sent == sdk_sync_write(sts.acceleration.address, 7, contents)
+
+
+@given(ids)
+def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
+    tape = Tape()
+    FeetechBus(tape, MonotonicClock()).read_states(servo_ids)
+    assert tape.sent == sdk_sync_read(servo_ids, sts.present_position.address, 8)

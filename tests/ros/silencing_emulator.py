@@ -1,0 +1,29 @@
+"""An emulator of seven servos at the path that is named; SIGUSR1 pulls the plug of servo 4.
+
+python tests/ros/silencing_emulator.py LINK
+"""
+
+import signal
+import sys
+from pathlib import Path
+
+from servoloop.emulator import couplings
+from servoloop.files import read_files
+from sim_backend.bus import VirtualBus
+from sim_backend.emulator import serve
+from sim_backend.plant import WorldPlant
+from sim_backend.world import World
+
+SILENT_ID = 4
+
+
+def main() -> None:
+    bus = VirtualBus.of(WorldPlant(World(), couplings(read_files().robot)))
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
+    signal.signal(signal.SIGUSR1, lambda number, _: bus.faults.silence(SILENT_ID))
+    serve(bus, Path(sys.argv[1]), stop=lambda: bool(ended))
+
+
+if __name__ == "__main__":
+    main()

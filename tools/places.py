@@ -1,0 +1,14 @@
+"""Where set-up reads and writes."""
+
+import sysconfig
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+INTERFACES = ROOT / "interfaces"
+LOCK = ROOT / "requirements.lock"
+HOOKS = ROOT / "tools" / "cmake" / "hooks.cmake"
+LOGS = ROOT / "build" / "setup"
+VENV = ROOT / ".venv"
+PYTHON = VENV / "bin" / "python"
+STAMPS = VENV / "stamps"
+SITE_PACKAGES = Path(sysconfig.get_path("purelib", "venv", {"base": str(VENV)}))

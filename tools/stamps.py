@@ -1,0 +1,54 @@
+"""A stamp in .venv for each thing made there, with a hash of all it was made from: what agrees is not made again."""
+
+import hashlib
+import os
+import re
+import sys
+from pathlib import Path
+
+from places import HOOKS, INTERFACES, LOCK, ROOT, STAMPS, VENV
+
+
+def digest(*parts: str | Path) -> str:
+    """One hash over texts, files, and folders of files."""
+    total = hashlib.sha256()
+    for part in parts:
+        files = [part] if isinstance(part, Path) and part.is_file() else []
+        if isinstance(part, Path) and part.is_dir():
+            files = sorted(path for path in part.rglob("*") if path.is_file())
+        for path in files:
+            total.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes() + b"\0")
+        if isinstance(part, str):
+            total.update(part.encode() + b"\0")
+    return total.hexdigest()
+
+
+def is_stamped(name: str, key: str) -> bool:
+    stamp = STAMPS / name
+    return stamp.exists() and stamp.read_text() == key
+
+
+def stamp(name: str, key: str) -> None:
+    STAMPS.mkdir(exist_ok=True)
+    (STAMPS / name).write_text(key)
+
+
+def locked_packages() -> dict[str, str]:
+    """Name -> version of everything in the lock file."""
+    return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", LOCK.read_text(), re.MULTILINE))
+
+
+def venv_key() -> str:
+    # A virtual environment holds absolute paths, its own and that of the Python it was made with.
+    return digest(str(VENV), sys.version, os.path.realpath(sys.executable))
+
+
+def project_key() -> str:
+    return digest(ROOT / "pyproject.toml")
+
+
+def interface_key(package: str) -> str:
+    tools = [
+        f"{name} {version}" for name, version in locked_packages().items() if re.match("ros-|cmake|empy|numpy", name)
+    ]
+    return digest(INTERFACES / package, HOOKS, *tools)

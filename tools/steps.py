@@ -1,0 +1,135 @@
+"""The steps of set-up, each with its progress: environment, packages, this project, message packages."""
+
+import os
+import re
+import shutil
+import sys
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from commands import Commands, SetUpError
+from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
+from progress import Step
+from stamps import digest, interface_key, locked_packages, project_key, stamp, venv_key
+
+CORES = len(os.sched_getaffinity(0))
+
+
+def make_venv(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    command = (sys.executable, "-m", "venv", "--clear", VENV)
+    step.follow([pool.submit(commands.run, "venv", *command)], lambda: f".venv with Python {sys.version.split()[0]}")
+    stamp("venv", venv_key())
+
+
+def check_lock() -> None:
+    """A lock file that someone forgot to renew is found here, not by a user."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wanted = project["project"]["dependencies"]
+    for group in (*project["project"]["optional-dependencies"].values(), *project["dependency-groups"].values()):
+        wanted = wanted + group
+    locked = locked_packages()
+    for requirement in wanted:
+        pin = re.match(r"([\w.-]+)(?:\[.*?\])?==([^\s;]+)", requirement)
+        if pin is None:
+            raise SetUpError(f"pyproject.toml must pin {requirement} with ==.")
+        name, version = pin.groups()
+        if locked.get(name.lower()) != version:
+            raise SetUpError(f"pyproject.toml wants {name} {version}, requirements.lock does not: run make lock.")
+
+
+def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    check_lock()
+    total = len(locked_packages())
+    fetched: list[str] = []
+
+    def on_line(line: str) -> None:
+        if line.startswith("Collecting "):
+            fetched.append(line.split()[1].split("=")[0])
+
+    def detail() -> str:
+        installed = len(list(SITE_PACKAGES.glob("*.dist-info")))
+        if installed < 5:
+            return f"fetching {len(fetched)}/{total} {fetched[-1] if fetched else ''}"
+        return f"installing {min(installed, total)}/{total}"
+
+    # The lock names everything with its hash, so pip has nothing to resolve (--no-deps) and fetches no builders of its
+    # own (--no-build-isolation; setuptools comes first, because two packages are source). Python compiles what is
+    # really imported, when it is (--no-compile).
+    pip = (
+        PYTHON,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--no-input",
+        "install",
+        "--progress-bar=off",
+        "--no-deps",
+    )
+    builder = LOGS / "setuptools.lock"
+    builder.write_text("".join(re.findall(r"^setuptools==.*\n(?: .*\n)*", LOCK.read_text(), re.MULTILINE)))
+
+    def run() -> None:
+        for lock in (builder, LOCK):
+            options = ("--no-build-isolation", "--no-compile", "--require-hashes", "-r", lock)
+            commands.run("packages", *pip, *options, on_line=on_line)
+
+    # Killed while it unpacks, pip may leave half a package that it can not mend: then .venv is made anew.
+    stamp("installing", "")
+    try:
+        step.follow([pool.submit(run)], detail)
+    except SetUpError:
+        (STAMPS / "installing").unlink()  # pip itself gave up, and tidied up
+        raise
+    (STAMPS / "installing").unlink()
+    stamp("packages", digest(LOCK))
+
+
+def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    pip = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--no-deps")
+    command = (*pip, "--no-build-isolation", "--editable", ROOT)
+    step.follow([pool.submit(commands.run, "project", *command)], lambda: "servoloop itself, editable")
+    stamp("project", project_key())
+
+
+def uninstall_interfaces(package: str) -> None:
+    """Files that a package no longer has must not stay importable."""
+    manifest = STAMPS / f"{package}.files"
+    for line in manifest.read_text().splitlines() if manifest.exists() else []:
+        Path(line).unlink(missing_ok=True)
+    shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)  # with what Python compiled there
+    (STAMPS / f"interfaces-{package}").unlink(missing_ok=True)
+    manifest.unlink(missing_ok=True)
+
+
+def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    state = dict.fromkeys(stale, "")
+
+    def build(package: str) -> None:
+        def on_line(line: str) -> None:
+            if count := re.match(r"\[(\d+/\d+)\]", line):
+                state[package] = count.group(1)
+
+        log = f"interfaces-{package}"
+        folder = ROOT / "build" / "interfaces" / package
+        cmake = VENV / "bin" / "cmake"
+        options = {
+            "CMAKE_INSTALL_PREFIX": VENV,
+            "CMAKE_PROJECT_INCLUDE": HOOKS,
+            "Python3_EXECUTABLE": PYTHON,
+            "BUILD_TESTING": "OFF",
+        }
+        state[package] = "configuring"
+        defined = [f"-D{name}={value}" for name, value in options.items()]
+        commands.run(log, cmake, "--fresh", "-G", "Ninja", "-S", INTERFACES / package, "-B", folder, *defined)
+        commands.run(log, cmake, "--build", folder, "--parallel", str(CORES), on_line=on_line)
+        uninstall_interfaces(package)
+        commands.run(log, cmake, "--install", folder)
+        shutil.copy(folder / "install_manifest.txt", STAMPS / f"{package}.files")
+        stamp(f"interfaces-{package}", interface_key(package))
+        state[package] = "done"
+
+    futures = [pool.submit(build, package) for package in stale]
+    step.follow(
+        futures, lambda: ", ".join(f"{name} {text}" for name, text in state.items() if text not in ("", "done"))
+    )
