@@ -3,7 +3,7 @@
 import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -118,7 +118,7 @@ class JointTrajectoryController:
     # Called from the loop's thread.
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        self._inbox.clear()
+        self._refuse_waiting()
         self._cancels.clear()
         self._hold(command)
         self._last_s = state.stamp_s
@@ -129,8 +129,7 @@ class JointTrajectoryController:
         self._running = False
         if self._active:
             self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
-        while self._inbox:
-            self._inbox.popleft().decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
+        self._refuse_waiting()
         self._active = None
 
     def settled(self) -> bool:
@@ -153,6 +152,10 @@ class JointTrajectoryController:
             state.velocity[self._index],
             self.command,
         )
+
+    def _refuse_waiting(self) -> None:
+        while self._inbox:
+            self._inbox.popleft().decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
 
     def _sample(self, ahead_s: float) -> Kinematics:
         assert self._motion is not None, "activated before the first update"
@@ -199,6 +202,8 @@ class JointTrajectoryController:
 
     def _start(self, active: _Active, reference: Kinematics) -> None:
         goal = active.handle.goal
+        if goal.delay_s:  # a stamp is a point in time: waiting brings it nearer
+            goal = replace(goal, delay_s=goal.delay_s - active.waited_s)
         try:
             points = way_points(goal, self.joints, self._limits)
             motion = plan(reference, points, self._limits)
@@ -234,9 +239,10 @@ class JointTrajectoryController:
         late = active.waited_s >= self.settings.wait_for_timeout_s
         if late and not ready:
             LOG.warning("%s: starts although %s has not settled", self.name, ", ".join(self.settings.wait_for))
-        active.waited_s += step_s
         if ready or late:
             self._start(active, reference)
+        else:
+            active.waited_s += step_s
 
     def _judge(self, active: _Active, motion: Motion, state: JointState, reference: Kinematics) -> None:
         error = np.abs(reference.position - state.position[self._index])

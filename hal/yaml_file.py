@@ -7,7 +7,6 @@ from typing import TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-
 Model = TypeVar("Model", bound=BaseModel)
 
 

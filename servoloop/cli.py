@@ -90,6 +90,7 @@ def emulate(
         run(
             files.robot,
             link,
+            pictures,
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {link}"),
         )

@@ -7,6 +7,7 @@ from hal.robot import Robot
 from sim_backend.bus import VirtualBus
 from sim_backend.emulator import serve
 from sim_backend.feeder import Feeder
+from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, WorldPlant
 from sim_backend.world import World
 from sim_backend.world_feed import WorldFeed, feed_path
@@ -27,11 +28,20 @@ def couplings(robot: Robot) -> list[Coupling]:
     ]
 
 
-def emulate(robot: Robot, link: Path, stop: Callable[[], bool], on_ready: Callable[[], None]) -> World:
-    """Serve the bus at ``link`` until ``stop``. Raises PortBusy where ``link`` is taken."""
+def emulate(
+    robot: Robot, link: Path, pictures: Path | None, stop: Callable[[], bool], on_ready: Callable[[], None]
+) -> None:
+    """Serve the bus at ``link`` until ``stop``, then draw. Raises PortBusy where ``link`` is taken."""
     world = World()
     feeder = Feeder()
-    plant = WorldPlant(world, couplings(robot), lambda time_s: feeder.update(world, time_s))
+    recorder = Recorder(world) if pictures else None
+
+    def after_step(time_s: float) -> None:
+        feeder.update(world, time_s)
+        if recorder:
+            recorder.update(time_s)
+
+    plant = WorldPlant(world, couplings(robot), after_step)
     bus = VirtualBus.of(plant)
     with WorldFeed(feed_path(link)) as feed:
         serve(
@@ -41,4 +51,5 @@ def emulate(robot: Robot, link: Path, stop: Callable[[], bool], on_ready: Callab
             on_tick=lambda now_s: feed.tick(now_s, world, bus.dropped_s),
             on_ready=on_ready,
         )
-    return world
+    if recorder and pictures:
+        recorder.save(pictures)

@@ -15,6 +15,7 @@ from controller.ending import end
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
 from drivers.clock import MonotonicClock
+from drivers.errors import DriverError
 from servoloop import hardware
 from servoloop.emulator_process import emulator_process
 from servoloop.files import Files
@@ -42,8 +43,11 @@ class _Run:
         park = self.files.robot.file.park
         try:
             self.loop.run(lambda: self.signals.count > 0)
-        except Exception as error:
-            LOG.exception("the loop ends: %s", error)
+        except DriverError as error:
+            LOG.error("the loop ends: %s", error)
+            self.failed = True
+        except Exception:  # a defect: whatever it is, the arm is still brought to its end below
+            LOG.exception("the loop ends")
             self.failed = True
         finally:
             problems = end(

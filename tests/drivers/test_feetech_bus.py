@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import pytest
 
 from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoRefused, ServoSilent
+from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.feetech import sts, wire
 from drivers.feetech.bus import FIRST_REPLY_S, FeetechBus
 from drivers.port import Port
-from drivers.registers import ServoModel
+from drivers.registers import Register, ServoModel
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -30,7 +30,7 @@ class Line:
         self.port = VirtualPort(self.servos, self.clock)
         self.bus = FeetechBus(self.port, self.clock)
 
-    def held(self, servo_id: int, register: sts.Register) -> int:
+    def held(self, servo_id: int, register: Register) -> int:
         return self.servos.servo(servo_id).memory.get(register)
 
 
@@ -124,7 +124,7 @@ def test_a_corrupt_reply_is_named() -> None:
 
 
 @pytest.mark.parametrize("register", [sts.acceleration, sts.goal_position, sts.goal_velocity])
-def test_what_is_written_is_read(register: sts.Register) -> None:
+def test_what_is_written_is_read(register: Register) -> None:
     line = Line()
     line.bus.write(2, register, 123)
     assert line.bus.read(2, register) == line.held(2, register) == 123
@@ -179,7 +179,7 @@ def test_a_torn_reply_ends_at_the_deadline_too() -> None:
         (sts.present_position, b"\x01\x02\x03"),
     ],
 )
-def test_a_reply_of_another_length_is_not_taken_for_a_value(register: sts.Register, data: bytes) -> None:
+def test_a_reply_of_another_length_is_not_taken_for_a_value(register: Register, data: bytes) -> None:
     """A late acknowledgement has the right ID and a right checksum, and is no answer."""
     bus, _, _ = scripted(status(1, data))
     with pytest.raises(ServoCorrupt, match=f"servo 1: answered {len(data)} bytes for {register.name}"):
@@ -313,18 +313,22 @@ def test_replies_of_servos_that_nobody_asked_are_ignored() -> None:
     assert list(bus.read_states([1])) == [1]
 
 
-def test_endless_noise_ends() -> None:
+@pytest.mark.parametrize("noise", [b"\x00", b"\xff", status(9)])
+def test_endless_noise_ends(noise: bytes) -> None:
     bus, port, clock = scripted()
 
     def babble(size: int, deadline_s: float) -> bytes:
         if clock.now() >= deadline_s:
             return b""
         clock.sleep_until(clock.now() + size * 1e-5)
-        return bytes(size)
+        return (noise * size)[:size]
 
     port.read = babble  # type: ignore[method-assign]
     assert not any(map(is_state, bus.read_states(IDS).values()))
     assert clock.now() - 5.0 < 0.06
+    with pytest.raises(ServoError):
+        bus.read(1, sts.goal_position)
+    assert clock.now() - 5.0 < 0.12
 
 
 @pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])

@@ -55,8 +55,18 @@ def test_a_publication_says_what_a_camera_would_see(feed: WorldFeed) -> None:
         "cube_bin": "A",
         "joints": {"joint1": 0.5, "hand": 0.01},
         "dropped_s": 0.25,
+        "trace": [],
     }
     assert client.newest() is None
+    client.close()
+
+
+def test_the_trace_says_where_the_joints_were_since_the_last_publication(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    publish(feed, world)
+    for now_s in (1.01, 1.02, 2.0):
+        feed.tick(now_s, world, 0.0)
+    assert [p["trace"] for p in client.all()] == [[], [[1.01, [0.5, 0.01]], [1.02, [0.5, 0.01]], [2.0, [0.5, 0.01]]]]
     client.close()
 
 

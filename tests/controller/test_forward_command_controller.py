@@ -1,0 +1,139 @@
+"""The hand's commands, and when the hand has settled."""
+
+import numpy as np
+import pytest
+
+from tests.controller.bench import HAND, HAND_LIMITS, PERIOD_S, Bench
+
+NAN, INF = float("nan"), float("inf")
+
+
+def hand_commands(bench: Bench) -> list[float]:
+    return bench.path()[:, 2].tolist()
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ([0.01, 0.02], "command size (2) does not match number of interfaces (1): dropped"),
+        ([NAN], "Non-finite value received. Dropping message"),
+        ([INF], "Non-finite value received. Dropping message"),
+        ([-INF], "Non-finite value received. Dropping message"),
+        ([], None),
+    ],
+    ids=["wrong length", "NaN", "inf", "-inf", "empty"],
+)
+def test_what_is_no_command_is_dropped_and_the_hand_goes_on(values: list[float], reason: str | None) -> None:
+    bench = Bench().up()
+    bench.hand.submit([0.002])
+    bench.cycle(2)
+    assert bench.hand.submit(values) == reason
+    bench.cycle(2)
+    assert hand_commands(bench) == pytest.approx([0.002] * 4)
+    assert bench.hand.submit([0.004]) is None
+    bench.cycle()
+    assert hand_commands(bench)[-1] == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize(("wanted", "expected"), [(0.5, 0.05), (-0.01, 0.0), (0.05, 0.05)])
+def test_a_command_beyond_the_limits_goes_to_the_limit(
+    wanted: float, expected: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench().up()
+    assert bench.hand.submit([wanted]) is None
+    bench.cycle(20)
+    assert hand_commands(bench)[-1] == pytest.approx(expected)
+    assert ("outside the limits" in caplog.text) == (wanted != expected)
+
+
+def test_it_holds_where_it_is_until_the_first_command() -> None:
+    bench = Bench()
+    bench.hardware._position = np.array([0.0, 0.0, 0.03])
+    bench.up().cycle(3)
+    assert hand_commands(bench) == pytest.approx([0.03] * 3)
+
+
+def test_the_last_command_is_repeated_in_every_cycle() -> None:
+    bench = Bench().up()
+    bench.hand.submit([0.004])
+    bench.cycle(5)
+    assert hand_commands(bench) == pytest.approx([0.004] * 5)
+
+
+def test_of_several_commands_in_a_cycle_the_newest_counts() -> None:
+    bench = Bench().up()
+    for value in (0.001, 0.002, 0.003):
+        bench.hand.submit([value])
+    bench.cycle()
+    assert hand_commands(bench) == pytest.approx([0.003])
+
+
+def test_a_command_from_before_the_activation_is_not_obeyed() -> None:
+    bench = Bench()
+    bench.hand.submit([0.05])
+    bench.up().cycle(3)
+    assert hand_commands(bench) == [0.0] * 3
+
+
+# Settled
+
+
+def slow_bench(way_per_cycle: float = 0.004) -> Bench:
+    bench = Bench().up()
+    bench.hardware.slow = {HAND: way_per_cycle}
+    bench.cycle()
+    return bench
+
+
+def test_it_is_unsettled_from_the_moment_in_which_the_command_is_handed_over() -> None:
+    bench = slow_bench()
+    assert bench.hand.settled()
+    bench.hand.submit([0.05])
+    assert not bench.hand.settled()
+    bench.cycle()
+    assert not bench.hand.settled()
+
+
+def test_it_is_settled_on_arrival() -> None:
+    bench = slow_bench()
+    bench.hand.submit([0.05])
+    bench.cycles_until(bench.hand.settled)
+    assert bench.hardware.read().position[2] == pytest.approx(0.05, abs=0.02 * HAND_LIMITS.upper + 1e-9)
+
+
+def test_it_is_settled_when_the_fingers_stall_but_not_before_they_could_have_begun_to_move() -> None:
+    bench = slow_bench()
+    bench.hardware.stuck = {HAND}
+    bench.hand.submit([0.05])
+    cycles = bench.cycles_until(bench.hand.settled)
+    assert 0.1 < cycles * PERIOD_S <= 0.2
+
+
+def test_fingers_that_stall_and_slip_on_are_not_settled_in_between() -> None:
+    bench = slow_bench()
+    bench.hand.submit([0.05])
+    for _ in range(3):
+        bench.hardware.stuck = {HAND}
+        bench.cycle(2)
+        assert not bench.hand.settled()
+        bench.hardware.stuck = set()
+        bench.cycle(2)
+        assert not bench.hand.settled()
+
+
+def test_the_same_command_again_does_not_unsettle_it() -> None:
+    bench = slow_bench()
+    bench.hand.submit([0.05])
+    bench.cycles_until(bench.hand.settled)
+    bench.hand.submit([0.05])
+    bench.cycle()
+    assert bench.hand.settled()
+
+
+def test_a_hand_that_is_not_measured_never_settles() -> None:
+    bench = Bench().up()
+    bench.hand.submit([0.05])
+    for _ in range(20):
+        bench.hardware._position = bench.hardware._velocity = np.full(3, np.nan)
+        bench.hand.update(bench.hardware.read(), bench.clock.now(), PERIOD_S)
+        assert not bench.hand.settled()

@@ -1,0 +1,207 @@
+"""Which goals are refused, and in which words; the texts of ros2_control where it has some."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controller.goal import (
+    ErrorCode,
+    GoalHandle,
+    GoalPoint,
+    GoalStatus,
+    Tolerances,
+    TrajectoryGoal,
+    in_order,
+    reason_to_reject,
+    resolve,
+)
+from hal.types import JointLimits
+
+JOINTS = ("joint1", "joint2")
+LIMITS = (JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0), JointLimits(-1.0, 1.0, 3.0, 12.0, 120.0))
+NAN, INF = float("nan"), float("inf")
+
+
+def point(
+    positions: tuple[float, ...] = (0.5, 0.5),
+    after_s: float = 1.0,
+    velocities: tuple[float, ...] = (),
+    accelerations: tuple[float, ...] = (),
+) -> GoalPoint:
+    return GoalPoint(positions, after_s, velocities, accelerations)
+
+
+def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 0.0) -> TrajectoryGoal:
+    return TrajectoryGoal(joints, points, delay_s=delay_s)
+
+
+MISMATCH = "Joints on incoming trajectory don't match the controller joints."
+REFUSED = {
+    "no joints": (goal(point(()), joints=()), MISMATCH),
+    "a joint missing": (goal(point((0.5,)), joints=("joint1",)), MISMATCH),
+    "a joint too many": (goal(point((0.5,) * 3), joints=(*JOINTS, "joint3")), MISMATCH),
+    "an unknown joint": (
+        goal(point(), joints=("joint1", "foo")),
+        "Incoming joint foo doesn't match the controller's joints.",
+    ),
+    "a joint twice": (goal(point(), joints=("joint1", "joint1")), "A joint is named twice."),
+    "no points": (goal(), "Empty trajectory received."),
+    "positions too short": (
+        goal(point((0.5,))),
+        "Mismatch between joint_names size (2) and positions (1) at point #0.",
+    ),
+    "positions too long": (
+        goal(point(), point((0.5,) * 3, 2.0)),
+        "Mismatch between joint_names size (2) and positions (3) at point #1.",
+    ),
+    "velocities only": (
+        goal(point((), velocities=(0.1, 0.1))),
+        "Mismatch between joint_names size (2) and positions (0) at point #0.",
+    ),
+    "velocities of another length": (
+        goal(point(velocities=(0.1,))),
+        "Mismatch between joint_names size (2) and velocities (1) at point #0.",
+    ),
+    "accelerations of another length": (
+        goal(point(accelerations=(0.1,) * 3)),
+        "Mismatch between joint_names size (2) and accelerations (3) at point #0.",
+    ),
+    "equal times": (
+        goal(point(), point()),
+        "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 1.000000 respectively",
+    ),
+    "decreasing times": (
+        goal(point(), point(after_s=0.5)),
+        "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
+    ),
+    "its end has passed": (
+        goal(point(after_s=1.0), delay_s=-1.5),
+        "Received trajectory with non-zero start time that ends in the past (0.500 s ago)",
+    ),
+    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite numbers are executed"),
+    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite numbers are executed"),
+    "NaN in the middle": (
+        goal(point(), point((0.0, NAN), 2.0), point(after_s=3.0)),
+        "joint2 is nan at point #1: only finite numbers are executed",
+    ),
+    "NaN velocity": (
+        goal(point(velocities=(NAN, 0.0))),
+        "joint1 is nan at point #0: only finite numbers are executed",
+    ),
+    "inf acceleration": (
+        goal(point(accelerations=(0.0, -INF))),
+        "joint2 is -inf at point #0: only finite numbers are executed",
+    ),
+    "beyond a position limit": (
+        goal(point((0.0, 1.5))),
+        "joint2 would go to 1.5000 at point #0, outside its limits -1.0000 to 1.0000",
+    ),
+    "below a position limit, in the client's order": (
+        goal(point((-1.5, 0.0)), joints=("joint2", "joint1")),
+        "joint2 would go to -1.5000 at point #0, outside its limits -1.0000 to 1.0000",
+    ),
+    "beyond a velocity limit": (
+        goal(point(velocities=(0.0, -3.5)), point(after_s=2.0)),
+        "joint2 would move at -3.5000 at point #0, beyond its limit 3.0000",
+    ),
+    "beyond an acceleration limit": (
+        goal(point(accelerations=(13.0, 0.0)), point(after_s=2.0)),
+        "joint1 would accelerate at 13.0000 at point #0, beyond its limit 12.0000",
+    ),
+    "a last velocity that is not allowed": (
+        goal(point(velocities=(0.2, 0.0))),
+        "Velocity of last trajectory point of joint joint1 is not zero: 0.200000000000000",
+    ),
+}
+
+ACCEPTED = {
+    "one point": goal(point()),
+    "two points": goal(point(), point(after_s=2.0)),
+    "velocities": goal(point(velocities=(0.3, -0.3)), point(after_s=2.0, velocities=(0.0, 0.0))),
+    "velocities and accelerations": goal(
+        point(velocities=(0.3, 0.0), accelerations=(1.0, 0.0)), point(after_s=2.0, velocities=(0.0, 0.0))
+    ),
+    "accelerations without velocities": goal(point(accelerations=(1.0, 0.0))),
+    "the first point at zero": goal(point(after_s=0.0), point(after_s=1.0)),
+    "zero time": goal(point(after_s=0.0)),
+    "negative time": goal(point(after_s=-1.0)),
+    "the first of two negative": goal(point(after_s=-1.0), point(after_s=1.0)),
+    "shuffled": goal(point((0.5, 2.0)), joints=("joint2", "joint1")),
+    "exactly on the limits": goal(point((-2.0, 1.0), velocities=(0.0, 0.0))),
+    "a stamp in the past, the end in the future": goal(point(after_s=2.0), delay_s=-1.0),
+    "a stamp in the future": goal(point(after_s=1.0), delay_s=1.0),
+    "a last velocity below upstream's threshold": goal(point(velocities=(1e-7, 0.0))),
+}
+
+
+@pytest.mark.parametrize(("asked", "text"), REFUSED.values(), ids=REFUSED.keys())
+def test_refused_in_these_words(asked: TrajectoryGoal, text: str) -> None:
+    assert reason_to_reject(asked, JOINTS, LIMITS, may_end_moving=False) == text
+
+
+@pytest.mark.parametrize("asked", ACCEPTED.values(), ids=ACCEPTED.keys())
+def test_accepted(asked: TrajectoryGoal) -> None:
+    assert reason_to_reject(asked, JOINTS, LIMITS, may_end_moving=False) is None
+
+
+def test_a_last_velocity_is_accepted_where_the_controllers_file_allows_it() -> None:
+    moving = goal(point(velocities=(0.2, 0.0)))
+    assert reason_to_reject(moving, JOINTS, LIMITS, may_end_moving=True) is None
+
+
+def test_values_are_brought_into_the_controllers_order() -> None:
+    asked = goal(point((0.1, 0.2)), joints=("joint2", "joint1"))
+    assert in_order(asked, JOINTS, asked.points[0].positions) == pytest.approx(np.array([0.2, 0.1]))
+
+
+DEFAULTS = Tolerances({"joint1": 0.1}, {"joint1": 0.2, "joint2": 0.3}, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("asked", "path", "at_goal", "time_s"),
+    [
+        (Tolerances(), (0.1, 0.0), (0.2, 0.3), 0.5),
+        (Tolerances({"joint1": 0.0}, {"joint2": 0.0}), (0.1, 0.0), (0.2, 0.3), 0.5),
+        (Tolerances({"joint2": 0.7}, {"joint1": 0.9}, 2.0), (0.1, 0.7), (0.9, 0.3), 2.0),
+        (Tolerances({"joint1": -1.0}, {"joint2": -1.0}, -1.0), (0.0, 0.0), (0.2, 0.0), 0.0),
+    ],
+    ids=["none", "zero is the default", "positive overrides", "-1 erases"],
+)
+def test_tolerances_of_a_goal(
+    asked: Tolerances, path: tuple[float, ...], at_goal: tuple[float, ...], time_s: float
+) -> None:
+    resolved = resolve(asked, DEFAULTS, JOINTS)
+    assert tuple(resolved.path.values()) == path
+    assert tuple(resolved.goal.values()) == at_goal
+    assert resolved.goal_time_s == time_s
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        (Tolerances({"joint1": -2.0}), "-2.0 is no tolerance"),
+        (Tolerances({}, {"joint1": -0.5}), "-0.5 is no tolerance"),
+        (Tolerances({}, {}, -2.0), "-2.0 is no tolerance"),
+        (Tolerances({"joint1": NAN}), "nan is no tolerance"),
+        (Tolerances({"foo": 0.1}), "joint 'foo' does not exist"),
+        (Tolerances({}, {"foo": 0.1}), "joint 'foo' does not exist"),
+    ],
+)
+def test_tolerances_that_make_no_sense(asked: Tolerances, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        resolve(asked, DEFAULTS, JOINTS)
+
+
+def test_the_first_decision_on_a_goal_stands() -> None:
+    handle = GoalHandle(goal(point()))
+    assert not handle.done
+    handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+    handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, "too late")
+    assert (handle.status, handle.error_code, handle.error_text) == (GoalStatus.CANCELED, 0, "")
+    assert handle.done
+
+
+def test_goals_cannot_be_changed_after_they_were_checked() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        goal(point()).delay_s = 1.0  # type: ignore[misc]

@@ -1,0 +1,504 @@
+"""What becomes of trajectory goals, cycle by cycle."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, Tolerances, TrajectoryGoal
+from controller.joint_trajectory_controller import SILENT_CYCLES, JtcSettings
+from hal.types import FloatArray
+from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, through, to
+
+REACHED = "Goal successfully reached!"
+PREEMPTED = "Current goal preempted by new incoming action."
+DEACTIVATED = "Current goal cancelled during deactivate transition."
+
+
+def outcome(handle: GoalHandle) -> tuple[GoalStatus, int, str]:
+    return handle.status, handle.error_code, handle.error_text
+
+
+def assert_smooth(path: FloatArray) -> None:
+    """Velocity within its limit, and changing no more than acceleration allows."""
+    velocity = np.diff(path[:, :2], axis=0) / PERIOD_S
+    assert np.abs(velocity).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
+    assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
+
+
+# One goal
+
+
+def test_it_arrives_at_its_time_and_says_so() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, -0.5, after_s=2.0))
+    cycles = bench.cycles_until(lambda: handle.done)
+    assert 2.0 <= (cycles - 1) * PERIOD_S + 1e-9 <= 2.0 + PERIOD_S
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, REACHED)
+    assert bench.path()[-1] == pytest.approx([1.0, -0.5, 0.0])
+    assert_smooth(bench.path())
+
+
+def test_it_moves_in_the_very_next_cycle() -> None:
+    bench = Bench().up()
+    bench.cycle()
+    bench.send(to(1.0, 0.0))
+    bench.cycle()
+    assert bench.path()[-1][0] > 0.0
+
+
+def test_a_goal_that_asks_too_much_takes_longer_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.9, 0.0, after_s=0.1))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert handle.error_text.startswith(f"{REACHED} The limits stretched it from 0.10 s to ")
+    assert "stretch the motion from 0.10 s to" in caplog.text
+    assert_smooth(bench.path())
+
+
+@pytest.mark.parametrize("after_s", [0.0, -1.0, 0.01])
+def test_a_goal_without_time_goes_as_fast_as_the_limits_allow(after_s: float) -> None:
+    bench = Bench().up()
+    handle = bench.send(to(0.5, 0.0, after_s=after_s))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.path()[-1][:2] == pytest.approx([0.5, 0.0])
+    assert_smooth(bench.path())
+
+
+def test_a_goal_where_it_already_stands_succeeds_without_moving() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(0.0, 0.0, after_s=0.0))
+    bench.cycles_until(lambda: handle.done, 3)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert np.abs(bench.path()).max() == 0.0
+
+
+def test_joints_are_mapped_by_name() -> None:
+    bench = Bench().up()
+    handle = bench.send(TrajectoryGoal(ARM[::-1], (GoalPoint((0.1, 0.7), 1.0),)))
+    bench.cycles_until(lambda: handle.done)
+    assert bench.path()[-1][:2] == pytest.approx([0.7, 0.1])
+
+
+def test_the_command_leads_by_as_much_as_the_servos_lag() -> None:
+    plain, leading = Bench().up(), Bench(JtcSettings(ARM, command_lead_s=0.02)).up()
+    for bench in (plain, leading):
+        bench.send(to(1.0, 0.0))
+        bench.cycle(8)
+        assert bench.arm.tracking is not None
+        assert bench.arm.tracking.output[0] == bench.path()[-1][0]
+    assert leading.path()[-1][0] - plain.path()[-1][0] == pytest.approx(0.02 * plain.velocity[0], rel=0.25)
+
+
+# Several points
+
+
+def test_way_points_are_passed_on_time_without_stopping() -> None:
+    bench = Bench().up()
+    handle = bench.send(through(*(GoalPoint((0.4 * i, 0.0), float(i)) for i in range(4))))
+    seen: dict[float, float] = {}
+    for cycle in range(61):
+        bench.cycle()
+        seen[round(cycle * PERIOD_S, 3)] = bench.velocity[0]
+    bench.cycle()
+    assert handle.status is GoalStatus.SUCCEEDED
+    path = bench.path()[:, 0]
+    assert path[19] == pytest.approx(0.4, abs=1e-3)
+    assert path[39] == pytest.approx(0.8, abs=1e-3)
+    assert min(seen[1.0], seen[2.0]) > 0.3
+    assert_smooth(bench.path())
+
+
+def test_it_ends_at_rest_whatever_velocity_the_last_point_has() -> None:
+    bench = Bench(JtcSettings(ARM, may_end_moving=True)).up()
+    handle = bench.send(through(GoalPoint((0.5, 0.0), 1.0, velocities=(0.5, 0.0))))
+    bench.cycles_until(lambda: handle.done)
+    bench.cycle(5)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.path()[-1][:2] == pytest.approx([0.5, 0.0])
+    assert_smooth(bench.path())
+
+
+@pytest.mark.parametrize(
+    ("points", "delay_s", "expected_s"),
+    [
+        ((GoalPoint((0.5, 0.0), 2.0),), -1.0, 1.0),
+        ((GoalPoint((0.5, 0.0), 1.0),), 1.0, 2.0),
+        ((GoalPoint((0.3, 0.0), 0.5), GoalPoint((0.5, 0.0), 2.0)), -1.0, 1.0),
+        ((GoalPoint((0.3, 0.0), -1.0), GoalPoint((0.5, 0.0), 1.5)), 0.0, 1.5),
+        ((GoalPoint((0.0, 0.0), 0.0), GoalPoint((0.5, 0.0), 1.5)), 0.0, 1.5),
+    ],
+    ids=["started a second ago", "starts in a second", "first point has passed", "first negative", "first at zero"],
+)
+def test_stamps_and_points_in_past_and_future(points: tuple[GoalPoint, ...], delay_s: float, expected_s: float) -> None:
+    bench = Bench().up()
+    handle = bench.send(through(*points, delay_s=delay_s))
+    cycles = bench.cycles_until(lambda: handle.done)
+    assert expected_s <= (cycles - 1) * PERIOD_S + 1e-9 <= expected_s + PERIOD_S
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
+    assert bench.path()[0][0] > 0.0  # it moves at once
+    assert_smooth(bench.path())
+
+
+def test_a_way_point_that_cannot_be_passed_within_the_limits_aborts_in_words_and_does_not_move() -> None:
+    """Accepted, because each point is within its limits; found when the motion is planned."""
+    bench = Bench().up()
+    handle = bench.send(through(GoalPoint((1.95, 0.0), 2.0, velocities=(4.0, 0.0)), GoalPoint((0.0, 0.0), 4.0)))
+    bench.cycle(5)
+    assert handle.status is GoalStatus.ABORTED
+    assert handle.error_code == ErrorCode.INVALID_GOAL
+    assert "joint 1 would swing to" in handle.error_text
+    assert np.abs(bench.path()).max() == 0.0
+
+
+# Preemption, cancel, deactivation
+
+
+def test_a_new_goal_takes_over_without_a_jump_and_the_old_one_is_aborted() -> None:
+    bench = Bench().up()
+    first = bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    second = bench.send(to(-0.5, 0.5, after_s=1.5))
+    bench.cycle()
+    assert outcome(first) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, PREEMPTED)
+    bench.cycles_until(lambda: second.done)
+    assert outcome(second) == (GoalStatus.SUCCEEDED, 0, REACHED)
+    assert_smooth(bench.path())
+
+
+def test_of_two_goals_in_one_cycle_the_second_wins() -> None:
+    bench = Bench().up()
+    first, second = bench.send(to(1.0, 0.0)), bench.send(to(-1.0, 0.0))
+    bench.cycle()
+    assert outcome(first) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, PREEMPTED)
+    assert bench.path()[-1][0] < 0.0
+    bench.cycles_until(lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+
+
+def test_a_cancel_decelerates_within_limits() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    before = bench.path()[-1][0]
+    assert bench.velocity[0] > 1.0
+    bench.arm.cancel(handle)
+    bench.cycle()
+    assert outcome(handle) == (GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+    bench.cycle(30)
+    assert before < bench.path()[-1][0] < 1.5
+    assert bench.path()[-1] == pytest.approx(bench.path()[-2])
+    assert_smooth(bench.path())
+
+
+def test_a_cancel_in_the_same_cycle_as_the_goal() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 0.0))
+    bench.arm.cancel(handle)
+    bench.cycle(3)
+    assert outcome(handle) == (GoalStatus.CANCELED, 0, "")
+    assert np.abs(bench.path()).max() == 0.0
+
+
+def test_a_cancel_of_a_goal_that_is_over_disturbs_nobody() -> None:
+    bench = Bench().up()
+    old = bench.send(to(0.1, 0.0, after_s=0.5))
+    bench.cycles_until(lambda: old.done)
+    new = bench.send(to(0.5, 0.0))
+    bench.cycle()
+    bench.arm.cancel(old)
+    bench.cycles_until(lambda: new.done)
+    assert old.status is GoalStatus.SUCCEEDED
+    assert new.status is GoalStatus.SUCCEEDED
+
+
+def test_deactivation_aborts_what_is_under_way_and_what_is_waiting() -> None:
+    bench = Bench().up()
+    under_way = bench.send(to(1.0, 0.0))
+    bench.cycle(5)
+    waiting = bench.send(to(0.5, 0.0))
+    bench.manager.deactivate()
+    for handle in (under_way, waiting):
+        assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
+
+
+def test_an_inactive_controller_refuses_goals() -> None:
+    bench = Bench()
+    text = "Can't accept new action goals. Controller is not running."
+    assert bench.arm.check(to(0.1, 0.1)) == text
+    bench.up()
+    assert bench.arm.check(to(0.1, 0.1)) is None
+    bench.manager.deactivate()
+    assert bench.arm.check(to(0.1, 0.1)) == text
+
+
+def test_a_goal_that_is_handed_over_just_after_deactivation_is_decided_too() -> None:
+    bench = Bench().up()
+    goal = to(0.1, 0.1)
+    assert bench.arm.check(goal) is None
+    bench.manager.deactivate()
+    handle = bench.arm.submit(goal)
+    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
+    bench.manager.activate(bench.hardware.read(), bench.loop.command)
+    bench.cycle(5)
+    assert np.abs(bench.path()).max() == 0.0
+
+
+# Tolerances
+
+
+def test_the_path_tolerance_of_the_goal_aborts_and_the_arm_stops() -> None:
+    bench = Bench().up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(1.0, 1.0, path={"elbow": 0.05}))
+    bench.cycles_until(lambda: handle.done)
+    expected = (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "Aborted due to path tolerance violation")
+    assert outcome(handle) == expected
+    bench.cycle(30)
+    assert bench.path()[-1] == pytest.approx(bench.path()[-2])
+    assert_smooth(bench.path())
+
+
+PATH, GOAL = "path", "goal"
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [
+        ({}, GoalStatus.ABORTED),
+        ({"elbow": 0.0}, GoalStatus.ABORTED),
+        ({"elbow": 2.0}, GoalStatus.SUCCEEDED),
+        ({"elbow": -1.0}, GoalStatus.SUCCEEDED),
+        ({"elbow": -2.0}, GoalStatus.ABORTED),
+        ({"elbow": 2.0, "foo": 0.1}, GoalStatus.ABORTED),
+        ({"shoulder": 0.1}, GoalStatus.ABORTED),
+    ],
+    ids=["default", "zero: default", "wider", "-1: erased", "-2: default", "unknown joint: default", "other joint"],
+)
+@pytest.mark.parametrize("kind", [PATH, GOAL])
+def test_the_files_tolerance_holds_unless_the_goal_says_otherwise(
+    kind: str, asked: dict[str, float], status: GoalStatus
+) -> None:
+    own = Tolerances({"elbow": 0.05}) if kind == PATH else Tolerances({}, {"elbow": 0.05}, 0.2)
+    bench = Bench(JtcSettings(ARM, tolerances=own)).up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(0.0, 1.0, path=asked) if kind == PATH else to(0.0, 1.0, goal=asked))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is status
+
+
+def test_without_tolerances_a_stuck_joint_succeeds() -> None:
+    bench = Bench().up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(0.0, 1.0))
+    bench.cycles_until(lambda: handle.done)
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
+
+
+def test_outside_the_goal_tolerance_without_goal_time_it_stays_executing_until_cancelled() -> None:
+    bench = Bench().up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(0.0, 1.0, goal={"elbow": 0.01}))
+    bench.cycle(100)
+    assert not handle.done
+    bench.arm.cancel(handle)
+    bench.cycle()
+    assert outcome(handle) == (GoalStatus.CANCELED, 0, "")
+
+
+@pytest.mark.parametrize("goal_time_s", [0.5, 0.0, -2.0], ids=["from the goal", "from the file", "-2: from the file"])
+def test_when_goal_time_is_over_it_aborts(goal_time_s: float) -> None:
+    own = Tolerances(goal={"elbow": 0.01}, goal_time_s=0.5)
+    bench = Bench(JtcSettings(ARM, tolerances=own)).up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(0.0, 1.0, goal_time_s=goal_time_s))
+    bench.cycles_until(lambda: handle.done)
+    assert (handle.status, handle.error_code) == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
+    text, seconds, unit = handle.error_text.rsplit(" ", 2)
+    assert (text, unit) == ("Aborted due to goal_time_tolerance exceeding by", "seconds")
+    assert 0.5 <= float(seconds) <= 0.5 + PERIOD_S + 1e-6  # since the end, as upstream counts
+
+
+def test_goal_time_minus_one_erases_the_default() -> None:
+    bench = Bench(JtcSettings(ARM, tolerances=Tolerances(goal_time_s=0.5))).up()
+    bench.hardware.stuck = {"elbow"}
+    handle = bench.send(to(0.0, 1.0, goal={"elbow": 0.01}, goal_time_s=-1.0))
+    bench.cycle(100)
+    assert not handle.done
+
+
+def test_a_late_joint_within_goal_time_succeeds() -> None:
+    bench = Bench().up()
+    bench.hardware.slow = {"elbow": 0.04}
+    handle = bench.send(to(0.0, 1.0, goal={"elbow": 0.01}, goal_time_s=1.0))
+    cycles = bench.cycles_until(lambda: handle.done)
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
+    assert cycles * PERIOD_S > 1.1
+
+
+# Faults and late cycles
+
+
+def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 0.0))
+    bench.cycle(5)
+    bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
+    bench.cycle(SILENT_CYCLES)
+    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "elbow: servo 2 does not answer")
+    bench.cycle(20)
+    assert_smooth(bench.path())
+
+
+def test_a_short_servo_fault_disturbs_nobody() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 0.0))
+    for _ in range(5):
+        bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
+        bench.cycle(SILENT_CYCLES - 1)
+        bench.hardware.faults = {}
+        bench.cycle()
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
+def test_a_fault_of_somebody_elses_joint_disturbs_nobody() -> None:
+    bench = Bench().up()
+    bench.hardware.faults = {"finger": "finger: servo 7 does not answer"}
+    handle = bench.send(to(1.0, 0.0))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
+def test_a_fault_while_waiting_aborts_too() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    handle = bench.send(to(1.0, 0.0))
+    bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
+    bench.cycle(SILENT_CYCLES)
+    assert handle.status is GoalStatus.ABORTED
+    assert np.abs(bench.path()[:, :2]).max() == 0.0
+
+
+@pytest.mark.parametrize("late_s", [0.02, 0.5, 30.0])
+def test_a_late_cycle_does_not_leap(late_s: float) -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.9, 0.0, after_s=1.5))
+    bench.cycle(15)
+    bench.clock.sleep_until(bench.clock.now() + late_s)
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    step = np.abs(np.diff(bench.path()[:, 0])).max()
+    assert step <= ARM_LIMITS.velocity * PERIOD_S + 1e-9
+    assert step <= 2.0 * 2.1 * PERIOD_S  # at most two periods of this motion's own velocity
+
+
+# wait_for
+
+
+def waiting_bench(timeout_s: float = 1.5) -> Bench:
+    bench = Bench(JtcSettings(ARM, wait_for=("hand",), wait_for_timeout_s=timeout_s)).up()
+    bench.hardware.slow = {"finger": 0.005}
+    return bench
+
+
+def cycles_before_it_moves(bench: Bench) -> int:
+    return bench.cycles_until(lambda: len(bench.path()) > 0 and np.abs(bench.path()[-1][:2]).max() > 0.0)
+
+
+def test_a_goal_waits_one_cycle_even_for_a_settled_hand() -> None:
+    bench = waiting_bench()
+    bench.send(to(1.0, 0.0))
+    assert cycles_before_it_moves(bench) == 2
+
+
+def test_a_goal_waits_until_the_fingers_have_arrived() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    handle = bench.send(to(1.0, 0.0))
+    cycles_before_it_moves(bench)
+    assert bench.hardware.read().position[2] == pytest.approx(0.05, abs=0.002)
+    bench.cycles_until(lambda: handle.done)
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
+
+
+def test_a_goal_waits_until_the_fingers_have_stalled_on_an_object() -> None:
+    bench = waiting_bench(timeout_s=10.0)
+    bench.hand.submit([0.05])
+    bench.send(to(1.0, 0.0))
+    bench.cycle(5)
+    bench.hardware.stuck = {"finger"}
+    assert cycles_before_it_moves(bench) <= 5
+
+
+@pytest.mark.parametrize("cycles_later", [0, 1])
+def test_a_hand_command_just_behind_the_goal_is_waited_for(cycles_later: int) -> None:
+    bench = waiting_bench()
+    bench.send(to(1.0, 0.0))
+    bench.cycle(cycles_later)
+    bench.hand.submit([0.05])
+    cycles_before_it_moves(bench)
+    assert bench.hardware.read().position[2] == pytest.approx(0.05, abs=0.002)
+
+
+def test_the_wait_is_bounded_and_then_says_for_whom(caplog: pytest.LogCaptureFixture) -> None:
+    bench = waiting_bench(timeout_s=0.5)
+    bench.hardware.slow = {"finger": 0.06 * HAND_LIMITS.velocity * PERIOD_S}
+    bench.hand.submit([0.05])
+    bench.send(to(1.0, 0.0))
+    cycles = cycles_before_it_moves(bench)
+    assert 10 <= cycles <= 12
+    assert "starts although hand has not settled" in caplog.text
+
+
+def test_while_waiting_a_new_goal_takes_the_old_ones_place() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    first = bench.send(to(1.0, 0.0))
+    bench.cycle(3)
+    second = bench.send(to(-1.0, 0.0))
+    bench.cycle()
+    assert outcome(first) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, PREEMPTED)
+    bench.cycles_until(lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+    assert bench.path()[:, 0].max() == 0.0
+
+
+def test_a_cancel_while_waiting() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    handle = bench.send(to(1.0, 0.0))
+    bench.cycle(3)
+    bench.arm.cancel(handle)
+    bench.cycle(40)
+    assert outcome(handle) == (GoalStatus.CANCELED, 0, "")
+    assert np.abs(bench.path()[:, :2]).max() == 0.0
+
+
+def test_a_goal_that_has_to_wait_while_moving_decelerates_within_limits() -> None:
+    bench = waiting_bench()
+    bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    bench.hand.submit([0.05])
+    handle = bench.send(to(-0.5, 0.0))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert_smooth(bench.path())
+
+
+def test_the_time_that_a_stamped_goal_waits_is_not_added_to_its_end() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    handle = bench.send(to(0.5, 0.0, after_s=1.0, delay_s=1.0))
+    cycles = bench.cycles_until(lambda: handle.done)
+    assert 2.0 <= (cycles - 1) * PERIOD_S + 1e-9 <= 2.0 + PERIOD_S
+
+
+def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING)
+    bench = Bench(JtcSettings(ARM, wait_for=("nobody",))).up()
+    bench.send(to(1.0, 0.0))
+    assert cycles_before_it_moves(bench) == 2
+    assert caplog.text == ""

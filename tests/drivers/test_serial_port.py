@@ -1,0 +1,326 @@
+"""The serial port's own business: which devices it opens, and what it says of those that it does not."""
+
+import os
+import re
+import stat
+import subprocess
+import sys
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from drivers import serial_port
+from drivers.clock import MonotonicClock
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.serial_port import SerialPort, port_owners
+
+HOLD = """
+import sys
+device, how = sys.argv[1:]
+if how == "exclusive":
+    import serial
+    held = serial.Serial(device, 115200, exclusive=True)
+elif how == "sdk":
+    import scservo_sdk
+    held = scservo_sdk.PortHandler(device)
+    assert held.openPort()
+else:
+    held = open(device, "rb", buffering=0)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+class Terminal:
+    """A pseudo-terminal; ``device`` is what a program opens, ``master`` the servos' end."""
+
+    def __init__(self) -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.device = os.ttyname(slave)
+        os.close(slave)
+
+    def end(self) -> None:
+        if self.master >= 0:
+            os.close(self.master)
+            self.master = -1
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    made = Terminal()
+    yield made
+    made.end()
+
+
+class _Refusal:
+    """In the place of serial.Serial: opening fails."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def __call__(self, *_: Any, **__: Any) -> serial.Serial:
+        raise self.error
+
+
+def refuse(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    monkeypatch.setattr(serial_port.serial, "Serial", _Refusal(error))
+
+
+def with_errno(number: int) -> serial.SerialException:
+    return serial.SerialException(number, f"could not open port: {os.strerror(number)}")
+
+
+# Missing
+
+
+def test_a_missing_device_is_named_with_what_is_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = {"ttyACM*": ["/dev/ttyACM3"], "ttyUSB*": ["/dev/ttyUSB0"]}
+    monkeypatch.setattr(Path, "glob", lambda self, pattern: [Path(p) for p in found[pattern]])
+    missing = tmp_path / "ttyACM0"
+    with pytest.raises(PortMissing) as caught:
+        SerialPort(str(missing))
+    assert str(caught.value) == (
+        f"there is no {missing}: plug in the adapter or name another port (there is /dev/ttyACM3, /dev/ttyUSB0)"
+    )
+
+
+def test_a_missing_device_on_a_machine_without_any(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(Path, "glob", lambda self, pattern: [])
+    with pytest.raises(PortMissing, match=r"\(there is none\)"):
+        SerialPort(str(tmp_path / "ttyACM0"))
+
+
+def test_a_link_that_leads_nowhere_is_missing(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    link.symlink_to(tmp_path / "gone")
+    with pytest.raises(PortMissing, match="there is no"):
+        SerialPort(str(link))
+
+
+@pytest.mark.parametrize("number", [2, 6, 19], ids=["ENOENT", "ENXIO", "ENODEV"])
+def test_a_device_that_goes_away_while_it_is_opened_is_missing(
+    monkeypatch: pytest.MonkeyPatch, terminal: Terminal, number: int
+) -> None:
+    refuse(monkeypatch, with_errno(number))
+    with pytest.raises(PortMissing, match=f"there is no {terminal.device}"):
+        SerialPort(terminal.device)
+
+
+# In use
+
+
+@pytest.mark.parametrize("how", ["exclusive", "sdk", "plain"])
+def test_a_port_in_use_names_its_owner(terminal: Terminal, how: str, tmp_path: Path) -> None:
+    """Only one of them locks the device; two programs on one bus are as bad without a lock."""
+    link = tmp_path / "bus"
+    link.symlink_to(terminal.device)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, terminal.device, how], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdin is not None and holder.stdout is not None
+    try:
+        assert holder.stdout.readline() == "held\n"
+        comm = Path(f"/proc/{holder.pid}/comm").read_text().strip()
+        owner = f"{comm} (process {holder.pid})"
+        for device in (terminal.device, str(link)):
+            with pytest.raises(PortBusy) as caught:
+                SerialPort(device)
+            assert str(caught.value) == f"{device} is in use by {owner}: end that program first"
+        assert list(port_owners(link)) == [owner]
+    finally:
+        holder.communicate()
+    SerialPort(terminal.device).close()
+
+
+def test_an_owner_that_may_not_be_seen(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    monkeypatch.setattr(serial_port, "port_owners", lambda path: iter(()))
+    refuse(monkeypatch, serial.SerialException(11, "Could not exclusively lock port x: Resource unavailable"))
+    with pytest.raises(PortBusy, match="in use by a program of another user: end that program first"):
+        SerialPort(terminal.device)
+
+
+def test_our_own_second_opening_is_refused(terminal: Terminal) -> None:
+    first = SerialPort(terminal.device)
+    with pytest.raises(PortBusy):
+        SerialPort(terminal.device)
+    first.close()
+    SerialPort(terminal.device).close()
+
+
+def test_whoever_serves_the_far_end_of_a_pseudo_terminal_is_no_owner(terminal: Terminal) -> None:
+    """An emulator holds both ends."""
+    serve = """
+import os, sys
+master, slave = os.openpty()
+print(os.ttyname(slave), flush=True)
+sys.stdin.read()
+"""
+    server = subprocess.Popen([sys.executable, "-c", serve], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert server.stdin is not None and server.stdout is not None
+    try:
+        SerialPort(server.stdout.readline().strip()).close()
+    finally:
+        server.communicate()
+
+
+# Not allowed, not fit
+
+
+def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    refuse(monkeypatch, with_errno(13))
+    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "dialout"}))
+    with pytest.raises(PortDenied) as caught:
+        SerialPort(terminal.device)
+    assert str(caught.value) == (
+        f"no permission to open {terminal.device}: it belongs to the group 'dialout'. "
+        "Run 'sudo usermod -aG dialout $USER', log out and in again"
+    )
+
+
+def test_a_group_without_a_name_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    def nameless(number: int) -> object:
+        raise KeyError(number)
+
+    refuse(monkeypatch, with_errno(13))
+    monkeypatch.setattr(serial_port.grp, "getgrgid", nameless)
+    with pytest.raises(PortDenied, match=f"the group '{os.stat(terminal.device).st_gid}'"):
+        SerialPort(terminal.device)
+
+
+def test_the_group_is_that_of_the_device_behind_a_link(
+    monkeypatch: pytest.MonkeyPatch, terminal: Terminal, tmp_path: Path
+) -> None:
+    link = tmp_path / "arm"
+    link.symlink_to(terminal.device)
+    asked: list[int] = []
+    refuse(monkeypatch, with_errno(13))
+    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda n: asked.append(n) or type("G", (), {"gr_name": "tty"}))
+    with pytest.raises(PortDenied, match="'tty'"):
+        SerialPort(str(link))
+    assert asked == [os.stat(terminal.device).st_gid]
+
+
+@pytest.mark.parametrize(
+    "error", [ValueError("Failed to set custom baud rate (12345678): [Errno 22]"), ValueError("Not a valid baudrate")]
+)
+def test_a_refused_baud_is_named(monkeypatch: pytest.MonkeyPatch, terminal: Terminal, error: Exception) -> None:
+    refuse(monkeypatch, error)
+    with pytest.raises(PortError, match=f"{terminal.device} does not take 12345678 baud") as caught:
+        SerialPort(terminal.device, 12_345_678)
+    assert str(error) in str(caught.value)
+
+
+def test_a_refused_baud_leaves_the_device_free(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    def refused(self: serial.Serial, baud: int) -> None:
+        raise ValueError("Failed to set custom baud rate")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(serial.Serial, "_set_special_baudrate", refused)
+        with pytest.raises(PortError, match="does not take 1234567 baud"):
+            SerialPort(terminal.device, 1_234_567)
+    SerialPort(terminal.device).close()
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_no_device_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "thing"
+    path.touch() if kind == "file" else path.mkdir()
+    with pytest.raises(PortError, match=re.escape(str(path))):
+        SerialPort(str(path))
+
+
+def test_any_other_failure_keeps_its_reason(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    refuse(monkeypatch, with_errno(5))
+    with pytest.raises(PortError, match=f"cannot open {terminal.device}: .*Input/output error"):
+        SerialPort(terminal.device)
+
+
+# Open
+
+
+def test_a_link_is_as_good_as_the_device_and_keeps_its_name(terminal: Terminal, tmp_path: Path) -> None:
+    link = tmp_path / "arm"
+    link.symlink_to(terminal.device)
+    port = SerialPort(str(link))
+    assert port.name == str(link)
+    port.write(b"ping")
+    assert os.read(terminal.master, 100) == b"ping"
+    port.close()
+
+
+@pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
+def test_the_line_is_raw_and_has_the_speed(terminal: Terminal, baud: int) -> None:
+    port = SerialPort(terminal.device, baud)
+    assert port.baud == baud
+    every_byte = bytes(range(256))
+    port.write(every_byte)
+    assert os.read(terminal.master, 1000) == every_byte
+    os.write(terminal.master, every_byte)
+    assert port.read(256, MonotonicClock().now() + 20.0) == every_byte
+    port.close()
+
+
+def test_more_than_the_kernel_takes_at_once_is_sent_whole(terminal: Terminal) -> None:
+    port = SerialPort(terminal.device)
+    data = bytes(i % 251 for i in range(50_000))
+    received = bytearray()
+
+    def listen() -> None:
+        while len(received) < len(data):
+            received.extend(os.read(terminal.master, 4096))
+
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    port.write(data)
+    listener.join(20.0)
+    assert bytes(received) == data
+    port.close()
+
+
+def test_input_from_before_the_opening_is_dropped(terminal: Terminal) -> None:
+    os.write(terminal.master, b"stale")
+    port = SerialPort(terminal.device)
+    port.discard_input()
+    assert port.read(5, 0.0) == b""
+    port.close()
+
+
+def test_the_other_end_closing_is_a_lost_port_that_says_what_to_do(terminal: Terminal) -> None:
+    port = SerialPort(terminal.device)
+    terminal.end()
+    with pytest.raises(PortLost, match=f"{terminal.device} is gone.*check the cable"):
+        port.read(1, MonotonicClock().now() + 20.0)
+    port.close()
+
+
+def test_a_closed_port_is_free_for_others(terminal: Terminal) -> None:
+    port = SerialPort(terminal.device)
+    descriptor = port._fd
+    assert stat.S_ISCHR(os.fstat(descriptor).st_mode)
+    port.close()
+    with pytest.raises(OSError):
+        os.fstat(descriptor)
+
+
+def test_a_closed_port_never_touches_a_descriptor_that_took_its_number(terminal: Terminal, tmp_path: Path) -> None:
+    port = SerialPort(terminal.device)
+    number = port._fd
+    port.close()
+    other = os.open(tmp_path / "log", os.O_RDWR | os.O_CREAT)
+    try:
+        os.dup2(other, number)
+        with pytest.raises(PortLost):
+            port.write(b"bytes for a servo")
+        with pytest.raises(PortLost):
+            port.read(1, 0.0)
+        assert (tmp_path / "log").read_bytes() == b""
+    finally:
+        os.close(other)
+        if other != number:
+            os.close(number)

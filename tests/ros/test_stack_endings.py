@@ -1,0 +1,131 @@
+"""Every way out of ``servoloop up`` ends in a state that was chosen: seen from the servos' side, by the maker's SDK."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from control_msgs.action import FollowJointTrajectory
+from diagnostic_msgs.msg import DiagnosticArray
+from scservo_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+from drivers.feetech import sts
+from servoloop.files import CONFIG
+from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, arm_client, emulating, running, until
+
+pytestmark = pytest.mark.ros
+
+IDS = range(1, 8)
+ZERO_COUNTS = 2048
+ABORTED = 6  # action_msgs/msg/GoalStatus
+
+
+def read_all(link: Path, address: int, size: int) -> list[int]:
+    """One register of every servo, read as any other program reads it: the port must be free for that."""
+    port, packets = PortHandler(str(link)), PacketHandler(0)
+    assert port.openPort() and port.setBaudRate(1_000_000)
+    try:
+        values = []
+        for servo_id in IDS:
+            data, result, _ = packets.readTxRx(port, servo_id, address, size)
+            assert result == COMM_SUCCESS
+            values.append(int.from_bytes(bytes(data), "little"))
+        return values
+    finally:
+        port.closePort()
+
+
+def torque(link: Path) -> list[int]:
+    return read_all(link, sts.torque_enable.address, 1)
+
+
+def start_moving(client: ArmClient) -> None:
+    """Return while the arm is on its way from ready to pick."""
+    client.send(PICK)
+    moving = client.node.create_subscription(
+        FollowJointTrajectory.Impl.FeedbackMessage,
+        "/arm_controller/follow_joint_trajectory/_action/feedback",
+        lambda message: speeds.append(max(map(abs, message.feedback.actual.velocities))),
+        10,
+    )
+    speeds: list[float] = []
+    client.spin_until(lambda: bool(speeds) and speeds[-1] > 0.5)
+    client.node.destroy_subscription(moving)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_mid_motion_stops_the_arm_and_holds_it(ros_domain: int, tmp_path: Path, number: int) -> None:
+    with emulating(tmp_path) as link:
+        with running(tmp_path, "--port", str(link)) as stack, arm_client() as client:
+            start_moving(client)
+            assert stack.end(number) == 0, stack.words
+        assert torque(link) == [1] * 7
+        goals = read_all(link, sts.goal_position.address, 2)
+        until(lambda: not any(read_all(link, sts.moving.address, 1)))
+        position = read_all(link, sts.present_position.address, 2)
+        assert all(abs(g - p) < 60 for g, p in zip(goals, position, strict=True))  # it sags a little, no more
+        assert goals[5] not in (joint6_counts(READY[5]), joint6_counts(PICK[5]))  # it stopped on the way
+
+
+def joint6_counts(position_rad: float) -> int:
+    return round(position_rad * 4096 / 6.283185307179586) + ZERO_COUNTS
+
+
+def test_on_exit_relax_parks_first_and_then_lets_go(ros_domain: int, tmp_path: Path) -> None:
+    robot = tmp_path / "relaxing.yaml"
+    robot.write_text((CONFIG / "robot_arm.yaml").read_text().replace("virtual: hold", "virtual: relax"))
+    with emulating(tmp_path) as link:
+        with running(tmp_path, "--port", str(link), "--robot", str(robot)) as stack:
+            assert stack.end(signal.SIGTERM) == 0, stack.words
+        assert torque(link) == [0] * 7
+        arm = read_all(link, sts.present_position.address, 2)[:6]
+        assert all(abs(counts - ZERO_COUNTS) < 40 for counts in arm)  # the park pose is upright
+
+
+def test_a_lost_port_ends_the_stack_with_a_failure_and_a_reason(ros_domain: int, tmp_path: Path) -> None:
+    with emulating(tmp_path) as link, running(tmp_path, "--port", str(link)) as stack:
+        subprocess.run(["pkill", "-KILL", "-f", f"servoloop emulate {link}"], check=True)
+        until(lambda: stack.process.poll() is not None)
+        assert stack.process.returncode == 1
+        assert "is gone" in stack.words
+        assert "Traceback" not in stack.words
+
+
+@contextmanager
+def silencing_emulator(link: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    program = Path(__file__).with_name("silencing_emulator.py")
+    process = subprocess.Popen([sys.executable, str(program), str(link)])
+    try:
+        until(link.exists)
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_are_read(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    link = tmp_path / "bus"
+    with silencing_emulator(link) as emulator, running(tmp_path, "--port", str(link)) as stack, arm_client() as client:
+        levels: dict[str, str] = {}
+
+        def note(message: DiagnosticArray) -> None:
+            levels.update({s.name: s.message for s in message.status})
+
+        client.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+        result = client.send(PICK)
+        emulator.send_signal(signal.SIGUSR1)
+        answer = client.wait(result)
+        assert answer.status == ABORTED
+        assert answer.result.error_string == "joint4: servo 4 does not answer"
+        client.spin_until(lambda: "servo 4 does not answer" in levels.get("servoloop: joint4 (servo 4)", ""))
+        others = [levels[f"servoloop: {name} (servo {i})"] for i, name in enumerate(JOINTS, 1) if i != 4]
+        assert others == ["ok"] * 5
+        assert "joint4: servo 4 does not answer" in stack.words
