@@ -5,7 +5,9 @@
 BIN := .venv/bin
 
 # .venv brings its own ROS 2. A ROS installation sourced in this shell would be mixed into it by these.
-unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
+# The last one says that a Python above us has found the libraries of its own .venv; ours must look again.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME \
+  _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 help:
 	@echo 'make setup   everything into .venv; a second time within seconds'

@@ -44,13 +44,15 @@ class _Manager(_Parameters):
     update_rate: int = Field(100, gt=0, le=1000)  # upstream's default
 
 
-class _Constraints(_Parameters):
-    goal_time: NotNegative = 0.0
-
-
 class _JointConstraints(BaseModel):
     trajectory: NotNegative = 0.0
     goal: NotNegative = 0.0
+
+
+class _Constraints(_Parameters):
+    goal_time: NotNegative = 0.0
+    stopped_velocity_tolerance: NotNegative = 0.01  # upstream's; acts only on velocity commands, which we have not
+    __pydantic_extra__: dict[str, _JointConstraints]
 
 
 class _Jtc(_Parameters):
@@ -116,10 +118,12 @@ def load_controllers_file(
         if isinstance(entry, dict) and "type" in entry:
             own = nodes[name].ros__parameters if name in nodes else {}
             parameters = {**defaults.get(name, {}), **own}
+            problems += _bad_waits(path, name, own.get("wait_for"), manager.ros__parameters)
             controllers += _controller(path, name, str(entry["type"]), parameters, problems)
     if not controllers:
         problems.append(f"{path}: controller_manager names no controllers")
     problems += _unknown_joints(path, controllers, component)
+    problems += _claimed_twice(path, controllers)
     rate = _checked(path, "controller_manager", _Manager, manager.ros__parameters, problems)
     if problems or not isinstance(rate, _Manager):
         raise ControllersFileError("\n".join(problems))
@@ -160,8 +164,8 @@ def _build(
 
 
 def _jtc_settings(file: _Jtc) -> JtcSettings:
-    named = file.constraints.model_extra or {}
-    by_joint = {n: _JointConstraints.model_validate(named[n]) for n in file.joints if n in named}
+    named: dict[str, _JointConstraints] = file.constraints.model_extra or {}
+    by_joint = {n: named[n] for n in file.joints if n in named}
     return JtcSettings(
         joints=file.joints,
         may_end_moving=file.allow_nonzero_velocity_at_trajectory_end,
@@ -216,4 +220,32 @@ def _unknown_joints(path: Path, controllers: list[ControllerFile], component: Co
         if isinstance(c.parameters, _Jtc | _Forward)
         for joint in c.parameters.joints
         if joint not in known
+    ]
+
+
+def _claimed_twice(path: Path, controllers: list[ControllerFile]) -> list[str]:
+    problems: list[str] = []
+    owners: dict[str, str] = {}
+    for c in controllers:
+        for joint in c.parameters.joints if isinstance(c.parameters, _Jtc | _Forward) else ():
+            other = owners.setdefault(joint, c.name)
+            if other != c.name:
+                problems.append(f"{path}: {other} and {c.name} both command {joint}: a joint belongs to one controller")
+        problems += _named_twice(path, c)
+    return problems
+
+
+def _named_twice(path: Path, file: ControllerFile) -> list[str]:
+    joints = file.parameters.joints if isinstance(file.parameters, _Jtc | _Forward) else ()
+    twice = sorted({joint for joint in joints if joints.count(joint) > 1})
+    return [f"{path}: {file.name}.joints names {joint} twice" for joint in twice]
+
+
+def _bad_waits(path: Path, name: str, waits: Any, known: Mapping[str, Any]) -> list[str]:
+    """Who waits for nobody does not wait. The robot file's defaults may name one that this file has not."""
+    names = waits if isinstance(waits, list) else []
+    return [
+        f"{path}: {name}.wait_for names {other}, which is no other controller of this file"
+        for other in names
+        if other == name or other not in known
     ]

@@ -29,7 +29,7 @@ def end(
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "stop the motion", lambda: _stop(loop))
         _try(problems, "end the controllers", loop.manager.deactivate)
-        if relax and park and not hurry() and not problems:
+        if relax and park and not hurry():
             _try(problems, "park", lambda: _park(loop, park, velocity_scale, hurry))
         _try(problems, "switch off", lambda: problems.extend(loop.hardware.deactivate(relax)))
     _try(problems, "release the port", loop.hardware.cleanup)

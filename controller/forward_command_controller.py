@@ -63,16 +63,19 @@ class ForwardCommandController:
         self._inbox.clear()
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        changed = False
         if self._inbox:
             wanted = self._inbox.popleft()
             clipped = np.clip(wanted, self._lower, self._upper)
             if (clipped != wanted).any():
                 LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
-            if (clipped != self.command).any():
+            changed = bool((clipped != self.command).any())
+            if changed:
                 self._settled, self._still_s = False, 0.0
             self.command = clipped
         if not self._settled:
-            self._settled = self._arrived(state) or self._stalled(state, period_s)
+            # A state that is older than the command says nothing of a stall.
+            self._settled = self._arrived(state) or (not changed and self._stalled(state, period_s))
 
     def settled(self) -> bool:
         return self._settled and not self._inbox

@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.manager import ControllerManager
 from drivers.clock import Clock
+from hal.errors import ActivationError
 from hal.gate import SafetyGate
 from hal.lifecycle import Hardware, LifecycleState
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
@@ -17,7 +18,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class LoopFigures:
-    """How the loop keeps its time. A cycle is missed when the wake-up comes a whole period late."""
+    """How the loop keeps its time. A cycle is missed when its time passes before the last one has ended."""
 
     cycles: int = 0
     missed: int = 0
@@ -53,7 +54,17 @@ class ControlLoop:
     def activate(self) -> None:
         """Hardware on where it stands, then the controllers. Raises what the hardware raises."""
         self.hardware.activate()
-        state = self.hardware.read()
+        try:
+            self._take_over(self.hardware.read())
+        except BaseException:
+            self.hardware.deactivate(relax=True)
+            raise
+
+    def _take_over(self, state: JointState) -> None:
+        known = np.isfinite(state.position)
+        if not known.all():
+            unknown = [name for name, is_known in zip(self.hardware.joints, known, strict=True) if not is_known]
+            raise ActivationError(f"{', '.join(unknown)} has not been measured, torque is off again: try once more")
         lower = np.array([limit.lower for limit in self.limits])
         upper = np.array([limit.upper for limit in self.limits])
         self.command = np.clip(state.position, lower, upper)
@@ -95,13 +106,12 @@ class ControlLoop:
         figures.latest_wake_up_s = max(figures.latest_wake_up_s, late_s)
         figures.longest_cycle_s = max(figures.longest_cycle_s, busy_s)
         figures.busy_s += busy_s
-        next_s = due_s + self.period_s
-        # Whole periods that have passed already are missed, not made up for in a burst.
-        missed = max(0, int((self.clock.now() - next_s) / self.period_s))
+        # What was due meanwhile is missed, not made up for in a burst.
+        missed = int((late_s + busy_s) / self.period_s)
         if missed:
             figures.missed += missed
             LOG.warning("missed %d cycles: the loop was %.0f ms late", missed, late_s * 1e3)
-        return next_s + missed * self.period_s
+        return due_s + (1 + missed) * self.period_s
 
     def _tell(self, reasons: dict[int, str]) -> None:
         """Say once what the gate changes, not in every cycle of an episode."""

@@ -49,11 +49,17 @@ class ControllerManager:
             self._states[name] = LifecycleState.ACTIVE
 
     def deactivate(self) -> None:
-        """All controllers give up what is under way."""
+        """All controllers give up what is under way, each of them; then raises what the first one raised."""
+        errors: list[Exception] = []
         for name, controller in self._controllers.items():
             if self._states[name] is LifecycleState.ACTIVE:
-                controller.deactivate()
                 self._states[name] = LifecycleState.INACTIVE
+                try:
+                    controller.deactivate()
+                except Exception as error:  # the others' clients still wait for a word
+                    errors.append(error)
+        if errors:
+            raise errors[0]
 
     def update(self, state: JointState, last: FloatArray, now_s: float, period_s: float) -> FloatArray:
         """One cycle: the wanted command (n,); a joint that nobody commands keeps ``last``."""

@@ -1,5 +1,6 @@
 """The robot description: what a URDF says about joints and about ros2_control's hardware."""
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -70,7 +71,7 @@ def parse_urdf(xml: str) -> Description:
         raise DescriptionError(f"the URDF is not well-formed XML: {error}") from error
     if robot.tag != "robot":
         raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot>")
-    joints = {joint.name: joint for joint in map(_joint, robot.findall("joint"))}
+    joints = _joints(robot)
     components = tuple(_component(block, joints) for block in robot.findall("ros2_control"))
     if not components:
         raise DescriptionError(
@@ -78,6 +79,18 @@ def parse_urdf(xml: str) -> Description:
             "servoloop/ServoHardware</plugin></hardware> and a <joint> for each driven joint"
         )
     return Description(xml, joints, components)
+
+
+def _joints(robot: Element) -> dict[str, UrdfJoint]:
+    joints: dict[str, UrdfJoint] = {}
+    for joint in map(_joint, robot.findall("joint")):
+        if joint.name in joints:
+            raise DescriptionError(f"the URDF has two joints named '{joint.name}'")
+        joints[joint.name] = joint
+    for joint in joints.values():
+        if joint.mimic and joint.mimic.joint not in joints:
+            raise DescriptionError(f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not")
+    return joints
 
 
 def _joint(element: Element) -> UrdfJoint:
@@ -116,7 +129,7 @@ def _mimic(element: Element, name: str) -> Mimic:
 def _component(block: Element, joints: Mapping[str, UrdfJoint]) -> Component:
     name = _attribute(block, "name", "a <ros2_control> block")
     hardware = block.find("hardware")
-    plugin = None if hardware is None else hardware.findtext("plugin")
+    plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
     if hardware is None or not plugin:
         raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
     elements = {_attribute(e, "name", f"a joint of '{name}'"): e for e in block.findall("joint")}
@@ -126,7 +139,7 @@ def _component(block: Element, joints: Mapping[str, UrdfJoint]) -> Component:
     return Component(
         name=name,
         kind=_attribute(block, "type", f"<ros2_control name='{name}'>"),
-        plugin=plugin.strip(),
+        plugin=plugin,
         parameters={_attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")},
         command_interfaces={j: _interfaces(e, "command_interface") for j, e in elements.items()},
         state_interfaces={j: _interfaces(e, "state_interface") for j, e in elements.items()},
@@ -153,20 +166,31 @@ def _child(element: Element, tag: str, name: str) -> str:
 
 def _axis(element: Element, name: str) -> Vector:
     axis = element.find("axis")
-    return _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
+    direction = _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
+    if not any(direction):
+        raise DescriptionError(f"joint '{name}': the <axis> has no direction")
+    return direction
 
 
 def _number(element: Element, key: str, name: str, default: float) -> float:
     text = element.get(key)
     try:
-        return default if text is None else float(text)
+        return default if text is None else _finite(text)
     except ValueError as error:
         raise DescriptionError(f"joint '{name}': {key} '{text}' is not a number") from error
 
 
 def _vector(text: str, name: str) -> Vector:
     try:
-        x, y, z = (float(part) for part in text.split())
+        x, y, z = (_finite(part) for part in text.split())
     except ValueError as error:
         raise DescriptionError(f"joint '{name}': '{text}' is not three numbers") from error
     return x, y, z
+
+
+def _finite(text: str) -> float:
+    """NaN compares with nothing: a limit of NaN would be no limit."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value

@@ -35,7 +35,7 @@ class SafetyGate:
         reach = self._velocity * period_s
         safe = np.clip(inside, last - reach, last + reach)
         # A command that follows the limit exactly differs from it by rounding only.
-        if not np.isfinite(wanted).all() or np.abs(safe - wanted).max(initial=0.0) > 1e-9:
+        if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:  # NaN is not smaller either
             return Gated(safe, self._reasons(wanted, inside, safe))
         return Gated(safe, {})
 
@@ -46,6 +46,6 @@ class SafetyGate:
                 reasons[i] = f"the command is {value}: holding"
             elif abs(inside[i] - value) > 1e-9:
                 reasons[i] = f"{value:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}"
-            elif abs(safe[i] - value) > 1e-9:
+            elif not abs(safe[i] - value) <= 1e-9:
                 reasons[i] = f"{value:.4f} is too far for one period: going to {safe[i]:.4f}"
         return reasons

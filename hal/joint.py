@@ -42,7 +42,9 @@ class Joint:
     def counts(self, position: float) -> int:
         """The servo's position nearest to a joint position, never outside the joint's limits."""
         lower, upper = self.counts_range()
-        return min(max(round(position / self.units_per_count) + self.zero_counts, lower), upper)
+        # First the position: infinity cannot be rounded. NaN comes through, and raises ValueError.
+        inside = min(max(position, self.limits.lower), self.limits.upper)
+        return min(max(round(inside / self.units_per_count) + self.zero_counts, lower), upper)
 
     def counts_range(self) -> tuple[int, int]:
         """The outermost counts that lie within the limits."""

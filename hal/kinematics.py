@@ -12,7 +12,8 @@ def child_pose(joint: UrdfJoint, position: float) -> tuple[Vector, Quaternion]:
     origin = from_rpy(joint.rpy_rad)
     if joint.kind == "prismatic":
         x, y, z = joint.axis
-        shift = rotate(origin, (x * position, y * position, z * position))
+        share = position / math.hypot(x, y, z)
+        shift = rotate(origin, (x * share, y * share, z * share))
         a, b, c = joint.xyz_m
         return (a + shift[0], b + shift[1], c + shift[2]), origin
     if joint.kind in ("revolute", "continuous"):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from controller.forward_command_controller import ForwardCommandController
+from hal.types import JointState
 from tests.controller.bench import HAND, HAND_LIMITS, PERIOD_S, Bench
 
 NAN, INF = float("nan"), float("inf")
@@ -114,7 +116,7 @@ def test_fingers_that_stall_and_slip_on_are_not_settled_in_between() -> None:
     bench.hand.submit([0.05])
     for _ in range(3):
         bench.hardware.stuck = {HAND}
-        bench.cycle(2)
+        bench.cycle()
         assert not bench.hand.settled()
         bench.hardware.stuck = set()
         bench.cycle(2)
@@ -137,3 +139,13 @@ def test_a_hand_that_is_not_measured_never_settles() -> None:
         bench.hardware._position = bench.hardware._velocity = np.full(3, np.nan)
         bench.hand.update(bench.hardware.read(), bench.clock.now(), PERIOD_S)
         assert not bench.hand.settled()
+
+
+@pytest.mark.parametrize("period_s", [0.001, 0.01, 0.05, 0.1, 0.5, 1.0])
+def test_at_no_rate_is_it_settled_by_what_was_measured_before_the_command(period_s: float) -> None:
+    hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), (HAND,))
+    standing = JointState(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
+    hand.activate(standing, np.zeros(1))
+    hand.submit([0.05])
+    hand.update(standing, 0.0, period_s)
+    assert not hand.settled()

@@ -1,0 +1,261 @@
+"""ros2_control's own file: what it makes, and every mistake in it at once, in words."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.controllers_file import ControllersFile, ControllersFileError, build, load_controllers_file
+from controller.forward_command_controller import ForwardCommandController
+from controller.joint_state_broadcaster import JointStateBroadcaster
+from controller.joint_trajectory_controller import JointTrajectoryController
+from controller.manager import ControllerManager
+from hal.description import Component, Description, parse_urdf
+
+URDF = """
+<robot name="r">
+  <link name="world"/><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+  <joint name="joint1" type="revolute">
+    <parent link="world"/><child link="a"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="2"/>
+  </joint>
+  <joint name="joint2" type="revolute">
+    <parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="2"/>
+  </joint>
+  <joint name="right" type="prismatic">
+    <parent link="b"/><child link="c"/><axis xyz="0 1 0"/><limit lower="0" upper="0.05" velocity="0.1"/>
+  </joint>
+  <joint name="left" type="prismatic">
+    <parent link="b"/><child link="d"/><axis xyz="0 1 0"/><limit lower="0" upper="0.05" velocity="0.1"/>
+    <mimic joint="right"/>
+  </joint>
+  <ros2_control name="arm" type="system">
+    <hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+    <joint name="joint1">
+      <command_interface name="position"/><state_interface name="position"/><state_interface name="velocity"/>
+    </joint>
+    <joint name="joint2"><command_interface name="position"/><state_interface name="position"/></joint>
+    <joint name="right"><command_interface name="position"/><state_interface name="position"/></joint>
+    <joint name="left"><state_interface name="position"/></joint>
+  </ros2_control>
+</robot>
+"""
+
+PLAIN = """
+controller_manager:
+  ros__parameters:
+    update_rate: 20
+    joint_state_broadcaster:
+      type: joint_state_broadcaster/JointStateBroadcaster
+    arm_controller:
+      type: joint_trajectory_controller/JointTrajectoryController
+    hand_controller:
+      type: forward_command_controller/ForwardCommandController
+arm_controller:
+  ros__parameters:
+    joints: [joint1, joint2]
+    command_interfaces: [position]
+    state_interfaces: [position, velocity]
+    allow_nonzero_velocity_at_trajectory_end: true
+hand_controller:
+  ros__parameters:
+    joints: [right]
+    interface_name: position
+"""
+
+DEFAULTS = {"arm_controller": {"wait_for": ["hand_controller"], "wait_for_timeout": 0.7, "command_lead": 0.01}}
+ARM_TYPE = "joint_trajectory_controller/JointTrajectoryController"
+HAND_TYPE = "forward_command_controller/ForwardCommandController"
+
+
+def description() -> tuple[Description, Component]:
+    parsed = parse_urdf(URDF)
+    return parsed, parsed.components[0]
+
+
+def load(tmp_path: Path, text: str, defaults: dict[str, Any] | None = None) -> ControllersFile:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(text)
+    return load_controllers_file(path, defaults or {}, description()[1])
+
+
+def arm_of(file: ControllersFile) -> JointTrajectoryController:
+    from hal.types import JointLimits
+
+    parsed, component = description()
+    limits = {name: JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0) for name in component.joints}
+    controllers = build(file, parsed, component, limits, ControllerManager(component.joints).settled)
+    assert [type(c) for c in controllers] == [
+        JointStateBroadcaster,
+        JointTrajectoryController,
+        ForwardCommandController,
+    ]
+    return next(c for c in controllers if isinstance(c, JointTrajectoryController))
+
+
+def test_the_plain_file_works_and_the_robot_files_defaults_fill_it_in(tmp_path: Path) -> None:
+    file = load(tmp_path, PLAIN, DEFAULTS)
+    assert file.update_rate_hz == 20
+    assert [c.name for c in file.controllers] == ["joint_state_broadcaster", "arm_controller", "hand_controller"]
+    arm = arm_of(file)
+    assert arm.joints == ("joint1", "joint2")
+    assert arm.settings.may_end_moving
+    assert arm.settings.wait_for == ("hand_controller",)
+    assert (arm.settings.wait_for_timeout_s, arm.settings.command_lead_s) == (0.7, 0.01)
+
+
+def test_without_defaults_it_does_what_upstream_does(tmp_path: Path) -> None:
+    settings = arm_of(load(tmp_path, PLAIN)).settings
+    assert (settings.wait_for, settings.command_lead_s) == ((), 0.0)
+    assert (dict(settings.tolerances.path), dict(settings.tolerances.goal)) == ({}, {})
+    assert settings.tolerances.goal_time_s == 0.0
+
+
+def test_the_file_wins_over_the_defaults(tmp_path: Path) -> None:
+    own = PLAIN.replace("    joints: [joint1", "    wait_for: []\n    joints: [joint1")
+    assert arm_of(load(tmp_path, own, DEFAULTS)).settings.wait_for == ()
+
+
+def test_defaults_may_name_a_controller_that_the_file_has_not(tmp_path: Path) -> None:
+    text = PLAIN.replace("hand_controller", "gripper")
+    assert arm_of(load(tmp_path, text, DEFAULTS)).settings.wait_for == ("hand_controller",)
+
+
+def test_tolerances(tmp_path: Path) -> None:
+    constraints = """
+    constraints:
+      goal_time: 0.6
+      stopped_velocity_tolerance: 0.02
+      joint1: {trajectory: 0.05, goal: 0.03}
+      joint2: {goal: 0.04}
+"""
+    text = PLAIN.replace("    state_interfaces", constraints.lstrip("\n") + "    state_interfaces", 1)
+    tolerances = arm_of(load(tmp_path, text)).settings.tolerances
+    assert tolerances.path == {"joint1": 0.05, "joint2": 0.0}
+    assert tolerances.goal == {"joint1": 0.03, "joint2": 0.04}
+    assert tolerances.goal_time_s == 0.6
+
+
+def test_upstreams_update_rate_is_the_default(tmp_path: Path) -> None:
+    assert load(tmp_path, PLAIN.replace("    update_rate: 20\n", "")).update_rate_hz == 100
+
+
+def test_parameters_of_upstream_that_are_not_used_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    load(tmp_path, PLAIN.replace("    state_interfaces", "    open_loop_control: true\n    state_interfaces", 1))
+    assert "arm_controller: not used: open_loop_control" in caplog.text
+
+
+MISTAKES = {
+    "an unknown joint": (
+        ("[joint1, joint2]", "[joint1, joint7]"),
+        ["arm_controller.joints names joint7, which takes no commands in the URDF's <ros2_control> block"],
+    ),
+    "a joint without command interface": (
+        ("[right]", "[left]"),
+        ["hand_controller.joints names left, which takes no commands"],
+    ),
+    "a joint twice": (("[joint1, joint2]", "[joint1, joint1]"), ["arm_controller.joints names joint1 twice"]),
+    "two controllers on a joint": (
+        ("[right]", "[right, joint2]"),
+        ["arm_controller and hand_controller both command joint2: a joint belongs to one controller"],
+    ),
+    "an unknown type": (
+        (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
+        ["arm_controller: unknown type 'diff_drive_controller/DiffDriveController', known are " + ARM_TYPE],
+    ),
+    "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
+    "joints forgotten": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
+    "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
+    "an interface that we have not": (
+        ("interface_name: position", "interface_name: effort"),
+        ["hand_controller.interface_name: Input should be 'position'"],
+    ),
+    "a rate of zero": (("update_rate: 20", "update_rate: 0"), ["controller_manager.update_rate: "]),
+    "a rate beyond reason": (("update_rate: 20", "update_rate: 100000"), ["controller_manager.update_rate: "]),
+    "a rate in words": (("update_rate: 20", "update_rate: fast"), ["controller_manager.update_rate: "]),
+    "a negative lead": (
+        ("    joints: [joint1", "    command_lead: -0.1\n    joints: [joint1"),
+        ["arm_controller.command_lead: "],
+    ),
+    "a wait for ever": (
+        ("    joints: [joint1", "    wait_for_timeout: .inf\n    joints: [joint1"),
+        ["arm_controller.wait_for_timeout: "],
+    ),
+    "a wait for nobody": (
+        ("    joints: [joint1", "    wait_for: [hand_controler]\n    joints: [joint1"),
+        ["arm_controller.wait_for names hand_controler, which is no other controller of this file"],
+    ),
+    "a wait for itself": (
+        ("    joints: [joint1", "    wait_for: [arm_controller]\n    joints: [joint1"),
+        ["arm_controller.wait_for names arm_controller, which is no other controller of this file"],
+    ),
+    "a negative tolerance": (
+        ("    joints: [joint1", "    constraints: {joint1: {goal: -0.1}}\n    joints: [joint1"),
+        ["arm_controller.constraints.joint1.goal: "],
+    ),
+    "a tolerance in words": (
+        ("    joints: [joint1", "    constraints: {joint1: wide}\n    joints: [joint1"),
+        ["arm_controller.constraints.joint1: "],
+    ),
+    "a method that we have not": (
+        ("    joints: [joint1", "    interpolation_method: none\n    joints: [joint1"),
+        ["arm_controller.interpolation_method: Input should be 'ruckig'"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "texts"), MISTAKES.values(), ids=MISTAKES.keys())
+def test_each_mistake_is_said_with_the_files_name(tmp_path: Path, change: tuple[str, str], texts: list[str]) -> None:
+    assert change[0] in PLAIN
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, PLAIN.replace(*change, 1))
+    lines = str(error.value).splitlines()
+    assert len(lines) == len(texts)
+    for line, text in zip(lines, texts, strict=True):
+        assert line.startswith(f"{tmp_path / 'controllers.yaml'}")
+        assert text in line
+
+
+def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
+    text = (
+        PLAIN.replace("update_rate: 20", "update_rate: -1")
+        .replace("[joint1, joint2]", "[joint1, joint9]")
+        .replace("interface_name: position", "interface_name: velocity")
+    )
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, text)
+    assert len(str(error.value).splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("arm_controller: {}", "has no controller_manager"),
+        ("controller_manager: {ros__parameters: {update_rate: 20}}", "names no controllers"),
+        ("a: [1, 2", "is not YAML"),
+        ("- a\n- b", "controllers.yaml:1: "),
+        ("", "controllers.yaml:1: "),
+        ("controller_manager:\n  ros__parameters: 7", "controllers.yaml:2: controller_manager.ros__parameters: "),
+    ],
+    ids=["no manager", "no controllers", "bad YAML", "a list", "empty", "parameters are a number"],
+)
+def test_a_file_of_the_wrong_shape(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ControllersFileError, match=message):
+        load(tmp_path, text)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    missing = tmp_path / "missing.yaml"
+    with pytest.raises(ControllersFileError, match=r"cannot read .*missing\.yaml: No such file"):
+        load_controllers_file(missing, {}, description()[1])
+
+
+def test_the_house_files_are_right() -> None:
+    from servoloop.files import read_files
+
+    files = read_files()
+    assert files.controllers.update_rate_hz == 20
+    assert [c.name for c in files.controllers.controllers] == [
+        "joint_state_broadcaster",
+        "arm_controller",
+        "hand_controller",
+    ]

@@ -1,0 +1,127 @@
+"""The URDF: what is read from it, and what is said about one that cannot be used."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hal.description import Mimic, parse_urdf
+from hal.errors import DescriptionError
+
+URDF = Path(__file__).resolve().parents[2] / "urdf" / "robot_arm.urdf"
+
+ELBOW = """
+  <joint name="elbow" type="revolute">
+    <parent link="a"/><child link="b"/>
+    <origin xyz="1 2 3" rpy="0.1 0.2 0.3"/><axis xyz="0 -1 0"/>
+    <limit lower="-1.5" upper="2" effort="3" velocity="4"/>
+  </joint>"""
+FINGER = """
+  <joint name="finger" type="prismatic">
+    <parent link="b"/><child link="c"/>
+    <limit lower="0" upper="0.05" effort="3" velocity="0.2"/>
+    <mimic joint="elbow" multiplier="-2" offset="0.5"/>
+  </joint>"""
+CONTROL = """
+  <ros2_control name="arm" type="system">
+    <hardware><plugin> servoloop/ServoHardware </plugin><param name="robot">arm.yaml</param></hardware>
+    <joint name="elbow"><command_interface name="position"/><state_interface name="position"/></joint>
+    <joint name="finger"><state_interface name="position"/></joint>
+  </ros2_control>"""
+
+
+def urdf(joints: str = ELBOW + FINGER, control: str = CONTROL) -> str:
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<robot name="r">{joints}{control}</robot>'
+
+
+def test_a_joint() -> None:
+    elbow = parse_urdf(urdf()).joints["elbow"]
+    assert (elbow.kind, elbow.parent, elbow.child) == ("revolute", "a", "b")
+    assert (elbow.xyz_m, elbow.rpy_rad, elbow.axis) == ((1, 2, 3), (0.1, 0.2, 0.3), (0, -1, 0))
+    assert (elbow.lower, elbow.upper, elbow.velocity) == (-1.5, 2.0, 4.0)
+    assert elbow.mimic is None
+
+
+def test_what_a_joint_leaves_out() -> None:
+    finger = parse_urdf(urdf()).joints["finger"]
+    assert (finger.xyz_m, finger.rpy_rad, finger.axis) == ((0, 0, 0), (0, 0, 0), (1, 0, 0))
+    assert finger.mimic == Mimic("elbow", -2.0, 0.5)
+    plain = FINGER.replace(' multiplier="-2" offset="0.5"', "")
+    assert parse_urdf(urdf(ELBOW + plain)).joints["finger"].mimic == Mimic("elbow", 1.0, 0.0)
+
+
+def test_the_hardware_component() -> None:
+    (component,) = parse_urdf(urdf()).components
+    assert (component.name, component.kind, component.plugin) == ("arm", "system", "servoloop/ServoHardware")
+    assert component.parameters == {"robot": "arm.yaml"}
+    assert component.joints == ("elbow",)
+    assert component.command_interfaces == {"elbow": ("position",), "finger": ()}
+    assert component.state_interfaces == {"elbow": ("position",), "finger": ("position",)}
+
+
+def test_the_text_is_kept_as_it_is() -> None:
+    assert parse_urdf(urdf()).xml == urdf()
+
+
+def test_the_arm_itself() -> None:
+    description = parse_urdf(URDF.read_text())
+    (component,) = description.components
+    assert component.joints == (*(f"joint{i}" for i in range(1, 7)), "hand_right_joint")
+    hand = description.joints["hand_right_joint"]
+    assert (hand.kind, hand.lower, hand.upper) == ("prismatic", 0.0, 0.05)
+    left = description.joints["hand_left_joint"].mimic
+    assert left is not None and left.joint == "hand_right_joint"
+    assert {description.joints[f"joint{i}"].kind for i in range(1, 7)} == {"revolute"}
+    for name in component.joints:
+        joint = description.joints[name]
+        assert joint.lower < joint.upper and joint.velocity > 0.0, name
+    children = {joint.child for joint in description.joints.values()}
+    assert {"gripper_base_link"} <= children and "base_link" not in children
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "the URDF is not well-formed XML"),
+        ("<robot", "the URDF is not well-formed XML"),
+        ("<sdf/>", "the URDF's root is <sdf>, not <robot>"),
+        (
+            urdf(control=""),
+            "the URDF has no <ros2_control> block: add one with <hardware><plugin>servoloop/ServoHardware</plugin>",
+        ),
+        (urdf(ELBOW.replace(' name="elbow"', "")), "a joint of the URDF has no name"),
+        (urdf(ELBOW.replace(' type="revolute"', "")), "joint 'elbow' of the URDF has no type"),
+        (urdf(ELBOW.replace('<parent link="a"/>', "")), "joint 'elbow' has no <parent>"),
+        (urdf(ELBOW.replace('<child link="b"/>', "<child/>")), "<child> of joint 'elbow' of the URDF has no link"),
+        (urdf(re.sub("<limit.*", "", ELBOW)), "joint 'elbow' is revolute and has no <limit>"),
+        (urdf(ELBOW + re.sub("<limit.*", "", FINGER)), "joint 'finger' is prismatic and has no <limit>"),
+        (urdf(ELBOW.replace("-1.5", "low")), "joint 'elbow': lower 'low' is not a number"),
+        (urdf(ELBOW.replace("-1.5", "nan")), "joint 'elbow': lower 'nan' is not a number"),
+        (urdf(ELBOW.replace('"4"', '"inf"')), "joint 'elbow': velocity 'inf' is not a number"),
+        (urdf(ELBOW.replace("1 2 3", "1 2")), "joint 'elbow': '1 2' is not three numbers"),
+        (urdf(ELBOW.replace("1 2 3", "1 2 3 4")), "joint 'elbow': '1 2 3 4' is not three numbers"),
+        (urdf(ELBOW.replace("1 2 3", "1 2 nan")), "joint 'elbow': '1 2 nan' is not three numbers"),
+        (urdf(ELBOW.replace("0 -1 0", "0 0 0")), "joint 'elbow': the <axis> has no direction"),
+        (urdf(ELBOW + ELBOW + FINGER), "the URDF has two joints named 'elbow'"),
+        (urdf(ELBOW + FINGER.replace('mimic joint="elbow"', "mimic")), "<mimic> of joint 'finger' of the URDF has no"),
+        (
+            urdf(ELBOW + FINGER.replace('mimic joint="elbow"', 'mimic joint="thumb"')),
+            "joint 'finger' mimics 'thumb', which the URDF has not",
+        ),
+        (urdf(ELBOW), "<ros2_control name='arm'> names joint 'finger', which the URDF has not"),
+        (urdf(control=CONTROL.replace(' name="arm"', "")), "a <ros2_control> block of the URDF has no name"),
+        (urdf(control=CONTROL.replace(' type="system"', "")), "<ros2_control name='arm'> of the URDF has no type"),
+        (urdf(control=re.sub("<hardware>.*", "", CONTROL)), "<ros2_control name='arm'> has no <hardware><plugin>"),
+        (urdf(control=re.sub("<plugin>.*</plugin>", "", CONTROL)), "<ros2_control name='arm'> has no <hardware><plugi"),
+        (urdf(control=re.sub("<plugin>.*</plugin>", "<plugin> </plugin>", CONTROL)), "has no <hardware><plugin>"),
+        (urdf(control=CONTROL.replace('<param name="robot">', "<param>")), "a <param> of the URDF has no name"),
+        (
+            urdf(control=CONTROL.replace('<command_interface name="position"/>', "<command_interface/>")),
+            "a <command_interface> of the URDF has no name",
+        ),
+    ],
+)
+def test_what_is_said_about_a_bad_urdf(text: str, says: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        parse_urdf(text)
+    assert says in str(caught.value)

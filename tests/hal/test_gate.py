@@ -1,0 +1,129 @@
+"""The safety gate: whatever is asked for, what comes out is finite, inside, and near the last command."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.gate import Gated, SafetyGate
+from hal.types import FloatArray, JointLimits
+
+PERIOD_S = 0.05
+LIMITS = (
+    JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0),
+    JointLimits(0.5, 1.5, 1.0, 10.0, 100.0),
+    JointLimits(0.0, 0.05, 0.2, 1.0, 20.0),
+)
+GATE = SafetyGate(LIMITS)
+LOWER = np.array([limit.lower for limit in LIMITS])
+UPPER = np.array([limit.upper for limit in LIMITS])
+REACH = np.array([limit.velocity for limit in LIMITS]) * PERIOD_S
+MIDDLE = (LOWER + UPPER) / 2.0
+ROUNDING = 1e-12
+
+anything = st.floats() | st.sampled_from((math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, -0.0))
+commands = st.tuples(anything, anything, anything).map(np.array)
+inside = st.tuples(*(st.floats(limit.lower, limit.upper) for limit in LIMITS)).map(np.array)
+shares = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+
+def gated(wanted: list[float], last: FloatArray = MIDDLE) -> Gated:
+    return GATE.limit(np.array(wanted), last, PERIOD_S)
+
+
+@given(commands, inside)
+def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: FloatArray) -> None:
+    out = GATE.limit(wanted, last, PERIOD_S).position
+    assert np.isfinite(out).all()
+    assert (out >= LOWER).all() and (out <= UPPER).all()
+    assert (np.abs(out - last) <= REACH + ROUNDING).all()
+
+
+@given(commands, inside, st.sampled_from((0.001, 0.01, 0.02, 0.1, 1.0)))
+def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, period_s: float) -> None:
+    out = GATE.limit(wanted, last, period_s).position
+    assert (np.abs(out - last) <= REACH / PERIOD_S * period_s + ROUNDING).all()
+
+
+@given(inside, shares)
+def test_a_legal_command_passes_as_it_is_and_without_a_word(last: FloatArray, share: FloatArray) -> None:
+    wanted = np.clip(last + share * REACH, LOWER, UPPER)
+    out = GATE.limit(wanted, last, PERIOD_S)
+    np.testing.assert_allclose(out.position, wanted, rtol=0.0, atol=ROUNDING)
+    assert out.reasons == {}
+
+
+@given(commands, inside)
+def test_the_reasons_name_exactly_the_joints_that_were_changed(wanted: FloatArray, last: FloatArray) -> None:
+    out = GATE.limit(wanted, last, PERIOD_S)
+    changed = {i for i in range(3) if not abs(out.position[i] - wanted[i]) <= 1e-9}
+    assert out.reasons.keys() == changed
+
+
+@given(commands, inside)
+def test_one_joint_does_not_move_another(wanted: FloatArray, last: FloatArray) -> None:
+    alone = np.where([True, False, False], wanted, last)
+    assert GATE.limit(alone, last, PERIOD_S).position[0] == GATE.limit(wanted, last, PERIOD_S).position[0]
+
+
+@given(st.lists(commands, max_size=20), inside)
+def test_no_sequence_of_commands_outruns_the_velocity(sequence: list[FloatArray], start: FloatArray) -> None:
+    last = start
+    for wanted in sequence:
+        last = GATE.limit(wanted, last, PERIOD_S).position
+    assert (np.abs(last - start) <= len(sequence) * REACH + ROUNDING * (1 + len(sequence))).all()
+
+
+@pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
+def test_no_number_means_hold(nothing: float) -> None:
+    out = gated([nothing, MIDDLE[1], nothing])
+    np.testing.assert_array_equal(out.position, MIDDLE)
+    assert out.reasons == {0: f"the command is {nothing}: holding", 2: f"the command is {nothing}: holding"}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "reason"),
+    [
+        (2.5, "2.5000 is outside the limits -2.0000 to 2.0000"),
+        (-7.0, "-7.0000 is outside the limits -2.0000 to 2.0000"),
+        (1.0, "1.0000 is too far for one period: going to 0.2000"),
+        (-1.0, "-1.0000 is too far for one period: going to -0.2000"),
+    ],
+)
+def test_a_reason_says_what_was_asked_and_what_is_allowed(wanted: float, reason: str) -> None:
+    assert gated([wanted, MIDDLE[1], MIDDLE[2]]).reasons == {0: reason}
+
+
+def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
+    wanted, last = np.array([math.nan, 9.0, 0.0]), MIDDLE.copy()
+    out = GATE.limit(wanted, last, PERIOD_S).position
+    out[:] = 77.0
+    np.testing.assert_array_equal(wanted, [math.nan, 9.0, 0.0])
+    np.testing.assert_array_equal(last, MIDDLE)
+
+
+@given(commands, st.tuples(*[st.sampled_from((-1.0, 1.0))] * 3), st.floats(0.0, 5.0))
+def test_from_a_little_outside_it_only_comes_nearer(
+    wanted: FloatArray, side: tuple[float, ...], reaches: float
+) -> None:
+    """A joint may begin outside by play. No command takes it further out, none makes it leap back in."""
+    ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
+    last = ends + np.array(side) * REACH * reaches
+    out = GATE.limit(wanted, last, PERIOD_S).position
+    outside_before = np.maximum(LOWER - last, last - UPPER)
+    outside_after = np.maximum(LOWER - out, out - UPPER)
+    assert (np.abs(out - last) <= REACH + ROUNDING).all()
+    assert (outside_after <= np.maximum(0.0, outside_before - REACH) + ROUNDING).all()
+
+
+def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:
+    """Nothing safe can be made of it; whoever sends it must at least be told."""
+    last = MIDDLE.copy()
+    last[1] = math.nan
+    assert 1 in GATE.limit(MIDDLE, last, PERIOD_S).reasons
+
+
+def test_a_robot_without_joints_is_safe() -> None:
+    assert SafetyGate(()).limit(np.array([]), np.array([]), PERIOD_S).reasons == {}

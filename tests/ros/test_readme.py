@@ -1,0 +1,103 @@
+"""Every command of the README, run."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.ros.stack_process import PATIENCE_S, emulating, until
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/vision_pick_place_controller.yaml"
+SERVERS = {
+    "servoloop up": "ready: robot_arm",
+    "servoloop up --port /dev/ttyACM0": "ready: robot_arm",
+    "servoloop up --hardware mujoco": "ready: robot_arm",
+    "servoloop up --hardware mock": "ready: robot_arm",
+    "servoloop up --port ./bus": "ready: robot_arm",
+    "servoloop emulate ./bus": "ready: 7 servos",
+}
+"""Commands that run until they are ended, and what they say when they are ready."""
+TOGETHER = {". .venv/bin/activate", NODE, "servoloop pick B"}
+ONCE = {
+    "make demo": "make demo DEMO_ARGS='--grades B --out {tmp}'",
+    "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
+}
+"""Commands that end by themselves, with the arguments that keep them short here."""
+
+
+def commands() -> list[str]:
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    return [line for block in blocks for line in block.splitlines()]
+
+
+@pytest.fixture
+def environment(ros_domain: int) -> dict[str, str]:
+    """A shell in which the environment has been activated."""
+    return {**os.environ, "PATH": f"{ROOT / '.venv' / 'bin'}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(ros_domain)}
+
+
+class Served:
+    """A command that runs until the test ends it."""
+
+    def __init__(self, command: str, log: Path, environment: dict[str, str]) -> None:
+        self.log = log
+        with log.open("wb") as out:
+            self.process = subprocess.Popen(shlex.split(command), stdout=out, stderr=out, env=environment, cwd=ROOT)
+
+    def wait_for(self, words: str) -> None:
+        until(lambda: words in self.log.read_text(), lambda: self.process.poll() is not None and self.log.read_text())
+
+    def end(self) -> int:
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(PATIENCE_S)
+
+
+def test_the_table_has_every_command_of_the_readme() -> None:
+    assert set(commands()) == set(SERVERS) | set(ONCE) | TOGETHER
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Iterator[Path]:
+    with emulating(tmp_path) as link:
+        yield link
+
+
+@pytest.mark.parametrize("command", sorted(SERVERS))
+def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
+    """Where a port is named, the emulator's stands in for it: this machine has no arm."""
+    here = str(tmp_path / "mine") if "emulate" in command else str(link)
+    command = command.replace("/dev/ttyACM0", here).replace("./bus", here)
+    served = Served(command, tmp_path / "log", environment)
+    served.wait_for(SERVERS.get(command, "ready: "))
+    assert served.end() == 0
+
+
+def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environment: dict[str, str]) -> None:
+    stack = Served("servoloop up", tmp_path / "up", environment)
+    stack.wait_for("ready: ")
+    node = Served(NODE, tmp_path / "node", environment)
+    try:
+        script = ". .venv/bin/activate && servoloop pick B"
+        done = subprocess.run(["sh", "-c", script], env=environment, cwd=ROOT, capture_output=True, timeout=90)
+        assert done.returncode == 0, done.stdout.decode() + done.stderr.decode()
+    finally:
+        assert node.end() == 0
+        assert stack.end() == 0
+
+
+@pytest.mark.parametrize("command", sorted(ONCE))
+def test_a_make_target_does_its_work(command: str, tmp_path: Path, environment: dict[str, str]) -> None:
+    full = ONCE[command].format(tmp=tmp_path / "out")
+    done = subprocess.run(full, shell=True, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=110)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]

@@ -1,0 +1,120 @@
+"""What a user can get wrong on the command line and in the files: each mistake gets a message that says what to do."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from servoloop import cli
+from servoloop.files import CONFIG, CONTROLLERS, URDF
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[Path]:
+    """A pseudo-terminal with nobody at its far end."""
+    master, slave = os.openpty()
+    link = tmp_path / "line"
+    link.symlink_to(os.ttyname(slave))
+    os.close(slave)
+    yield link
+    os.close(master)
+
+
+def complaint(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
+    """Run the command line, which must fail; returns what it says."""
+    monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == 1
+    return capsys.readouterr().err
+
+
+def edited(folder: Path, original: Path, old: str, new: str) -> str:
+    text = original.read_text()
+    assert old in text
+    path = folder / original.name
+    path.write_text(text.replace(old, new))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("option", "original", "old", "new", "says"),
+    [
+        ("--controllers", CONTROLLERS, "joint6]", "joint9]", "arm_controller.joints names joint9"),
+        ("--controllers", CONTROLLERS, "ForwardCommandController", "Nonsense", "unknown type"),
+        ("--controllers", CONTROLLERS, "update_rate: 20", "update_rate: 0", "update_rate"),
+        ("--controllers", CONTROLLERS, "[hand_right_joint]", "[joint6]", "both command joint6"),
+        ("--urdf", URDF, "ros2_control", "other", "has no <ros2_control> block: add one"),
+        ("--urdf", URDF, "servoloop/ServoHardware", "acme/Hardware", "unknown <plugin> acme/Hardware"),
+        ("--robot", CONFIG / "robot_arm.yaml", "servo_id: 2", "servo_id: 1", "both have servo_id 1"),
+        (
+            "--robot",
+            CONFIG / "robot_arm.yaml",
+            "model: sts3215, sign: -1",
+            "model: sts, sign: 2",
+            "robot_arm.yaml:11: joints.joint2.model",
+        ),
+    ],
+)
+def test_a_mistake_in_a_file_is_said_with_its_place(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    option: str,
+    original: Path,
+    old: str,
+    new: str,
+    says: str,
+) -> None:
+    path = edited(tmp_path, original, old, new)
+    assert says in complaint(capsys, monkeypatch, "up", option, path, "--port", str(tmp_path / "none"))
+
+
+def test_a_missing_file_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "cannot read the URDF nowhere.urdf" in complaint(capsys, monkeypatch, "up", "--urdf", "nowhere.urdf")
+
+
+def test_a_missing_port_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "there is no /dev/ttyACM77" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
+
+
+def test_a_port_without_servos_is_told_from_a_missing_one(
+    line: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "no servo answers on" in complaint(capsys, monkeypatch, "up", "--port", str(line))
+
+
+def test_a_port_in_use_names_its_owner(
+    line: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = f"import serial; s = serial.Serial({str(line)!r}, exclusive=True); print('open', flush=True); input()"
+    owner = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert owner.stdout and owner.stdout.readline() == "open\n"
+    try:
+        words = complaint(capsys, monkeypatch, "up", "--port", str(line))
+        assert f"(process {owner.pid}): end that program first" in words
+    finally:
+        owner.communicate("\n")
+
+
+def test_an_emulator_does_not_take_a_path_that_is_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = tmp_path / "bus"
+    taken.write_text("mine")
+    assert str(taken) in complaint(capsys, monkeypatch, "emulate", str(taken))
+    assert taken.read_text() == "mine"
+
+
+@pytest.mark.parametrize("verb", ["up", "demo", "pick", "emulate"])
+def test_every_verb_has_help_with_an_example(
+    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servoloop", verb, "--help"])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == 0
+    assert f"Example: servoloop {verb}" in " ".join(capsys.readouterr().out.split())

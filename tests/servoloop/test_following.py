@@ -1,0 +1,53 @@
+"""The following error: how it is measured at the cycles and between them."""
+
+import numpy as np
+import pytest
+
+from servoloop.following import UNKNOWN, between_cycles, following_error, reference_at, worst
+
+
+def test_largest_counts_always_and_rms_only_while_the_joint_moves() -> None:
+    error = np.array([[0.3, 0.0], [0.1, 0.02], [-0.1, -0.02]])
+    velocity = np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 2.0]])
+    found = following_error(error, velocity)
+    assert found.largest_rad == (0.3, 0.02)
+    assert found.rms_moving_rad == (0.1, 0.02)
+    assert found.fastest == 1
+
+
+def test_nothing_measured_is_nothing_said() -> None:
+    assert following_error(np.empty((0, 6)), np.empty((0, 6))) is UNKNOWN
+    assert UNKNOWN.as_dict()["largest_rad"] is None
+    assert worst([UNKNOWN]) is UNKNOWN
+
+
+def test_between_the_cycles_the_reference_is_the_cubic_through_positions_and_velocities() -> None:
+    cycles = np.arange(0.0, 1.01, 0.05)
+    times = np.linspace(0.0, 1.0, 333)
+
+    def motion(t: np.ndarray) -> np.ndarray:
+        return (t**3 - t)[:, None]
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return (3 * t**2 - 1)[:, None]
+
+    position, velocity = reference_at(times, cycles, motion(cycles), speed(cycles))
+    assert position == pytest.approx(motion(times))
+    assert velocity == pytest.approx(speed(times))
+
+
+def test_a_servo_that_leaps_is_seen_between_the_cycles_only() -> None:
+    cycles = np.arange(20) * 0.05
+    reference, velocity = cycles[:, None], np.ones((20, 1))
+    ticks = np.arange(191)
+    leaping = np.ceil(ticks / 10) * 0.05  # at every cycle where it should be, and ahead of it between
+    at = following_error(reference - leaping[::10, None], velocity)
+    between = between_cycles(list(ticks * 0.005), [[p] for p in leaping], cycles, reference, velocity)
+    assert at.largest_rad == (0.0,)
+    assert between.largest_rad[0] == pytest.approx(0.045)
+
+
+def test_the_worst_of_several_runs_is_taken_joint_by_joint() -> None:
+    velocity = np.ones((1, 2))
+    runs = [following_error(np.array([e]), velocity) for e in ([0.1, 0.2], [0.3, 0.1])]
+    assert worst(runs).largest_rad == (0.3, 0.2)
