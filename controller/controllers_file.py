@@ -61,7 +61,7 @@ class _Jtc(_Parameters):
     state_interfaces: tuple[Literal["position", "velocity"], ...] = ("position", "velocity")
     allow_nonzero_velocity_at_trajectory_end: bool = False
     interpolation_method: Literal["ruckig"] = "ruckig"
-    constraints: _Constraints = _Constraints()
+    constraints: _Constraints = _Constraints.model_validate({})
     command_lead: NotNegative = 0.0
     wait_for: tuple[str, ...] = ()
     wait_for_timeout: NotNegative = 1.5

@@ -4,21 +4,20 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import psutil
 
 from drivers.errors import DriverError
-from nodes.hardware_node import INTERPOLATION
-from nodes.pick_client import PickClient
-from nodes.session import client_session
-from nodes.watcher import Watcher
 from servoloop.files import CONFIG, read_files
 from servoloop.live import Live
 from servoloop.processes import Processes
 from servoloop.show import Camera, Run, Show
 from servoloop.signals import Signals
 from sim_backend.world_feed import WorldFeedClient, feed_path
+
+if TYPE_CHECKING:
+    from nodes.watcher import Watcher
 
 ARM = "arm_controller"
 ARM_JOINTS = tuple(f"joint{i}" for i in range(1, 7))
@@ -50,6 +49,10 @@ def environment() -> dict[str, str]:
 
 def demo(grades: Sequence[str], repeat: int, out: Path, live: Live) -> Report:
     """Run everything; raises DriverError with a process' last words if one of them fails."""
+    from nodes.pick_client import PickClient
+    from nodes.session import client_session
+    from nodes.watcher import Watcher
+
     out.mkdir(parents=True, exist_ok=True)
     os.environ.update(environment())
     link, ready = out / "bus", out / "ready"
@@ -78,8 +81,10 @@ def demo(grades: Sequence[str], repeat: int, out: Path, live: Live) -> Report:
     return report
 
 
-def _measure(grades: Sequence[str], repeat: int, component: str, pid: int, watcher: Watcher, show: Show) -> Report:
+def _measure(grades: Sequence[str], repeat: int, component: str, pid: int, watcher: "Watcher", show: Show) -> Report:
     """All runs, then one more without the servos' own interpolation, for the difference."""
+    from nodes.hardware_node import INTERPOLATION
+
     stack = psutil.Process(pid)
     idle_percent, _ = _cpu(stack, lambda: show.idle(IDLE_S))
     jobs = [grade for _ in range(repeat) for grade in grades]

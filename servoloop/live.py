@@ -1,11 +1,14 @@
 """What the demo shows while it runs: phase, joints, loop timing, temperatures and voltages."""
 
+from typing import TYPE_CHECKING
+
 from rich.console import Console, Group
 from rich.live import Live as RichLive
 from rich.table import Table
 from rich.text import Text
 
-from nodes.watcher import Seen
+if TYPE_CHECKING:
+    from nodes.watcher import Seen
 
 
 class Live:
@@ -46,17 +49,17 @@ class Live:
         self.console.print(f"{mark} grade {grade}: cube in {place} [dim]{message}[/]")
         self._job, self._phase = "", ""
 
-    def show(self, seen: Seen) -> None:
+    def show(self, seen: "Seen") -> None:
         """The newest state."""
         if self.console.is_terminal:
             self._view.update(self._render(seen))
 
-    def _render(self, seen: Seen) -> Group:
+    def _render(self, seen: "Seen") -> Group:
         title = Text.assemble((self._job or "idle", "bold"), "  ", (self._phase, "cyan"))
         return Group(title, _joints(seen), _loop_line(seen))
 
 
-def _joints(seen: Seen) -> Table:
+def _joints(seen: "Seen") -> Table:
     table = Table("joint", *("position", "velocity", "following error", "°C", "V", "servo"))
     for column in table.columns[1:6]:
         column.justify = "right"
@@ -77,7 +80,7 @@ def _joints(seen: Seen) -> Table:
     return table
 
 
-def _loop_line(seen: Seen) -> Text:
+def _loop_line(seen: "Seen") -> Text:
     loop = seen.loop
     if not loop:
         return Text("waiting for the loop's figures")

@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter, time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.clock import MonotonicClock
-from nodes.pick_client import PickClient
-from nodes.watcher import Sample, Watcher
 from servoloop.following import UNKNOWN, FollowingError, between_cycles, following_error
 from servoloop.live import Live
 from servoloop.processes import Processes
 from servoloop.signals import Signals
 from sim_backend.world_feed import WorldFeedClient
+
+if TYPE_CHECKING:
+    from nodes.pick_client import PickClient
+    from nodes.watcher import Sample, Watcher
 
 REST_S = 3.0
 
@@ -48,8 +51,8 @@ class Show:
 
     def __init__(
         self,
-        watcher: Watcher,
-        picker: PickClient,
+        watcher: "Watcher",
+        picker: "PickClient",
         live: Live,
         camera: "Camera",
         signals: Signals,
@@ -123,7 +126,7 @@ class Camera:
                 self.trace.positions.append(positions[: len(self._joints)])
 
 
-def _errors(samples: Sequence[Sample], trace: Trace) -> tuple[FollowingError, FollowingError]:
+def _errors(samples: "Sequence[Sample]", trace: Trace) -> tuple[FollowingError, FollowingError]:
     """At the cycles and between them; the samples' ROS time is brought to the trace's clock."""
     if not samples:
         return UNKNOWN, UNKNOWN

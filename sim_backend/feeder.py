@@ -15,7 +15,8 @@ STILL: Final = np.array([0.05] * 6 + [0.005])
 """Slower than this is at rest: rad/s, the last one m/s. A servo that holds hums a little."""
 SETS_OUT_RAD_S: Final = 0.1
 AT_READY_RAD: Final = 0.15
-REST_S: Final = 1.0
+REST_S: Final = 0.1
+"""At ready. A node that goes straight on to the next job rests no longer than its goal takes to arrive."""
 LONG_REST_S: Final = 10.0
 """Away from ready a rest may be a pause within the job, so it must be this long to end one."""
 

@@ -81,7 +81,7 @@ def test_the_gate_speaks_once_an_episode(caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_cycles_come_at_the_rate() -> None:
-    _, loop, hardware, clock = puppet_loop()
+    _, loop, hardware, _ = puppet_loop()
     times: list[float] = []
     loop.on_cycle = lambda state: times.append(state.stamp_s)
     loop.run(lambda: len(times) == 5)

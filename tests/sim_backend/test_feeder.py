@@ -80,7 +80,7 @@ def test_a_rested_arm_that_sets_out_gets_one_fresh_cube(run):
 
 
 def test_a_short_rest_brings_none(run):
-    run(0.9)
+    run(0.05)
     assert run(2.0, joint=5, speed=1.0) == 0
 
 
@@ -88,7 +88,7 @@ def test_the_rest_is_counted_from_when_the_cube_lies_still(run, world):
     world.at_rest = False
     run(5.0)
     world.at_rest = True
-    run(0.5)
+    run(0.05)
     assert run(1.0, joint=0, speed=0.5) == 0
 
 

@@ -119,13 +119,13 @@ class Scenario:
 
 
 @pytest.mark.parametrize("rogue", [False, True], ids=["sane", "rogue"])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(20))
 def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
     scenario = Scenario(seed, rogue)
     scenario.play()
     assert scenario.monitor.broken == []
     assert scenario.monitor.torque_on_seen == 7
-    assert scenario.monitor.goals_seen > 100
+    assert scenario.monitor.goals_seen >= 7
     assert all(handle.done for handle in scenario.handles)
     assert scenario.rig.hardware.state is LifecycleState.UNCONFIGURED
 
@@ -162,7 +162,8 @@ def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> No
     assert park is not None
     assert end(rig.loop, relax, park.pose, park.velocity_scale) == []
     assert [servo.memory.get(sts.torque_enable) for servo in rig.bus.servos] == [0 if relax else 1] * 7
-    assert np.abs(rig.world.velocity()[:6]).max() < 0.1
+    rig.bus.advance(rig.clock.now() + 1.0)
+    assert np.abs(rig.world.velocity()[:6]).max() < 0.02
     if relax:
         assert np.abs(rig.world.position()[:6]).max() < 0.05
 
@@ -182,7 +183,7 @@ def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
     rig.port.on_write = monitor.see
     rig.hardware.configure()
     rig.bus.faults.silence(4)
-    with pytest.raises(ActivationError, match="joint4.*servo 4 does not answer"):
+    with pytest.raises(ActivationError, match=r"joint4.*servo 4 does not answer"):
         rig.loop.activate()
     assert monitor.torque_on_seen == 0
 

@@ -1,0 +1,245 @@
+"""The robot file: every mistake at once, each with its line; and how it is joined with the URDF."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.feetech.sts import STS3215
+from hal.description import Component, Description, UrdfJoint
+from hal.errors import RobotFileError
+from hal.robot import Robot, RobotFile, assemble, load_robot_file
+from hal.types import JointLimits
+
+CONFIG = Path(__file__).resolve().parents[2] / "config" / "robot_arm.yaml"
+
+GOOD = """\
+bus:
+  baud: 500000
+joints:
+  elbow: {servo_id: 1, model: sts3215, sign: -1, zero_counts: 2000, acceleration: 12, jerk: 120}
+  finger:
+    servo_id: 7
+    model: sts3215
+    zero_counts: 1024
+    metres_per_radian: 0.03
+    torque_limit: 0.5
+    acceleration: 1.0
+    jerk: 20.0
+on_exit: {virtual: relax, real: hold}
+park:
+  velocity_scale: 0.5
+  pose: {elbow: 0.1}
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "robot.yaml"
+    path.write_text(text)
+    return path
+
+
+def loaded(folder: Path, text: str) -> RobotFile:
+    return load_robot_file(written(folder, text))
+
+
+def complaints(folder: Path, text: str) -> list[str]:
+    """The lines of the error, without the file's name."""
+    path = written(folder, text)
+    with pytest.raises(RobotFileError) as caught:
+        load_robot_file(path)
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith(f"{path}:") for line in lines), lines
+    return [line.removeprefix(f"{path}:") for line in lines]
+
+
+def test_what_the_file_says(tmp_path: Path) -> None:
+    file = loaded(tmp_path, GOOD)
+    assert file.bus.baud == 500_000
+    elbow, finger = file.joints["elbow"], file.joints["finger"]
+    assert (elbow.servo_id, elbow.sign, elbow.zero_counts, elbow.metres_per_radian) == (1, -1, 2000, None)
+    assert (finger.metres_per_radian, finger.torque_limit, finger.jerk) == (0.03, 0.5, 20.0)
+    assert (file.on_exit.virtual, file.on_exit.real) == ("relax", "hold")
+    assert file.park is not None
+    assert (file.park.velocity_scale, file.park.pose) == (0.5, {"elbow": 0.1})
+
+
+def test_what_the_file_need_not_say(tmp_path: Path) -> None:
+    file = loaded(tmp_path, "joints: {elbow: {servo_id: 1, model: sts3215, acceleration: 12, jerk: 120}}")
+    elbow = file.joints["elbow"]
+    assert (elbow.sign, elbow.zero_counts, elbow.torque_limit) == (1, 2048, 1.0)
+    assert (file.bus.protocol, file.bus.baud) == ("feetech", 1_000_000)
+    assert (file.on_exit.virtual, file.on_exit.real, file.park) == ("hold", "relax", None)
+
+
+def test_the_arm_itself() -> None:
+    assert [joint.servo_id for joint in load_robot_file(CONFIG).joints.values()] == [1, 2, 3, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "line", "says"),
+    [
+        ("servo_id: 1,", "servo_id: 254,", 4, "joints.elbow.servo_id: Input should be less than or equal to 253"),
+        ("servo_id: 1,", "servo_id: -1,", 4, "joints.elbow.servo_id: Input should be greater than or equal to 0"),
+        ("servo_id: 1,", "servo_id: one,", 4, "joints.elbow.servo_id: Input should be a valid integer"),
+        ("servo_id: 1, ", "", 4, "joints.elbow.servo_id: Field required"),
+        ("    model: sts3215", "    model: sts9999", 7, "joints.finger.model: Input should be 'sts3215'"),
+        ("sign: -1", "sign: 2", 4, "joints.elbow.sign: Input should be 1 or -1"),
+        ("zero_counts: 2000", "zero_counts: 40000", 4, "joints.elbow.zero_counts: Input should be less than or equal"),
+        ("metres_per_radian: 0.03", "metres_per_radian: 0", 9, "joints.finger.metres_per_radian: Input should be grea"),
+        ("metres_per_radian: 0.03", "metres_per_radian: .nan", 9, "joints.finger.metres_per_radian: Input should be"),
+        ("torque_limit: 0.5", "torque_limit: 1.5", 10, "joints.finger.torque_limit: Input should be less than or equ"),
+        ("torque_limit: 0.5", "torque_limit: 0", 10, "joints.finger.torque_limit: Input should be greater than 0"),
+        ("torque_limit: 0.5", "torque_limit: .nan", 10, "joints.finger.torque_limit: Input should be"),
+        ("acceleration: 1.0", "acceleration: .inf", 11, "joints.finger.acceleration: Input should be"),
+        ("jerk: 20.0", "jerk: -20.0", 12, "joints.finger.jerk: Input should be greater than 0"),
+        ("torque_limit", "torque_limt", 10, "joints.finger.torque_limt: Extra inputs are not permitted"),
+        ("baud: 500000", "baud: 0", 2, "bus.baud: Input should be greater than 0"),
+        ("baud: 500000", "protocol: canopen", 2, "bus.protocol: Input should be 'feetech'"),
+        ("real: hold", "real: drop", 13, "on_exit.real: Input should be 'hold' or 'relax'"),
+        ("velocity_scale: 0.5", "velocity_scale: 2", 15, "park.velocity_scale: Input should be less than or equal to"),
+        ("elbow: 0.1", "elbow: .nan", 16, "park.pose.elbow: Input should be a finite number"),
+        ("elbow: 0.1", "wrist: 0.1", 14, "park: pose names unknown joints: wrist"),
+        ("park:", "parc:", 14, "parc: Extra inputs are not permitted"),
+        ("servo_id: 7", "servo_id: 1", 3, "joints: elbow and finger both have servo_id 1"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(tmp_path: Path, right: str, wrong: str, line: int, says: str) -> None:
+    assert GOOD.count(right) >= 1
+    (complaint,) = complaints(tmp_path, GOOD.replace(right, wrong, 1))
+    assert complaint.startswith(f"{line}: ")
+    assert says in complaint
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
+    text = GOOD
+    for right, wrong in [
+        ("baud: 500000", "baud: fast"),
+        ("sign: -1", "sign: 0"),
+        ("jerk: 20.0", "jerk: soft"),
+        ("virtual: relax", "virtual: fall"),
+        ("velocity_scale: 0.5", "velocity_scale: 0"),
+    ]:
+        text = text.replace(right, wrong)
+    assert [int(line.split(":")[0]) for line in complaints(tmp_path, text)] == [2, 4, 12, 13, 15]
+
+
+def test_mistakes_between_entries_are_told_at_once_too(tmp_path: Path) -> None:
+    text = GOOD.replace("servo_id: 7", "servo_id: 1").replace("elbow: 0.1", "wrist: 0.1, thumb: 0.1")
+    text += "  wrist_2: x\n"
+    told = complaints(tmp_path, text.replace("baud: 500000", "baud: 0"))
+    assert len(told) == 3
+    assert told[0].startswith("2: bus.baud")
+    assert "both have servo_id 1" in told[1]
+    assert told[2].startswith("17: park.wrist_2")
+
+
+def test_every_pair_of_joints_with_one_servo_is_told(tmp_path: Path) -> None:
+    entry = "{servo_id: %d, model: sts3215, acceleration: 1, jerk: 1}"
+    joints = {"a": 1, "b": 1, "c": 2, "d": 2}
+    text = "joints:\n" + "".join(f"  {name}: {entry % servo_id}\n" for name, servo_id in joints.items())
+    (complaint,) = complaints(tmp_path, text)
+    assert "a and b both have servo_id 1" in complaint
+    assert "c and d both have servo_id 2" in complaint
+
+
+def test_a_joint_that_is_named_twice_is_not_quietly_the_last_one(tmp_path: Path) -> None:
+    text = GOOD.replace("  finger:", "  elbow:")
+    assert complaints(tmp_path, text) == ["5: elbow stands here for the second time, first in line 4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "Input should be"),
+        ("- a list", "Input should be"),
+        ("just a word", "Input should be"),
+        ("bus: {}", "joints: Field required"),
+        ("joints: [1, 2]", "joints: Input should be a valid dictionary"),
+        ("joints: {elbow: 3}", "joints.elbow: Input should be"),
+    ],
+)
+def test_a_file_of_another_shape(tmp_path: Path, text: str, says: str) -> None:
+    (complaint,) = complaints(tmp_path, text)
+    assert complaint.startswith("1: ")
+    assert says in complaint
+
+
+def test_what_is_no_yaml_is_told_with_its_line(tmp_path: Path) -> None:
+    path = written(tmp_path, "bus:\n  baud: [1\njoints: {")
+    with pytest.raises(RobotFileError, match=r"robot.yaml is not YAML: [\s\S]*line 3"):
+        load_robot_file(path)
+
+
+@pytest.mark.parametrize("name", ["absent.yaml", "."])
+def test_what_cannot_be_read_is_told_with_the_reason(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RobotFileError, match=r"cannot read .*: (No such file|Is a directory)"):
+        load_robot_file(tmp_path / name)
+
+
+def test_what_is_no_text_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(RobotFileError, match=r"robot\.yaml"):
+        load_robot_file(path)
+
+
+# File and URDF together
+
+ELBOW = UrdfJoint("elbow", "revolute", "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, 4.0, None)
+FINGER = UrdfJoint("finger", "prismatic", "b", "c", (0, 0, 0), (0, 0, 0), (0, 0, 1), 0.0, 0.05, 0.2, None)
+
+
+def joined(folder: Path, *urdf: UrdfJoint, text: str = GOOD) -> Robot:
+    commands = {joint.name: ("position",) for joint in urdf} | {"follower": ()}
+    component = Component("arm", "system", "plugin", {}, commands, {})
+    return assemble(loaded(folder, text), Description("", {j.name: j for j in urdf}, (component,)), component)
+
+
+def changed(joint: UrdfJoint, **changes: object) -> UrdfJoint:
+    values = {name: getattr(joint, name) for name in UrdfJoint.__slots__}
+    return UrdfJoint(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_joints_have_the_urdfs_order_and_limits_and_the_files_servos(tmp_path: Path) -> None:
+    robot = joined(tmp_path, FINGER, ELBOW)
+    finger, elbow = robot.joints
+    assert (finger.name, finger.servo_id, finger.transmission, finger.torque_limit) == ("finger", 7, 0.03, 0.5)
+    assert (elbow.name, elbow.servo_id, elbow.sign, elbow.zero_counts) == ("elbow", 1, -1, 2000)
+    assert elbow.model is STS3215
+    assert elbow.transmission == 1.0
+    assert robot.limits() == {
+        "finger": JointLimits(0.0, 0.05, 0.2, 1.0, 20.0),
+        "elbow": JointLimits(-1.5, 1.5, 4.0, 12.0, 120.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("urdf", "says"),
+    [
+        ((ELBOW,), "the robot file has a servo for finger, which the URDF does not command"),
+        ((ELBOW, FINGER, changed(ELBOW, name="wrist")), "the URDF commands wrist, for which the robot file has no"),
+        ((ELBOW, changed(FINGER, kind="revolute")), "finger is revolute in the URDF and must not have metres_per_r"),
+        ((changed(ELBOW, kind="prismatic"), FINGER), "elbow is prismatic in the URDF and needs metres_per_radian"),
+        ((changed(ELBOW, velocity=0.0), FINGER), "elbow needs <limit lower upper velocity> in the URDF"),
+        ((changed(ELBOW, lower=1.5), FINGER), "elbow needs <limit lower upper velocity> in the URDF, lower < upper"),
+        ((changed(ELBOW, kind="fixed"), FINGER), "elbow is fixed in the URDF"),
+        (
+            (changed(ELBOW, upper=3.3), FINGER),
+            "elbow: its limits are the servo's counts -151 to 2977, and the servo has 0 to 4095",
+        ),
+        ((ELBOW, changed(FINGER, upper=0.2)), "finger: its limits are the servo's counts 1024 to 5370"),
+        ((changed(ELBOW, lower=0.2), FINGER), "park.pose: 0.1 is outside the limits 0.2 to 1.5 of elbow"),
+    ],
+)
+def test_what_does_not_fit_together_is_told(tmp_path: Path, urdf: tuple[UrdfJoint, ...], says: str) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        joined(tmp_path, *urdf)
+    (complaint,) = str(caught.value).splitlines()
+    assert says in complaint
+
+
+def test_everything_that_does_not_fit_is_told_at_once(tmp_path: Path) -> None:
+    wrist = changed(ELBOW, name="wrist")
+    with pytest.raises(RobotFileError) as caught:
+        joined(tmp_path, changed(ELBOW, velocity=0.0), wrist)
+    assert len(str(caught.value).splitlines()) == 3
