@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from drivers.feetech import sts
 from hal.description import Component, Description, UrdfJoint
@@ -16,6 +16,7 @@ from hal.yaml_file import load
 
 ExitPolicy = Literal["hold", "relax"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -52,7 +53,7 @@ class ExitFile(_Strict):
 class ParkFile(_Strict):
     """Where to go before letting go, at which share of the joints' velocity limits."""
 
-    pose: dict[str, float]
+    pose: dict[str, Finite]
     velocity_scale: float = Field(0.25, gt=0, le=1)
 
 
@@ -65,17 +66,27 @@ class RobotFile(_Strict):
     park: ParkFile | None = None
     controller_defaults: dict[str, dict[str, Any]] = {}
 
-    @model_validator(mode="after")
-    def _one_servo_a_joint(self) -> Self:
+    @field_validator("joints")
+    @classmethod
+    def _one_servo_a_joint(cls, joints: dict[str, JointFile]) -> dict[str, JointFile]:
         owners: dict[int, str] = {}
-        for name, joint in self.joints.items():
+        doubles: list[str] = []
+        for name, joint in joints.items():
             other = owners.setdefault(joint.servo_id, name)
             if other != name:
-                raise ValueError(f"{other} and {name} both have servo_id {joint.servo_id}")
-        unknown = set(self.park.pose if self.park else ()) - set(self.joints)
-        if unknown:
-            raise ValueError(f"park.pose names unknown joints: {', '.join(sorted(unknown))}")
-        return self
+                doubles.append(f"{other} and {name} both have servo_id {joint.servo_id}")
+        if doubles:
+            raise ValueError("; ".join(doubles))
+        return joints
+
+    @field_validator("park")
+    @classmethod
+    def _known_joints(cls, park: ParkFile | None, info: ValidationInfo) -> ParkFile | None:
+        if park and "joints" in info.data:
+            unknown = park.pose.keys() - info.data["joints"].keys()
+            if unknown:
+                raise ValueError(f"pose names unknown joints: {', '.join(sorted(unknown))}")
+        return park
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +115,9 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
-            problems += _problems(description.joints[name], file.joints[name])
-            joints.append(_joint(name, file.joints[name], description.joints[name]))
+            joint = _joint(name, file.joints[name], description.joints[name])
+            problems += _problems(description.joints[name], file.joints[name]) or _reach_problems(joint, file.park)
+            joints.append(joint)
     if problems:
         raise RobotFileError("\n".join(problems))
     return Robot(tuple(joints), file)
@@ -113,12 +125,30 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
 
 def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
     prismatic = urdf.kind == "prismatic"
+    if not prismatic and urdf.kind != "revolute":
+        return [f"{urdf.name} is {urdf.kind} in the URDF: a servo drives revolute and prismatic joints"]
     problems: list[str] = []
     if prismatic != (file.metres_per_radian is not None):
         need = "needs" if prismatic else "must not have"
         problems.append(f"{urdf.name} is {urdf.kind} in the URDF and {need} metres_per_radian")
     if urdf.velocity <= 0 or urdf.lower >= urdf.upper:
         problems.append(f"{urdf.name} needs <limit lower upper velocity> in the URDF, lower < upper")
+    return problems
+
+
+def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
+    problems: list[str] = []
+    lowest, highest = joint.counts_range()
+    last = joint.model.counts_per_turn - 1
+    if lowest < 0 or highest > last:  # past its last count a servo says 0: the joint would seem to leap
+        problems.append(
+            f"{joint.name}: its limits are the servo's counts {lowest} to {highest}, and the servo has 0 to {last}: "
+            "narrow the limits, or mount the servo so that zero_counts is nearer to the middle"
+        )
+    lower, upper = joint.limits.lower, joint.limits.upper
+    position = park.pose.get(joint.name, lower) if park else lower
+    if not lower <= position <= upper:
+        problems.append(f"park.pose: {position} is outside the limits {lower} to {upper} of {joint.name}")
     return problems
 
 

@@ -1,6 +1,6 @@
 """YAML with line numbers: all mistakes of a file at once, each with file and line."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,19 +16,39 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
         text = path.read_text()
     except OSError as reason:
         raise error(f"cannot read {path}: {reason.strerror}") from reason
+    except UnicodeDecodeError as reason:
+        raise error(f"{path} is not text: {reason}") from reason
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         content = yaml.safe_load(text)
     except yaml.YAMLError as reason:
         raise error(f"{path} is not YAML: {reason}") from reason
+    doubles = list(_doubles(root))
+    if doubles:
+        raise error("\n".join(f"{path}:{double}" for double in doubles))
     try:
         return model.model_validate(content)
     except ValidationError as reason:
         lines = [
-            f"{path}:{_line(root, item['loc'])}: {'.'.join(map(str, item['loc']))}: {item['msg']}"
+            f"{path}:{_line(root, item['loc'])}: {'.'.join(map(str, item['loc']))}: {item['msg'].removeprefix('Value error, ')}"
             for item in reason.errors()
         ]
         raise error("\n".join(lines)) from reason
+
+
+def _doubles(node: yaml.Node | None) -> Iterator[str]:
+    """Keys that stand twice in one mapping: YAML would quietly take the last."""
+    if isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            yield from _doubles(item)
+    if isinstance(node, yaml.MappingNode):
+        first: dict[str, int] = {}
+        for key, value in node.value:
+            name, line = str(key.value), key.start_mark.line + 1
+            if name in first:
+                yield f"{line}: {name} stands here for the second time, first in line {first[name]}"
+            first.setdefault(name, line)
+            yield from _doubles(value)
 
 
 def _line(node: yaml.Node | None, location: Sequence[int | str]) -> int:

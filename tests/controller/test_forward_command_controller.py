@@ -11,7 +11,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def hand_commands(bench: Bench) -> list[float]:
-    return bench.path()[:, 2].tolist()
+    return [float(value) for value in bench.path()[:, 2]]
 
 
 @pytest.mark.parametrize(

@@ -142,9 +142,15 @@ def test_every_pair_of_joints_with_one_servo_is_told(tmp_path: Path) -> None:
     assert "c and d both have servo_id 2" in complaint
 
 
-def test_a_joint_that_is_named_twice_is_not_quietly_the_last_one(tmp_path: Path) -> None:
-    text = GOOD.replace("  finger:", "  elbow:")
-    assert complaints(tmp_path, text) == ["5: elbow stands here for the second time, first in line 4"]
+@pytest.mark.parametrize(
+    ("right", "wrong", "says"),
+    [
+        ("  finger:", "  elbow:", "5: elbow stands here for the second time, first in line 4"),
+        ("{elbow: 0.1}", "{elbow: 0.1, elbow: 0.2}", "16: elbow stands here for the second time, first in line 16"),
+    ],
+)
+def test_what_is_said_twice_is_not_quietly_the_last(tmp_path: Path, right: str, wrong: str, says: str) -> None:
+    assert complaints(tmp_path, GOOD.replace(right, wrong)) == [says]
 
 
 @pytest.mark.parametrize(
@@ -227,7 +233,7 @@ def test_joints_have_the_urdfs_order_and_limits_and_the_files_servos(tmp_path: P
             (changed(ELBOW, upper=3.3), FINGER),
             "elbow: its limits are the servo's counts -151 to 2977, and the servo has 0 to 4095",
         ),
-        ((ELBOW, changed(FINGER, upper=0.2)), "finger: its limits are the servo's counts 1024 to 5370"),
+        ((ELBOW, changed(FINGER, upper=0.2)), "finger: its limits are the servo's counts 1024 to 5369"),
         ((changed(ELBOW, lower=0.2), FINGER), "park.pose: 0.1 is outside the limits 0.2 to 1.5 of elbow"),
     ],
 )

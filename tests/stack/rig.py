@@ -17,7 +17,7 @@ from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
 from servoloop.emulator import couplings
 from servoloop.files import Files, read_files
-from servoloop.following import FollowingError, between_cycles
+from servoloop.following import reference_at
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
@@ -35,6 +35,7 @@ BINS = {
 }
 OPEN_M, CLOSED_M = 0.0, 0.05
 MOVE_S = 2.0
+MOVING_RAD_S = 0.01
 
 
 @dataclass(slots=True)
@@ -83,10 +84,16 @@ class Trace:
     position: list[FloatArray] = field(default_factory=list)
     velocity: list[FloatArray] = field(default_factory=list)
 
-    def following_error(self) -> FollowingError:
-        """Of the arm's joints, between the cycles too."""
-        cycles = (np.array(self.cycle_s), np.array(self.position), np.array(self.velocity))
-        return between_cycles(self.world_s, self.actual, *cycles)
+    def following_error(self) -> tuple[FloatArray, FloatArray]:
+        """Largest error, and RMS while moving, of each arm joint (rad), between the cycles too."""
+        times, cycles = np.array(self.world_s), np.array(self.cycle_s)
+        inside = (times >= cycles[0]) & (times <= cycles[-1])
+        references = (np.array(self.position), np.array(self.velocity))
+        reference, speed = reference_at(times[inside], cycles, *references)
+        error = reference - np.array(self.actual)[inside]
+        moving = np.abs(speed) > MOVING_RAD_S
+        mean_square = np.where(moving, error**2, 0.0).sum(axis=0) / np.maximum(moving.sum(axis=0), 1)
+        return np.abs(error).max(axis=0), np.sqrt(mean_square)
 
 
 class StackRig:

@@ -1,13 +1,13 @@
 """The main job from the controllers to the cube, on simulated time."""
 
-import numpy as np
 import pytest
 
 from controller.goal import GoalStatus
-from servoloop.following import reference_at
-from tests.stack.rig import BINS, PICK, READY, StackRig, Trace, UnpacedJob
+from hal.types import FloatArray
+from tests.stack.rig import BINS, PICK, READY, StackRig, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03
+ROLL = 5
 
 
 @pytest.mark.parametrize("grade", BINS)
@@ -19,9 +19,9 @@ def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grad
     assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
     assert rig.world.cube_bin() == grade
     assert rig.loop.figures.missed == 0
-    error = rig.trace.following_error()
-    assert error.largest_rad < LARGEST_RAD
-    assert error.rms_moving_rad < RMS_RAD
+    largest, rms = rig.trace.following_error()
+    assert largest.max() < LARGEST_RAD
+    assert rms.max() < RMS_RAD
 
 
 def test_job_after_job_without_a_restart() -> None:
@@ -54,17 +54,13 @@ def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
     assert max(took_s) < 1.1 * 2.0 + 1.5
 
 
-def test_the_servos_interpolation_makes_the_motion_smoother() -> None:
-    """Sag under gravity is the same in both; joint 6 turns about its own axis and shows the rest."""
-    with_it, without = (_roll_errors(interpolate) for interpolate in (True, False))
-    assert with_it["largest"] < 0.5 * without["largest"]
-    assert with_it["rms"] < 0.5 * without["rms"]
-
-
-def test_the_following_error_is_larger_without_interpolation_for_the_arm_as_a_whole() -> None:
-    with_it, without = (_there_and_back(interpolate).following_error() for interpolate in (True, False))
-    assert with_it.largest_rad < without.largest_rad
-    assert with_it.rms_moving_rad < without.rms_moving_rad
+def test_without_the_servos_interpolation_the_arm_follows_worse() -> None:
+    """The roll joint moves fastest and carries nothing: there it is several times worse. Sag is the same."""
+    (largest, rms), (largest_without, rms_without) = (_there_and_back(interpolate) for interpolate in (True, False))
+    assert largest[ROLL] < 0.5 * largest_without[ROLL]
+    assert rms[ROLL] < 0.5 * rms_without[ROLL]
+    assert largest.max() < largest_without.max()
+    assert rms.max() < rms_without.max()
 
 
 def test_the_same_run_gives_the_same_bytes() -> None:
@@ -79,18 +75,9 @@ def test_the_same_run_gives_the_same_bytes() -> None:
     assert run() == run()
 
 
-def _there_and_back(interpolate: bool) -> Trace:
+def _there_and_back(interpolate: bool) -> tuple[FloatArray, FloatArray]:
     rig = StackRig(interpolate=interpolate).up()
     for pose in (PICK, READY):
         rig.go(pose)
         rig.run(2.4)
-    return rig.trace
-
-
-def _roll_errors(interpolate: bool) -> dict[str, float]:
-    trace = _there_and_back(interpolate)
-    times, cycles = np.array(trace.world_s), np.array(trace.cycle_s)
-    inside = (times >= cycles[0]) & (times <= cycles[-1])
-    reference, speed = reference_at(times[inside], cycles, np.array(trace.position), np.array(trace.velocity))
-    error = (reference - np.array(trace.actual)[inside])[:, 5][np.abs(speed[:, 5]) > 0.01]
-    return {"largest": float(np.abs(error).max()), "rms": float(np.sqrt((error**2).mean()))}
+    return rig.trace.following_error()
