@@ -10,6 +10,9 @@ from controller.motion import Kinematics, Motion, MotionError, WayPoint, plan, p
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits
 
+ARRIVE_S = 0.2
+"""So long the end of a motion is held, for the servos to get there."""
+
 LOG = logging.getLogger("servoloop.controller")
 
 
@@ -72,7 +75,7 @@ def _drive(loop: ControlLoop, motion: Motion, hurry: Callable[[], bool]) -> None
     """Follow the motion at the loop's own rate, through the gate."""
     elapsed_s = 0.0
     due_s = loop.clock.now()
-    while elapsed_s < motion.duration_s and not hurry():
+    while elapsed_s < motion.duration_s + ARRIVE_S and not hurry():
         elapsed_s += loop.period_s
         wanted: FloatArray = motion.sample(elapsed_s).position
         loop.send(wanted)

@@ -35,7 +35,11 @@ class GoalPoint:
     time_from_start_s: float
     velocities: tuple[float, ...] = ()
     accelerations: tuple[float, ...] = ()
+    has_effort: bool = False
 
+
+LARGEST_GOAL = 500
+"""Points of one goal. Planning them takes the loop's thread some 20 ms; more would cost a cycle."""
 
 ERASE = -1.0
 """A tolerance that a goal switches off (control_msgs/JointTolerance)."""
@@ -138,7 +142,14 @@ def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str]) -> str | None:
 
 def _points_reason(goal: TrajectoryGoal) -> str | None:
     before_s: float | None = None
+    if len(goal.points) > LARGEST_GOAL:
+        return f"{len(goal.points)} points are too many: send at most {LARGEST_GOAL} in one goal"
     for index, point in enumerate(goal.points):
+        if point.has_effort:
+            return (
+                "Trajectories with effort fields are only supported for controllers using the 'effort' "
+                "command interface."
+            )
         for what in ("positions", "velocities", "accelerations"):
             size = len(getattr(point, what))
             if size != len(goal.joints) and (size or what == "positions"):

@@ -187,6 +187,8 @@ class JointTrajectoryController:
                 text = "Current goal preempted by new incoming action."
                 self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
             self._active = _Active(handle, self._tolerances(handle.goal.tolerances))
+            if self._inbox:
+                continue  # a newer one has come already: this one is not worth planning
             if self.settings.wait_for:
                 self._follow(plan_stop(reference, self._limits))
             else:

@@ -25,6 +25,7 @@ class LoopFigures:
     latest_wake_up_s: float = 0.0
     longest_cycle_s: float = 0.0
     busy_s: float = 0.0
+    onlooker_errors: int = 0
 
 
 class ControlLoop:
@@ -77,13 +78,24 @@ class ControlLoop:
         # The time of the measurement is the cycle's time: what is compared with it must be as old.
         wanted = self.manager.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
-        self.on_cycle(state)
+        self._show(state)
         return state
+
+    def _show(self, state: JointState) -> None:
+        """Whoever looks on must not be able to end the cycle."""
+        try:
+            self.on_cycle(state)
+        except Exception:
+            if not self.figures.onlooker_errors:
+                LOG.exception("the onlooker of the cycle failed; the loop goes on")
+            self.figures.onlooker_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
         """The only way to the hardware: through the gate. ``wanted`` has shape (n,)."""
         gated = self._gate.limit(wanted, self.command, self.period_s)
         self._tell(gated.reasons)
+        if not np.isfinite(gated.position).all():
+            return  # nothing was ever measured or commanded: there is no safe place to name
         self.previous_command, self.command = self.command, gated.position
         if self.hardware.state is LifecycleState.ACTIVE:
             self.hardware.write(JointCommand(gated.position, self.period_s))

@@ -1,6 +1,5 @@
 """The robot file: which servo drives which joint, and how the arm is left."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -164,9 +163,3 @@ def _joint(name: str, file: JointFile, urdf: UrdfJoint) -> Joint:
         transmission=file.metres_per_radian or 1.0,
         torque_limit=file.torque_limit,
     )
-
-
-def servo_names(joints: Mapping[int, Joint], servo_id: int) -> str:
-    """How a servo is called in a message: by its joint and its ID."""
-    joint = joints.get(servo_id)
-    return f"{joint.name} (servo {servo_id})" if joint else f"servo {servo_id}"

@@ -1,13 +1,14 @@
 """Serial bus servos as a hardware component: real or virtual, the difference is below the port."""
 
 import logging
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock
-from drivers.errors import DriverError, PortError, ServoError
+from drivers.errors import DriverError, PortError, ServoError, ServoSilent
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require
@@ -46,23 +47,28 @@ class ServoHardware:
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
-        bus = self._open_bus()
-        try:
-            self._check(bus)
-        except BaseException:
-            bus.close()
-            raise
-        self._bus = bus
+        self._bus = self._open_bus()
         self.state = LifecycleState.INACTIVE
+        self._faults.clear()
         self._last = self._unknown_state()
-        self.read()
+        try:
+            self._check(self._bus)
+            self.read()
+        except BaseException:
+            self.cleanup()
+            raise
 
     def activate(self) -> None:
-        """Torque on, joint by joint, each with its goal at the measured position."""
+        """Torque on, joint by joint, each with its goal at the measured position.
+
+        Where that fails, the servos that were limp before are limp again; one that a former program
+        left under torque goes on holding: letting go would drop the arm.
+        """
         require(self.state, LifecycleState.INACTIVE, "activate")
         bus = self._opened()
         self._faults.clear()
         measured = self._measure_all(bus)
+        limp = [i for i in self._ids if not bus.torque_is_on(i)]
         self._goals = {i: self._start_goal(i, state) for i, state in measured.items()}
         try:
             for joint in self._joints:
@@ -72,7 +78,8 @@ class ServoHardware:
             for servo_id in self._ids:
                 bus.torque_on(servo_id)
         except BaseException:
-            self._release(bus)
+            for problem in self._release(bus, limp):
+                LOG.error("torque may still be on: %s", problem)
             raise
         self.state = LifecycleState.ACTIVE
         self.read()
@@ -80,7 +87,7 @@ class ServoHardware:
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE
-        return self._release(self._opened()) if relax else []
+        return self._release(self._opened(), self._ids) if relax else []
 
     def cleanup(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
@@ -90,7 +97,9 @@ class ServoHardware:
 
     def read(self) -> JointState:
         """One exchange with all servos. A silent servo keeps its last values and is named."""
-        readings = self._opened().read_states(self._ids)
+        return self._take(self._opened().read_states(self._ids))
+
+    def _take(self, readings: Mapping[int, Reading]) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()
         effort = self._last.effort.copy()
         health = dict(self._last.health)
@@ -110,10 +119,16 @@ class ServoHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         goals: dict[int, ServoGoal] = {}
         for joint, position in zip(self._joints, command.position, strict=True):
-            counts = joint.counts(float(position))
+            counts = self._within_reach(joint, joint.counts(float(position)), command.period_s)
             goals[joint.servo_id] = ServoGoal(counts, self._speed(joint, counts, command.period_s))
-            self._goals[joint.servo_id] = counts
         self._opened().write_goals(goals)
+        self._goals = {servo_id: goal.position_counts for servo_id, goal in goals.items()}
+
+    def _within_reach(self, joint: Joint, counts: int, period_s: float) -> int:
+        """A joint that began outside its limits has a goal there, and must not leap back in."""
+        held = self._goals[joint.servo_id]
+        reach = math.ceil(joint.limits.velocity * period_s / abs(joint.units_per_count))
+        return min(max(counts, held - reach), held + reach)
 
     def _speed(self, joint: Joint, counts: int, period_s: float) -> int:
         if not self.interpolate:
@@ -130,22 +145,24 @@ class ServoHardware:
 
     def _check(self, bus: ServoBus) -> None:
         """Every servo is there and is what the robot file says; all that are not are named."""
-        problems: list[str] = []
+        problems: dict[str, ServoError] = {}
         for joint in self._joints:
             try:
                 bus.identify(joint.servo_id, joint.model)
             except ServoError as error:
-                problems.append(f"{joint.name}: {error}")
-        if len(problems) == len(self._joints):
+                problems[joint.name] = error
+        silent = [error for error in problems.values() if isinstance(error, ServoSilent)]
+        if len(silent) == len(self._joints):
             raise DriverError(f"no servo answers on {bus.name}: check the servos' power and the baud rate")
         if problems:
-            raise DriverError("\n".join(problems))
+            raise DriverError("\n".join(f"{name}: {error}" for name, error in problems.items()))
 
     def _measure_all(self, bus: ServoBus) -> dict[int, ServoState]:
         readings = bus.read_states(self._ids)
         silent = [f"{self._by_id[i].name}: {r.text}" for i, r in readings.items() if not isinstance(r, ServoState)]
         if silent:
-            raise ActivationError("torque stays off: " + "; ".join(silent))
+            raise ActivationError("not activated: " + "; ".join(silent))
+        self._take(readings)
         return {i: r for i, r in readings.items() if isinstance(r, ServoState)}
 
     def _start_goal(self, servo_id: int, state: ServoState) -> int:
@@ -156,10 +173,10 @@ class ServoHardware:
         slack = OUTSIDE_TOLERANCE * (upper - lower)
         if not lower - slack <= position <= upper + slack:
             raise ActivationError(
-                f"torque stays off: {joint.name} (servo {servo_id}) stands at {position:.4f}, outside "
+                f"not activated: {joint.name} (servo {servo_id}) stands at {position:.4f}, outside "
                 f"its limits {lower:.4f} to {upper:.4f}. Move it by hand, or correct zero_counts"
             )
-        return joint.counts(position)
+        return state.position_counts
 
     def _confirm_goals(self, bus: ServoBus) -> None:
         """A sync write is no acknowledgement: ask each servo whether it has its goal."""
@@ -167,14 +184,14 @@ class ServoHardware:
             held = bus.goal(servo_id)
             if held != counts:
                 raise ActivationError(
-                    f"torque stays off: {self._by_id[servo_id].name} (servo {servo_id}) holds goal "
+                    f"not activated: {self._by_id[servo_id].name} (servo {servo_id}) holds goal "
                     f"{held}, not {counts}: check the cable"
                 )
 
-    def _release(self, bus: ServoBus) -> list[str]:
+    def _release(self, bus: ServoBus, servo_ids: Sequence[int]) -> list[str]:
         """Torque off on every servo, whatever the others say."""
         try:
-            return [str(error) for error in bus.torque_off(self._ids)]
+            return [str(error) for error in bus.torque_off(servo_ids)]
         except PortError as error:
             return [str(error)]
 

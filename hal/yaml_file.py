@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -29,11 +30,12 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as reason:
-        lines = [
-            f"{path}:{_line(root, item['loc'])}: {'.'.join(map(str, item['loc']))}: {item['msg'].removeprefix('Value error, ')}"
-            for item in reason.errors()
-        ]
+        lines = [f"{path}:{_line(root, item['loc'])}: {_said(item)}" for item in reason.errors()]
         raise error("\n".join(lines)) from reason
+
+
+def _said(item: ErrorDetails) -> str:
+    return f"{'.'.join(map(str, item['loc']))}: {item['msg'].removeprefix('Value error, ')}"
 
 
 def _doubles(node: yaml.Node | None) -> Iterator[str]:

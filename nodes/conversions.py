@@ -31,7 +31,7 @@ def trajectory_goal(goal: FollowJointTrajectory.Goal, now_s: float) -> Trajector
     tolerances = Tolerances(
         path={t.name: t.position for t in goal.path_tolerance},
         goal={t.name: t.position for t in goal.goal_tolerance},
-        goal_time_s=max(0.0, seconds(goal.goal_time_tolerance)),
+        goal_time_s=seconds(goal.goal_time_tolerance),
     )
     return _trajectory(goal.trajectory, tolerances, now_s)
 
@@ -44,6 +44,7 @@ def _trajectory(message: JointTrajectory, tolerances: Tolerances, now_s: float) 
             seconds(point.time_from_start),
             tuple(point.velocities),
             tuple(point.accelerations),
+            has_effort=bool(point.effort),
         )
         for point in message.points
     )

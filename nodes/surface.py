@@ -22,6 +22,8 @@ from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.stack import Stack
 from nodes.trajectory_node import TrajectoryNode
 
+GOODBYE_S = 0.2
+
 LOG = logging.getLogger("servoloop.nodes")
 
 
@@ -58,11 +60,19 @@ class Surface:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
         while not stop() and rclpy.ok():
             try:
-                self._executor.spin_once(timeout_sec=0.2)
+                self._executor.spin_once(timeout_sec=0.1)
             except ExternalShutdownException:
                 return
             except Exception:  # a client's oddity must not take the surface from the others
                 LOG.exception("in a ROS callback")
+
+    def say_goodbye(self) -> None:
+        """The loop has ended: give the clients whose goals ended with it their results."""
+        stamp = self._manager.node.get_clock().now().to_msg()
+        for trajectories in self._trajectories:
+            trajectories.publish(stamp)
+        deadline = self._stack.loop.clock.now() + GOODBYE_S
+        self.spin(lambda: self._stack.loop.clock.now() > deadline)
 
     def close(self) -> None:
         """Take all nodes off the graph."""

@@ -25,5 +25,9 @@ class Signals:
         for number, handler in self._former.items():
             signal.signal(number, handler)  # type: ignore[arg-type]
 
+    def ask(self) -> None:
+        """Ask for the end as the first signal does."""
+        self.count = max(self.count, 1)
+
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.count += 1

@@ -83,11 +83,18 @@ def _line(kind: HardwareKind, port: str) -> Iterator[str]:
 
 
 def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], None]) -> int:
+    loop = _loop(below, files)
+    below.hardware.configure()
+    try:
+        return _run(loop, below, files, signals, ready)
+    finally:
+        below.hardware.cleanup()  # done already, unless something failed on the way
+
+
+def _run(loop: ControlLoop, below: Below, files: Files, signals: Signals, ready: Callable[[str], None]) -> int:
     from nodes.stack import Stack
     from nodes.surface import Surface
 
-    loop = _loop(below, files)
-    below.hardware.configure()
     servo_ids = {joint.name: joint.servo_id for joint in files.robot.joints}
     surface = Surface(
         Stack(
@@ -103,7 +110,6 @@ def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], 
     try:
         loop.activate()
     except BaseException:
-        below.hardware.cleanup()
         surface.close()
         raise
     exits = files.robot.file.on_exit
@@ -113,11 +119,15 @@ def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], 
     claim_realtime_priority()
     thread = threading.Thread(target=run, name="control loop")
     thread.start()
-    ready(f"{files.component.name} at {1.0 / loop.period_s:g} Hz")
-    surface.spin(lambda: run.done)
-    thread.join()
-    surface.close()
-    gc.unfreeze()
+    try:
+        ready(f"{files.component.name} at {1.0 / loop.period_s:g} Hz")
+        surface.spin(lambda: run.done)
+    finally:
+        signals.ask()  # where this side fails, the loop is told to end
+        thread.join()
+        surface.say_goodbye()
+        surface.close()
+        gc.unfreeze()
     return 1 if run.failed else 0
 
 

@@ -38,6 +38,7 @@ class MujocoHardware:
         self._stiffness = self._full * STIFFNESS / ratio
         self._damping = self._full / ratio / np.array([j.model.no_load_speed_rad_s for j in joints])
         self._from = self._to = self._measured()
+        self._driven = False
         self._progress_s = 0.0
         self._period_s = world.timestep_s
         self._last_s = clock.now()
@@ -50,11 +51,13 @@ class MujocoHardware:
     def activate(self) -> None:
         require(self.state, LifecycleState.INACTIVE, "activate")
         self._from = self._to = self._measured()
+        self._driven = True
         self.state = LifecycleState.ACTIVE
 
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE
+        self._driven = not relax
         return []
 
     def cleanup(self) -> None:
@@ -73,7 +76,7 @@ class MujocoHardware:
 
     def write(self, command: JointCommand) -> None:
         require(self.state, LifecycleState.ACTIVE, "write")
-        self._from, self._to = self._target(), command.position
+        self._from, self._to = self._target(), command.position.copy()
         self._progress_s, self._period_s = 0.0, command.period_s
 
     def _measured(self) -> FloatArray:
@@ -86,7 +89,7 @@ class MujocoHardware:
         return target
 
     def _effort(self) -> FloatArray:
-        if self.state is not LifecycleState.ACTIVE:
+        if not self._driven:
             return np.zeros(len(self.joints))
         error = self._target() - self._measured()
         drive = np.clip(self._stiffness * error, -self._strength, self._strength)

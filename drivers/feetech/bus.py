@@ -95,6 +95,9 @@ class FeetechBus:
         self.write(servo_id, sts.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
+        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
+        off = {servo_id: sts.torque_enable.encode(0, _ORDER) for servo_id in servo_ids}
+        self._port.write(wire.sync_write(sts.torque_enable.address, sts.torque_enable.size, off))
         failed: list[ServoError] = []
         for servo_id in servo_ids:
             try:

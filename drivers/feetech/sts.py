@@ -12,7 +12,7 @@ from drivers.registers import Access, Register, ServoModel
 
 READ: Final = Access.READ
 MODEL_ADDRESS: Final = 3
-"""Where every Feetech servo keeps its model number: the SDK's ping reads it there."""
+"""Where every Feetech servo keeps its model number, whatever its table."""
 
 # EEPROM: written only with the lock open.
 firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)

@@ -148,7 +148,7 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
 
 def test_an_alarm_in_the_reply_is_no_failure() -> None:
     """A servo in overload must still obey, above all when it is told to let go."""
-    bus, _, _ = scripted(status(1, b"\x01", error=0x20), status(1, error=0x20))
+    bus, _, _ = scripted(status(1, b"\x01", error=0x20), b"", status(1, error=0x20))
     assert bus.torque_is_on(1)
     assert bus.torque_off([1]) == []
 
@@ -310,7 +310,9 @@ def test_input_from_before_the_request_is_no_answer() -> None:
 
 def test_replies_of_servos_that_nobody_asked_are_ignored() -> None:
     bus, _, _ = scripted(status(9, state(1)) + status(1, state(2000)))
-    assert list(bus.read_states([1])) == [1]
+    readings = bus.read_states([1])
+    assert list(readings) == [1]
+    assert is_state(readings[1])
 
 
 @pytest.mark.parametrize("noise", [b"\x00", b"\xff", status(9)])

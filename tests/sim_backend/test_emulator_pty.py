@@ -1,5 +1,6 @@
 """The virtual bus on a pseudo-terminal, used by the official SDK as it is. Real time, with deadlines."""
 
+import contextlib
 import importlib
 import os
 import signal
@@ -138,7 +139,11 @@ def test_another_baud_is_accepted_and_meets_silence(client: Client) -> None:
     assert client.port.setBaudRate(250_000)
     assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
     assert client.port.setBaudRate(1_000_000)
-    client.position(1)
+    for _ in range(20):  # an emulator that was held up reads the ping only now; the SDK stumbles over its answer
+        with contextlib.suppress(IndexError):
+            client.position(1)
+            return
+    raise AssertionError("the servo stays silent at its own baud")
 
 
 def test_a_second_emulator_is_refused_and_says_why(link: Path) -> None:

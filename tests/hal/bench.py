@@ -1,0 +1,146 @@
+"""Three joints on virtual servos on a bench, below a port that can be watched and disturbed."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.bus import ServoBus
+from drivers.feetech import sts
+from drivers.feetech.bus import FeetechBus
+from drivers.registers import Register
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.sts_wire import Instruction, InstructionParser
+
+PERIOD_S = 0.05
+IDS = (1, 2, 7)
+JOINTS = (
+    Joint("shoulder", 1, sts.STS3215, JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)),
+    Joint("elbow", 2, sts.STS3215, JointLimits(-1.5, 1.5, 4.0, 12.0, 120.0), sign=-1, zero_counts=2000),
+    Joint(
+        "finger",
+        7,
+        sts.STS3215,
+        JointLimits(0.0, 0.05, 0.09, 1.0, 20.0),
+        zero_counts=1024,
+        transmission=0.03,
+        torque_limit=0.5,
+    ),
+)
+NAMES = tuple(joint.name for joint in JOINTS)
+
+
+def joint_of(servo_id: int) -> Joint:
+    return next(joint for joint in JOINTS if joint.servo_id == servo_id)
+
+
+@dataclass
+class WatchedPort:
+    """A port that keeps every instruction, and lets a test act just before one goes out or its reply comes in."""
+
+    port: VirtualPort
+    sent: list[Instruction] = field(default_factory=list)
+    before_write: Callable[[int, Instruction], None] = lambda number, instruction: None
+    before_read: Callable[[], None] = lambda: None
+    _parser: InstructionParser = field(default_factory=InstructionParser)
+
+    @property
+    def name(self) -> str:
+        return self.port.name
+
+    @property
+    def baud(self) -> int:
+        return self.port.baud
+
+    def write(self, data: bytes) -> None:
+        for instruction in self._parser.feed(data):
+            self.before_write(len(self.sent), instruction)
+            self.sent.append(instruction)
+        self.port.write(data)
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self.before_read()
+        return self.port.read(size, deadline_s)
+
+    def discard_input(self) -> None:
+        self.port.discard_input()
+
+    def close(self) -> None:
+        self.port.close()
+
+
+class Bench:
+    """``hardware`` and everything below it. Counts are the servos', positions the joints'."""
+
+    def __init__(self, counts: Sequence[int] = (2048, 2000, 1500), joints: Sequence[Joint] = JOINTS) -> None:
+        self.clock = SimulatedClock(1000.0)
+        self.plant = BenchPlant([joint.servo_id for joint in joints])
+        self.place(counts)
+        self.servos = VirtualBus.of(self.plant)
+        self.opened = 0
+        self.port = self._new_port()
+        self.hardware = ServoHardware("arm", joints, self.open_bus, self.clock)
+
+    def _new_port(self) -> WatchedPort:
+        return WatchedPort(VirtualPort(self.servos, self.clock))
+
+    def open_bus(self) -> ServoBus:
+        if self.opened:
+            self.port = self._new_port()
+        self.opened += 1
+        return FeetechBus(self.port, self.clock)
+
+    def place(self, counts: Sequence[int]) -> None:
+        """Turn the shafts by hand."""
+        self.plant.place([(c + 0.5) * 2.0 * math.pi / 4096 for c in counts])
+
+    def configured(self) -> "Bench":
+        self.hardware.configure()
+        return self
+
+    def active(self) -> "Bench":
+        self.configured().hardware.activate()
+        return self
+
+    def held(self, servo_id: int, register: Register) -> int:
+        """A register as it stands in the servo."""
+        return self.servos.servo(servo_id).memory.get(register)
+
+    def measured(self, servo_id: int) -> int:
+        """Where the shaft is, in counts."""
+        return int(self.servos.servo(servo_id).firmware.position)
+
+    def torque(self) -> list[int]:
+        """IDs of the servos that drive their motors."""
+        return [servo.servo_id for servo in self.servos.servos if servo.memory.get(sts.torque_enable)]
+
+    def cycle(self, position: FloatArray) -> JointState:
+        """One period of the loop: write, wait, read."""
+        self.hardware.write(JointCommand(position, PERIOD_S))
+        self.clock.sleep_until(self.clock.now() + PERIOD_S)
+        return self.hardware.read()
+
+    def wait(self) -> JointState:
+        """One period without a command."""
+        self.clock.sleep_until(self.clock.now() + PERIOD_S)
+        return self.hardware.read()
+
+
+def at(*position: float) -> FloatArray:
+    return np.array(position)
+
+
+def switches_torque(instruction: Instruction) -> bool:
+    """Whether it is a write to the torque switch of one servo."""
+    return instruction.code == 3 and instruction.parameters[0] == sts.torque_enable.address
+
+
+def switches_torque_on(instruction: Instruction) -> bool:
+    return switches_torque(instruction) and instruction.parameters[1] == 1

@@ -1,0 +1,224 @@
+"""What every Hardware promises, tried on each of them: virtual servos, the arm in MuJoCo, the mock."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.clock import Clock
+from drivers.feetech.bus import FeetechBus
+from hal.description import parse_urdf
+from hal.errors import LifecycleError
+from hal.joint import Joint
+from hal.lifecycle import Hardware, LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.robot import assemble, load_robot_file
+from hal.servo_hardware import ServoHardware
+from hal.types import FloatArray, JointCommand, JointState
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.mujoco_hardware import MujocoHardware
+from sim_backend.plant import Coupling, WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+ROOT = Path(__file__).resolve().parents[2]
+PERIOD_S = 0.05
+UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE
+
+
+def robot_joints() -> tuple[Joint, ...]:
+    description = parse_urdf((ROOT / "urdf" / "robot_arm.urdf").read_text())
+    file = load_robot_file(ROOT / "config" / "robot_arm.yaml")
+    return assemble(file, description, description.components[0]).joints
+
+
+JOINTS = robot_joints()
+
+
+def virtual_servos(clock: Clock) -> Hardware:
+    couplings = [Coupling(j.servo_id, j.name, j.sign, j.zero_counts, j.transmission) for j in JOINTS]
+    servos = VirtualBus.of(WorldPlant(World(), couplings))
+    return ServoHardware("arm", JOINTS, lambda: FeetechBus(VirtualPort(servos, clock), clock), clock)
+
+
+def mujoco(clock: Clock) -> Hardware:
+    return MujocoHardware("arm", JOINTS, World(), clock)
+
+
+def mock(clock: Clock) -> Hardware:
+    return MockHardware("arm", [joint.name for joint in JOINTS], clock)
+
+
+@dataclass
+class Arm:
+    hardware: Hardware
+    clock: SimulatedClock
+
+    def up(self) -> FloatArray:
+        """Configure and activate; returns where it stands, within the limits."""
+        self.hardware.configure()
+        self.hardware.activate()
+        lower = np.array([joint.limits.lower for joint in JOINTS])
+        upper = np.array([joint.limits.upper for joint in JOINTS])
+        return np.clip(self.hardware.read().position, lower, upper)
+
+    def pause(self) -> JointState:
+        self.clock.sleep_until(self.clock.now() + PERIOD_S)
+        return self.hardware.read()
+
+    def follow(self, begin: FloatArray, end: FloatArray, cycles: int) -> JointState:
+        """A straight line in so many cycles, and half a second to settle."""
+        for share in [*np.linspace(0.0, 1.0, cycles), *[1.0] * 10]:
+            self.hardware.write(JointCommand(begin + (end - begin) * share, PERIOD_S))
+            state = self.pause()
+        return state
+
+
+@pytest.fixture(params=[virtual_servos, mujoco, mock], ids=["servos", "mujoco", "mock"])
+def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
+    clock = SimulatedClock(500.0)
+    make: Callable[[Clock], Hardware] = request.param
+    made = Arm(make(clock), clock)
+    yield made
+    made.hardware.cleanup()
+
+
+def test_it_begins_unconfigured_with_a_name_and_its_joints(arm: Arm) -> None:
+    assert arm.hardware.state is UNCONFIGURED
+    assert arm.hardware.name == "arm"
+    assert arm.hardware.joints == tuple(joint.name for joint in JOINTS)
+
+
+def test_the_life_cycle_there_and_back(arm: Arm) -> None:
+    hardware = arm.hardware
+    for _ in range(2):
+        hardware.configure()
+        assert hardware.state is INACTIVE
+        hardware.activate()
+        assert hardware.state is ACTIVE
+        assert list(hardware.deactivate(relax=False)) == []
+        assert hardware.state is INACTIVE
+        hardware.activate()
+        assert list(hardware.deactivate(relax=True)) == []
+        assert hardware.state is INACTIVE
+        hardware.cleanup()
+        assert hardware.state is UNCONFIGURED
+
+
+CALLS: dict[str, Callable[[Hardware], object]] = {
+    "configure": lambda hardware: hardware.configure(),
+    "activate": lambda hardware: hardware.activate(),
+    "deactivate": lambda hardware: hardware.deactivate(relax=True),
+    "write": lambda hardware: hardware.write(JointCommand(np.zeros(len(JOINTS)), PERIOD_S)),
+}
+
+
+@pytest.mark.parametrize(
+    ("way", "call"),
+    [
+        ((), "activate"),
+        ((), "deactivate"),
+        ((), "write"),
+        (("configure",), "configure"),
+        (("configure",), "deactivate"),
+        (("configure",), "write"),
+        (("configure", "activate"), "configure"),
+        (("configure", "activate"), "activate"),
+        (("configure", "activate", "deactivate"), "deactivate"),
+        (("configure", "activate", "deactivate"), "write"),
+    ],
+)
+def test_a_call_out_of_turn_is_refused_and_changes_nothing(arm: Arm, way: tuple[str, ...], call: str) -> None:
+    for step in way:
+        CALLS[step](arm.hardware)
+    state = arm.hardware.state
+    with pytest.raises(LifecycleError, match=f"cannot {call} while {state.name.lower()}: it must be"):
+        CALLS[call](arm.hardware)
+    assert arm.hardware.state is state
+
+
+@pytest.mark.parametrize("way", [(), ("configure",), ("configure", "activate")])
+def test_cleaning_up_is_allowed_in_every_state_and_twice(arm: Arm, way: tuple[str, ...]) -> None:
+    for step in way:
+        CALLS[step](arm.hardware)
+    arm.hardware.cleanup()
+    arm.hardware.cleanup()
+    assert arm.hardware.state is UNCONFIGURED
+    arm.up()
+
+
+@pytest.mark.parametrize("way", [("configure",), ("configure", "activate")])
+def test_a_state_says_everything_of_every_joint_at_its_time(arm: Arm, way: tuple[str, ...]) -> None:
+    for step in way:
+        CALLS[step](arm.hardware)
+    state = arm.pause()
+    assert state.stamp_s == arm.clock.now()
+    assert state.position.shape == state.velocity.shape == state.effort.shape == (len(JOINTS),)
+    assert np.isfinite(state.position).all() and np.isfinite(state.velocity).all()
+    assert state.faults == {}
+
+
+def test_switching_on_moves_nothing(arm: Arm) -> None:
+    arm.hardware.configure()
+    before = arm.hardware.read().position
+    arm.hardware.activate()
+    for _ in range(5):
+        state = arm.pause()
+        np.testing.assert_allclose(state.position, before, atol=0.05)
+
+
+def test_it_goes_where_it_is_told_and_only_there(arm: Arm) -> None:
+    begin = arm.up()
+    end = begin + np.array([0.3, 0.0, 0.0, 0.1, 0.0, -0.3, 0.0])
+    state = arm.follow(begin, end, cycles=20)
+    np.testing.assert_allclose(state.position, end, atol=0.05)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.1)
+
+
+def test_the_hand_moves_in_metres(arm: Arm) -> None:
+    begin = arm.up()
+    end = begin.copy()
+    end[-1] = 0.02
+    state = arm.follow(begin, end, cycles=10)
+    assert state.position[-1] == pytest.approx(0.02, abs=0.002)
+
+
+def test_a_command_is_taken_as_it_is_when_it_is_written(arm: Arm) -> None:
+    """What the caller does with its array afterwards is its own business."""
+    begin = arm.up()
+    command = begin.copy()
+    arm.hardware.write(JointCommand(command, PERIOD_S))
+    command += 0.5
+    np.testing.assert_allclose(arm.pause().position, begin, atol=0.05)
+
+
+def test_without_commands_it_stays(arm: Arm) -> None:
+    begin = arm.up()
+    arm.hardware.write(JointCommand(begin, PERIOD_S))
+    for _ in range(20):
+        state = arm.pause()
+    np.testing.assert_allclose(state.position, begin, atol=0.05)
+
+
+def test_deactivated_without_relaxing_it_holds(arm: Arm) -> None:
+    begin = arm.up()
+    lifted = begin + np.array([0.0, 0.2, 0.2, 0.0, 0.0, 0.0, 0.0])
+    before = arm.follow(begin, lifted, cycles=15).position
+    arm.hardware.deactivate(relax=False)
+    for _ in range(20):
+        state = arm.pause()
+    np.testing.assert_allclose(state.position, before, atol=0.05)
+
+
+def test_it_can_be_switched_on_again_where_it_was_left(arm: Arm) -> None:
+    begin = arm.up()
+    arm.hardware.deactivate(relax=True)
+    for _ in range(4):
+        arm.pause()
+    arm.hardware.activate()
+    before = arm.hardware.read().position
+    np.testing.assert_allclose(arm.pause().position, before, atol=0.1)
+    assert before.shape == begin.shape

@@ -1,0 +1,425 @@
+"""Torque on: only with every goal at the measured position, and never half."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from drivers.errors import DriverError, PortLost, PortMissing
+from drivers.feetech import sts
+from hal.errors import ActivationError, LifecycleError
+from hal.lifecycle import LifecycleState
+from hal.servo_hardware import ServoHardware
+from hal.types import JointCommand
+from sim_backend.clock import SimulatedClock
+from sim_backend.sts_wire import Instruction
+from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of, switches_torque, switches_torque_on
+
+UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE
+
+# Configuring
+
+
+def test_configuring_looks_and_touches_nothing() -> None:
+    bench = Bench()
+    before = [bytes(servo.memory.read(0, 56)) for servo in bench.servos.servos]
+    bench.hardware.configure()
+    assert bench.hardware.state is INACTIVE
+    assert [bytes(servo.memory.read(0, 56)) for servo in bench.servos.servos] == before
+    assert {instruction.code for instruction in bench.port.sent} <= {0x01, 0x02, 0x82}
+
+
+def test_a_configured_arm_knows_where_it_stands() -> None:
+    bench = Bench(counts=(2148, 2100, 1124)).configured()
+    state = bench.hardware.read()
+    count = 2.0 * np.pi / 4096
+    np.testing.assert_allclose(state.position, [100 * count, -100 * count, 100 * count * 0.03])
+    assert state.faults == {}
+    assert set(state.health) == set(NAMES)
+    assert state.stamp_s == bench.clock.now()
+
+
+def test_a_silent_servo_is_named_by_its_joint_and_the_port_is_given_back() -> None:
+    bench = Bench()
+    bench.servos.faults.silence(2)
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: does not answer: check its power") as caught:
+        bench.hardware.configure()
+    assert "shoulder" not in str(caught.value)
+    assert bench.hardware.state is UNCONFIGURED
+    with pytest.raises(PortLost):
+        bench.port.write(b"")
+
+
+def test_all_servos_that_are_not_as_they_should_be_are_named_at_once() -> None:
+    bench = Bench()
+    bench.servos.faults.silence(1)
+    bench.servos.servo(7).memory.put(sts.model_number, 1)
+    with pytest.raises(DriverError) as caught:
+        bench.hardware.configure()
+    shoulder, finger = str(caught.value).splitlines()
+    assert shoulder.startswith("shoulder: servo 1: does not answer")
+    assert finger.startswith("finger: servo 7: is model 1 (unknown), not 777 (sts3215)")
+
+
+def test_when_none_answers_it_is_not_the_servos() -> None:
+    bench = Bench()
+    for servo_id in IDS:
+        bench.servos.faults.silence(servo_id)
+    with pytest.raises(DriverError, match=r"^no servo answers on virtual: check the servos' power and the baud rate$"):
+        bench.hardware.configure()
+
+
+def test_servos_of_a_wrong_model_are_not_called_silent_even_if_all_are() -> None:
+    bench = Bench()
+    for servo in bench.servos.servos:
+        servo.memory.put(sts.model_number, 1)
+    with pytest.raises(DriverError) as caught:
+        bench.hardware.configure()
+    assert len(str(caught.value).splitlines()) == len(JOINTS)
+    assert "no servo answers" not in str(caught.value)
+
+
+def test_a_port_that_does_not_open_leaves_the_arm_unconfigured() -> None:
+    def missing() -> None:
+        raise PortMissing("there is no /dev/ttyACM0")
+
+    hardware = ServoHardware("arm", JOINTS, missing, SimulatedClock())  # type: ignore[arg-type]
+    with pytest.raises(PortMissing):
+        hardware.configure()
+    assert hardware.state is UNCONFIGURED
+
+
+@pytest.mark.parametrize("after", range(4))
+def test_a_line_lost_while_configuring_leaves_nothing_open(after: int) -> None:
+    bench = Bench()
+    bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == after else None
+    with pytest.raises(PortLost):
+        bench.hardware.configure()
+    assert bench.hardware.state is UNCONFIGURED
+    bench.hardware.configure()
+    assert (bench.hardware.state, bench.opened) == (INACTIVE, 2)
+
+
+# Torque on
+
+
+def test_no_torque_before_every_goal_is_the_measured_position() -> None:
+    bench = Bench(counts=(2148, 1900, 1500)).configured()
+    seen: list[tuple[int, list[tuple[int, int]]]] = []
+
+    def watch(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction):
+            seen.append((instruction.servo_id, [(bench.held(i, sts.goal_position), bench.measured(i)) for i in IDS]))
+
+    bench.port.before_write = watch
+    bench.hardware.activate()
+    assert [servo_id for servo_id, _ in seen] == list(IDS)
+    for _, goals in seen:
+        assert goals == [(2148, 2148), (1900, 1900), (1500, 1500)]
+    assert bench.torque() == list(IDS)
+
+
+def test_the_goals_have_been_read_back_before_the_first_torque() -> None:
+    bench = Bench().configured()
+    bench.port.sent.clear()
+    bench.hardware.activate()
+    goal = bytes((sts.goal_position.address, 2))
+    read_back = [n for n, i in enumerate(bench.port.sent) if i.code == 2 and i.parameters == goal]
+    torque = [n for n, i in enumerate(bench.port.sent) if switches_torque_on(i)]
+    sync_writes = [n for n, i in enumerate(bench.port.sent) if i.code == 0x83]
+    assert len(read_back) == len(torque) == len(IDS)
+    assert len(sync_writes) == 1
+    assert sync_writes[0] < min(read_back) and max(read_back) < min(torque)
+
+
+def test_the_torque_limits_are_set_before_the_torque() -> None:
+    bench = Bench().active()
+    assert [bench.held(i, sts.torque_limit) for i in IDS] == [1000, 1000, 500]
+    limits = [n for n, i in enumerate(bench.port.sent) if i.code == 3 and i.parameters[0] == sts.torque_limit.address]
+    assert max(limits) < min(n for n, i in enumerate(bench.port.sent) if switches_torque_on(i))
+
+
+def test_nothing_moves_when_torque_goes_on() -> None:
+    bench = Bench(counts=(3000, 1200, 2000))
+    bench.servos.servo(1).memory.put(sts.goal_position, 100)  # left over from another program
+    bench.active()
+    for _ in range(10):
+        bench.wait()
+        assert [bench.measured(i) for i in IDS] == pytest.approx([3000, 1200, 2000], abs=2)
+
+
+def test_where_it_was_when_configured_does_not_matter() -> None:
+    bench = Bench().configured()
+    bench.place((2500, 1500, 1800))
+    bench.hardware.activate()
+    assert [bench.held(i, sts.goal_position) for i in IDS] == [2500, 1500, 1800]
+
+
+def test_the_measured_position_is_kept_even_if_the_next_readings_fail() -> None:
+    """Whoever takes over starts from it; where the arm stood when it was configured would be a leap."""
+    bench = Bench().configured()
+    bench.place((2500, 1500, 1800))
+
+    def corrupt(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction) and instruction.servo_id == IDS[-1]:
+            bench.servos.faults.corrupt_next(1, replies=3)
+
+    bench.port.before_write = corrupt
+    bench.hardware.activate()
+    state = bench.hardware.read()
+    assert "shoulder" in state.faults
+    assert state.position[0] == pytest.approx(JOINTS[0].position(2500), abs=0.005)
+
+
+# Refusals
+
+
+def silence_elbow(bench: Bench) -> None:
+    bench.servos.faults.silence(2)
+
+
+def corrupt_elbow(bench: Bench) -> None:
+    bench.servos.faults.corrupt_next(2)
+
+
+def turn_elbow_out(bench: Bench) -> None:
+    bench.place((2048, 2000 + 1200, 1500))  # -1.84 rad
+
+
+@pytest.mark.parametrize(
+    ("disturb", "says"),
+    [
+        (silence_elbow, "elbow: servo 2 does not answer"),
+        (corrupt_elbow, "elbow: servo 2 answered with a wrong checksum"),
+        (
+            turn_elbow_out,
+            r"elbow \(servo 2\) stands at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
+        ),
+    ],
+)
+def test_a_refusal_names_the_joint_and_no_servo_gets_torque(disturb: Callable[[Bench], None], says: str) -> None:
+    bench = Bench().configured()
+    disturb(bench)
+    with pytest.raises(ActivationError, match=f"not activated: {says}"):
+        bench.hardware.activate()
+    assert bench.torque() == []
+    assert not any(switches_torque_on(instruction) for instruction in bench.port.sent)
+    assert bench.hardware.state is INACTIVE
+
+
+def test_after_a_refusal_it_can_be_tried_again() -> None:
+    bench = Bench().configured()
+    bench.servos.faults.silence(2)
+    with pytest.raises(ActivationError):
+        bench.hardware.activate()
+    bench.servos.faults.restore(2)
+    bench.hardware.activate()
+    assert bench.torque() == list(IDS)
+    assert bench.hardware.read().faults == {}
+
+
+def test_every_silent_servo_is_in_the_refusal() -> None:
+    bench = Bench().configured()
+    bench.servos.faults.silence(1)
+    bench.servos.faults.silence(7)
+    with pytest.raises(ActivationError, match=r"shoulder: servo 1 .*; finger: servo 7 "):
+        bench.hardware.activate()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_joint_a_little_outside_is_held_there_and_brought_in_within_its_velocity(side: int) -> None:
+    shoulder = JOINTS[0]
+    end = 2048 + side * 1303
+    begin = end + side * 100  # 0.15 rad further
+    bench = Bench(counts=(begin, 2000, 1500)).active()
+    assert bench.held(1, sts.goal_position) == begin
+    reach = shoulder.limits.velocity * PERIOD_S / shoulder.units_per_count
+    goal, target = begin, shoulder.position(end)
+    slow = [replace(shoulder, limits=replace(shoulder.limits, velocity=0.5)), *JOINTS[1:]]
+    for _ in range(5):
+        bench.cycle(at(target, 0.0, 0.014))
+        before, goal = goal, bench.held(1, sts.goal_position)
+        assert abs(goal - before) <= reach + 1
+    assert goal == end
+    bench = Bench(counts=(begin, 2000, 1500), joints=slow).active()
+    goals = [begin]
+    for _ in range(7):
+        bench.cycle(at(target, 0.0, 0.014))
+        goals.append(bench.held(1, sts.goal_position))
+    assert max(abs(b - a) for a, b in pairwise(goals)) <= reach / 8 + 2
+    assert goals[-1] == end
+
+
+# Whatever fails on the way
+
+STEPS = len(IDS) * 4 + 1 + 1
+"""Instructions of an activation: measure; limit, ask for the goal and torque on for each; the goals."""
+
+Disturbance = Callable[[Bench], None]
+
+
+def one_goes_silent(servo_id: int) -> Disturbance:
+    return lambda bench: bench.servos.faults.silence(servo_id)
+
+
+def one_is_corrupt(servo_id: int) -> Disturbance:
+    return lambda bench: bench.servos.faults.corrupt_next(servo_id)
+
+
+def interrupted(bench: Bench) -> None:
+    def once() -> None:
+        bench.port.before_read = lambda: None
+        raise KeyboardInterrupt
+
+    bench.port.before_read = once
+
+
+DISTURBANCES = [*map(one_goes_silent, IDS), *map(one_is_corrupt, IDS), interrupted]
+DISTURBANCE_NAMES = [*(f"silent{i}" for i in IDS), *(f"corrupt{i}" for i in IDS), "interrupted"]
+
+
+@pytest.mark.parametrize("disturb", DISTURBANCES, ids=DISTURBANCE_NAMES)
+@pytest.mark.parametrize("step", range(STEPS))
+def test_a_failure_at_any_step_leaves_no_servo_with_torque(
+    step: int, disturb: Disturbance, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench().configured()
+    begin = len(bench.port.sent)
+    bench.port.before_write = lambda number, _: disturb(bench) if number == begin + step else None
+    try:
+        bench.hardware.activate()
+    except (DriverError, ActivationError, KeyboardInterrupt):
+        assert bench.hardware.state is INACTIVE
+        out_of_reach = [i for i in IDS if bench.servos.faults.is_silent(i)]
+        assert set(bench.torque()) <= set(out_of_reach)
+        for servo_id in bench.torque():
+            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be named"
+    else:  # it came too late to matter
+        assert bench.hardware.state is ACTIVE
+        assert bench.torque() == list(IDS)
+
+
+def test_a_servo_that_cannot_be_let_go_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().configured()
+
+    def cut(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction) and instruction.servo_id == IDS[-1]:
+            bench.servos.faults.silence(1)
+            bench.servos.faults.silence(7)
+
+    bench.port.before_write = cut
+    with pytest.raises(DriverError, match="servo 7: does not answer"):
+        bench.hardware.activate()
+    assert bench.torque() == [1]
+    assert "torque may still be on: servo 1: does not answer" in caplog.text
+
+
+def test_an_activation_has_as_many_steps_as_are_disturbed_here() -> None:
+    bench = Bench().configured()
+    begin = len(bench.port.sent)
+    bench.hardware.activate()
+    last = max(n for n, instruction in enumerate(bench.port.sent) if switches_torque_on(instruction))
+    assert last - begin + 1 == STEPS
+
+
+def test_a_goal_that_did_not_arrive_is_noticed() -> None:
+    bench = Bench().configured()
+
+    def lose(number: int, instruction: Instruction) -> None:
+        if instruction.code == 0x83:
+            bench.servos.faults.silence(2)
+        elif bench.servos.faults.is_silent(2):
+            bench.servos.faults.restore(2)
+
+    bench.port.before_write = lose
+    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) holds goal 0, not 2000: check the cable"):
+        bench.hardware.activate()
+    assert bench.torque() == []
+
+
+@pytest.mark.parametrize("step", range(STEPS))
+def test_a_line_lost_at_any_step_is_said_and_the_arm_is_not_called_active(step: int) -> None:
+    bench = Bench().configured()
+    begin = len(bench.port.sent)
+    bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == begin + step else None
+    with pytest.raises(PortLost):
+        bench.hardware.activate()
+    assert bench.hardware.state is INACTIVE
+    bench.hardware.cleanup()
+    assert bench.hardware.state is UNCONFIGURED
+
+
+# The life cycle
+
+
+def configure(hardware: ServoHardware) -> None:
+    hardware.configure()
+
+
+def activate(hardware: ServoHardware) -> None:
+    hardware.activate()
+
+
+def deactivate(hardware: ServoHardware) -> None:
+    hardware.deactivate(relax=True)
+
+
+def read(hardware: ServoHardware) -> None:
+    hardware.read()
+
+
+def write(hardware: ServoHardware) -> None:
+    hardware.write(JointCommand(at(0.0, 0.0, 0.0), PERIOD_S))
+
+
+@pytest.mark.parametrize(
+    ("before", "call", "says"),
+    [
+        ((), activate, "cannot activate while unconfigured: it must be inactive"),
+        ((), deactivate, "cannot deactivate while unconfigured: it must be active"),
+        ((), read, "cannot use the servos while unconfigured: it must be inactive"),
+        ((), write, "cannot write while unconfigured: it must be active"),
+        ((configure,), configure, "cannot configure while inactive: it must be unconfigured"),
+        ((configure,), deactivate, "cannot deactivate while inactive: it must be active"),
+        ((configure,), write, "cannot write while inactive: it must be active"),
+        ((configure, activate), configure, "cannot configure while active: it must be unconfigured"),
+        ((configure, activate), activate, "cannot activate while active: it must be inactive"),
+        ((configure, activate, deactivate), write, "cannot write while inactive"),
+        ((configure, activate, deactivate), deactivate, "cannot deactivate while inactive"),
+    ],
+)
+def test_calls_out_of_turn(
+    before: Sequence[Callable[[ServoHardware], None]], call: Callable[[ServoHardware], None], says: str
+) -> None:
+    bench = Bench()
+    for step in before:
+        step(bench.hardware)
+    state, torque, sent = bench.hardware.state, bench.torque(), len(bench.port.sent)
+    with pytest.raises(LifecycleError, match=says):
+        call(bench.hardware)
+    assert (bench.hardware.state, bench.torque(), len(bench.port.sent)) == (state, torque, sent)
+
+
+def test_cleaning_up_is_allowed_in_every_state_and_leaves_the_torque_alone() -> None:
+    for make in (Bench, lambda: Bench().configured(), lambda: Bench().active()):
+        bench = make()
+        torque = bench.torque()
+        bench.hardware.cleanup()
+        bench.hardware.cleanup()
+        assert bench.hardware.state is UNCONFIGURED
+        assert bench.torque() == torque
+        assert not any(switches_torque(i) and not switches_torque_on(i) for i in bench.port.sent)
+
+
+def test_after_cleaning_up_it_begins_anew() -> None:
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    assert bench.wait().faults
+    bench.servos.faults.restore(2)
+    bench.hardware.cleanup()
+    bench.active()
+    assert bench.opened == 2
+    assert bench.hardware.read().faults == {}
+    assert joint_of(2).name == "elbow"

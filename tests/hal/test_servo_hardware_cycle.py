@@ -1,0 +1,297 @@
+"""The arm in operation: goals and their speeds, silent servos, and how it is let go."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drivers.errors import PortLost
+from drivers.feetech import sts
+from hal.lifecycle import LifecycleState
+from hal.types import JointCommand
+from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at
+
+HERE = at(0.0, 0.0, JOINTS[2].position(1500))
+"""Where the bench's joints stand at the beginning."""
+
+
+def speeds(bench: Bench) -> list[int]:
+    return [bench.held(i, sts.goal_velocity) for i in IDS]
+
+
+def goals(bench: Bench) -> list[int]:
+    return [bench.held(i, sts.goal_position) for i in IDS]
+
+
+# Commands
+
+
+def test_a_command_is_one_packet_with_every_goal() -> None:
+    bench = Bench().active()
+    sent = len(bench.port.sent)
+    bench.hardware.write(JointCommand(at(0.1, 0.1, 0.02), PERIOD_S))
+    (packet,) = bench.port.sent[sent:]
+    assert (packet.code, packet.servo_id) == (0x83, 0xFE)
+    assert goals(bench) == [joint.counts(p) for joint, p in zip(JOINTS, (0.1, 0.1, 0.02), strict=True)]
+
+
+def test_the_joints_go_where_they_are_told_in_their_own_units() -> None:
+    bench = Bench().active()
+    position = HERE
+    for _ in range(20):
+        position = position + at(0.02, -0.02, 0.0005)
+        bench.cycle(position)
+    for _ in range(5):
+        state = bench.cycle(position)
+    np.testing.assert_allclose(state.position, position, atol=0.01)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.1)
+
+
+def test_velocity_has_the_joints_sign() -> None:
+    bench = Bench().active()
+    position = HERE
+    for _ in range(6):
+        position = position + at(0.05, 0.05, 0.001)
+        state = bench.cycle(position)
+    np.testing.assert_allclose(state.velocity[:2], 1.0, rtol=0.3)
+    assert 0.01 < state.velocity[2] < 0.04
+
+
+def test_effort_has_the_joints_sign_and_unit() -> None:
+    bench = Bench().active()
+    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's is mounted mirrored
+    for _ in range(10):
+        state = bench.cycle(HERE)
+    np.testing.assert_allclose(state.effort, [0.5, 0.5, 0.5 / 0.03], rtol=0.2)
+
+
+@pytest.mark.parametrize("wanted", [math.nan, -math.nan])
+def test_no_number_reaches_no_servo(wanted: float) -> None:
+    bench = Bench().active()
+    sent, before = len(bench.port.sent), goals(bench)
+    with pytest.raises(ValueError):
+        bench.hardware.write(JointCommand(at(0.1, wanted, 0.02), PERIOD_S))
+    assert len(bench.port.sent) == sent
+    assert goals(bench) == before
+
+
+@pytest.mark.parametrize("wanted", [math.inf, -math.inf, 1e300, 100.0, -100.0])
+def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wanted: float) -> None:
+    """The gate is above; this is the last line before the bytes."""
+    bench = Bench().active()
+    last = goals(bench)
+    for _ in range(30):
+        bench.hardware.write(JointCommand(np.full(3, wanted), PERIOD_S))
+        for joint, before, now in zip(JOINTS, last, goals(bench), strict=True):
+            lowest, highest = joint.counts_range()
+            assert lowest <= now <= highest
+            assert abs(now - before) <= joint.limits.velocity * PERIOD_S / abs(joint.units_per_count) + 1
+        last = goals(bench)
+    ends = [joint.counts_range()[(wanted > 0) == (joint.sign > 0)] for joint in JOINTS]
+    assert last == ends
+
+
+def test_a_command_for_another_number_of_joints_is_refused() -> None:
+    bench = Bench().active()
+    with pytest.raises(ValueError):
+        bench.hardware.write(JointCommand(at(0.1, 0.1), PERIOD_S))
+
+
+# Interpolation
+
+
+@pytest.mark.parametrize("period_s", [0.05, 0.02, 0.1])
+def test_a_servo_is_told_to_take_the_whole_period(period_s: float) -> None:
+    bench = Bench().active()
+    bench.hardware.write(JointCommand(HERE + at(0.06, -0.03, 0.0), period_s))
+    for way, speed in zip((39, 20, 0), speeds(bench), strict=True):
+        assert way / period_s < speed <= way / period_s * 1.1 + 25
+
+
+def test_a_servo_that_need_not_move_is_never_told_to_be_as_fast_as_it_can() -> None:
+    bench = Bench().active()
+    bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    assert all(0 < speed < 100 for speed in speeds(bench))
+
+
+def test_the_speed_follows_the_way_from_the_last_goal() -> None:
+    bench = Bench().active()
+    bench.cycle(HERE + at(0.06, 0.0, 0.0))
+    fast = speeds(bench)[0]
+    bench.cycle(HERE + at(0.07, 0.0, 0.0))
+    assert speeds(bench)[0] < fast / 3
+
+
+def test_without_interpolation_speed_zero_means_as_fast_as_it_can() -> None:
+    bench = Bench().active()
+    bench.hardware.interpolate = False
+    bench.hardware.write(JointCommand(HERE + at(0.06, 0.0, 0.0), PERIOD_S))
+    assert speeds(bench) == [0, 0, 0]
+    bench.hardware.interpolate = True
+    bench.hardware.write(JointCommand(HERE + at(0.06, 0.0, 0.0), PERIOD_S))
+    assert 0 not in speeds(bench)
+
+
+# Silence
+
+
+@pytest.mark.parametrize(("servo_id", "name"), list(zip(IDS, NAMES, strict=True)))
+def test_a_silent_servo_is_named_while_the_others_go_on(
+    servo_id: int, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench().active()
+    before = bench.wait()
+    bench.servos.faults.silence(servo_id)
+    position = HERE
+    for _ in range(4):
+        position = position + at(0.05, 0.05, 0.001)
+        state = bench.cycle(position)
+    assert state.faults == {name: f"{name}: servo {servo_id} does not answer"}
+    moved = np.abs(state.position - before.position) > [0.05, 0.05, 0.001]
+    assert list(moved) == [joint.servo_id != servo_id for joint in JOINTS]
+    assert set(state.health) == set(NAMES)
+    assert caplog.text.count(f"servo {servo_id} does not answer") == 1, "once an episode, not once a cycle"
+
+
+def test_a_corrupt_reply_is_a_fault_of_one_cycle() -> None:
+    bench = Bench().active()
+    bench.servos.faults.corrupt_next(2)
+    assert bench.wait().faults == {"elbow": "elbow: servo 2 answered with a wrong checksum"}
+    assert bench.wait().faults == {}
+
+
+def test_a_servo_that_comes_back_with_torque_is_as_before(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    bench.wait()
+    bench.servos.faults.restore(2)
+    assert bench.wait().faults == {}
+    assert caplog.text.count("servo 2 answers again") == 1
+
+
+def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    bench.wait()
+    bench.servos.servo(2).power_cycle()
+    bench.servos.faults.restore(2)
+    for _ in range(5):
+        state = bench.cycle(HERE)
+        assert state.faults == {
+            "elbow": "elbow: servo 2 came back without torque (power dip?): activate again",
+        }
+    assert caplog.text.count("came back without torque") == 1
+    assert bench.torque() == [1, 7], "nobody but activate switches torque on"
+    bench.hardware.deactivate(relax=False)
+    bench.hardware.activate()
+    assert bench.torque() == list(IDS)
+    assert bench.wait().faults == {}
+
+
+def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
+    """It missed goals meanwhile: the next one is far, and the speed that goes with it is small."""
+    bench = Bench().active()
+    bench.servos.faults.silence(1)
+    position = HERE
+    for _ in range(10):
+        position = position + at(0.05, 0.0, 0.0)
+        bench.cycle(position)
+    bench.servos.faults.restore(1)
+    begin = bench.measured(1)
+    bench.cycle(position)
+    assert bench.held(1, sts.goal_position) - begin > 300
+    assert bench.measured(1) - begin < 30
+
+
+def test_a_dead_bus_names_every_joint() -> None:
+    bench = Bench().active()
+    for servo_id in IDS:
+        bench.servos.faults.silence(servo_id)
+    before = bench.wait()
+    state = bench.wait()
+    assert set(state.faults) == set(NAMES)
+    np.testing.assert_array_equal(state.position, before.position)
+
+
+def test_while_inactive_a_servo_is_well_as_soon_as_it_answers() -> None:
+    bench = Bench().configured()
+    bench.servos.faults.silence(2)
+    assert set(bench.wait().faults) == {"elbow"}
+    bench.servos.faults.restore(2)
+    assert bench.wait().faults == {}
+
+
+def test_alarms_are_part_of_a_joints_health() -> None:
+    bench = Bench().active()
+    bench.servos.servo(2).memory.put(sts.max_temperature, 1)
+    bench.servos.servo(2).firmware.load_settings()
+    state = bench.wait()
+    assert state.health["elbow"].alarms == ("temperature",)
+    assert state.health["shoulder"].alarms == ()
+
+
+# The end
+
+
+def test_deactivating_without_relaxing_holds() -> None:
+    bench = Bench().active()
+    bench.plant.load_nm[0] = 0.5
+    assert bench.hardware.deactivate(relax=False) == []
+    assert bench.hardware.state is LifecycleState.INACTIVE
+    assert bench.torque() == list(IDS)
+    for _ in range(20):
+        state = bench.wait()
+    np.testing.assert_allclose(state.position, HERE, atol=0.03)
+
+
+def test_relaxing_lets_go_of_all() -> None:
+    bench = Bench().active()
+    assert bench.hardware.deactivate(relax=True) == []
+    assert bench.torque() == []
+
+
+@pytest.mark.parametrize("dead", [(1,), (2,), (7,), (1, 7)])
+def test_relaxing_with_dead_servos_lets_go_of_the_others_and_names_them(dead: tuple[int, ...]) -> None:
+    bench = Bench().active()
+    for servo_id in dead:
+        bench.servos.faults.silence(servo_id)
+    problems = bench.hardware.deactivate(relax=True)
+    assert bench.torque() == list(dead)
+    assert len(problems) == len(dead)
+    for servo_id, problem in zip(dead, problems, strict=True):
+        assert f"servo {servo_id}: does not answer" in problem
+    assert bench.hardware.state is LifecycleState.INACTIVE
+
+
+# The line
+
+
+def test_a_lost_line_is_raised_by_the_cycle() -> None:
+    bench = Bench().active()
+    bench.port.port.unplug()
+    for _ in range(2):
+        with pytest.raises(PortLost):
+            bench.hardware.read()
+        with pytest.raises(PortLost):
+            bench.hardware.write(JointCommand(HERE, PERIOD_S))
+
+
+def test_with_a_lost_line_deactivating_says_so_and_cleaning_up_works() -> None:
+    bench = Bench().active()
+    bench.port.port.unplug()
+    (problem,) = bench.hardware.deactivate(relax=True)
+    assert "unplugged" in problem
+    assert bench.hardware.state is LifecycleState.INACTIVE
+    bench.hardware.cleanup()
+    assert bench.hardware.state is LifecycleState.UNCONFIGURED
+
+
+def test_a_line_lost_within_the_relaxing_is_said_too() -> None:
+    bench = Bench().active()
+    sent = len(bench.port.sent)
+    bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == sent + 1 else None
+    (problem,) = bench.hardware.deactivate(relax=True)
+    assert "unplugged" in problem
+    assert bench.torque() == []  # the first packet of all had told everybody
