@@ -23,7 +23,7 @@ from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
-SILENT_CYCLES = 3
+SILENT_CYCLES = 5
 """So many cycles in a row a servo may be silent before the goal is given up."""
 LONGEST_STEP = 2.0
 """A cycle that comes late moves the trajectory on by at most so many periods: no leap after a stall."""
