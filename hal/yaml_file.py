@@ -34,6 +34,11 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
         raise error("\n".join(lines)) from reason
 
 
+def place(path: Path, location: Sequence[int | str]) -> str:
+    """``path:line`` of the innermost part of ``location`` that the file, which has been read before, has."""
+    return f"{path}:{_line(yaml.compose(path.read_text(), Loader=yaml.SafeLoader), location)}"
+
+
 def _said(item: ErrorDetails) -> str:
     return f"{'.'.join(map(str, item['loc']))}: {item['msg'].removeprefix('Value error, ')}"
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller import controllers_file
+from controller import factory
 from controller.ending import end
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
@@ -134,7 +134,7 @@ def _run(loop: ControlLoop, below: Below, files: Files, signals: Signals, ready:
 def _loop(below: Below, files: Files) -> ControlLoop:
     limits = files.robot.limits()
     manager = ControllerManager(below.hardware.joints)
-    for controller in controllers_file.build(
+    for controller in factory.build(
         files.controllers, files.description, files.component, limits, manager.settled
     ):
         manager.add(controller)

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from controller.controllers_file import ControllersFile, ControllersFileError, build, load_controllers_file
+from controller.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
+from controller.factory import build
 from controller.forward_command_controller import ForwardCommandController
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from controller.joint_trajectory_controller import JointTrajectoryController

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller import controllers_file
+from controller import factory
 from controller.forward_command_controller import ForwardCommandController
 from controller.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.interface import Controller
@@ -120,7 +120,7 @@ class StackRig:
         self.hardware.interpolate = interpolate
         limits = robot.limits()
         self.manager = ControllerManager(self.hardware.joints)
-        built = controllers_file.build(
+        built = factory.build(
             self.files.controllers, self.files.description, self.files.component, limits, self.manager.settled
         )
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
