@@ -161,7 +161,7 @@ MISTAKES = {
     ),
     "an unknown type": (
         (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
-        ["arm_controller: unknown type 'diff_drive_controller/DiffDriveController', known are " + ARM_TYPE],
+        ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController', known types are " + ARM_TYPE],
     ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
     "joints forgotten": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
