@@ -53,13 +53,22 @@ def run_action(node, kind, name, goal):
     client = ActionClient(node, kind, name)
     assert client.wait_for_server(PATIENCE_S)
     feedback = []
-    handle = answer(
-        node, client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
-    )
-    assert handle.accepted
-    result = answer(node, handle.get_result_async()).result
-    spin_until(node, lambda: feedback)
+
+    def run():
+        sent = client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
+        handle = answer(node, sent)
+        assert handle.accepted
+        result = answer(node, handle.get_result_async()).result
+        node.executor.spin_once(timeout_sec=0.1)
+        return result
+
+    result = run()
+    for _ in range(20):  # the services are there before the feedback topic is: what was sent until then is lost
+        if feedback:
+            break
+        result = run()
     client.destroy()
+    assert feedback
     return result, feedback
 
 
