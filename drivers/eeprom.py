@@ -1,0 +1,189 @@
+"""Settings that outlive power-off: written only where they differ, read back, and locked again.
+
+    with eeprom(bus, 3, Lock(sts.lock)) as memory:
+        memory.write(sts.max_torque, 800)
+
+Within the scope the lock is opened before the first write that is needed, and not at all if none is.
+However the scope ends, the lock is closed on the way out. Whether a write or the lock took is decided
+by reading, never by the reply to the write: a reply that was lost costs no second write of the EEPROM.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from drivers.bus import ServoBus
+from drivers.errors import DriverError, ServoError, ServoSilent
+from drivers.registers import Access, Register
+
+LARGEST_ID = 253
+"""Of Feetech; Dynamixel allows one less. 254 calls everybody."""
+LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
+"""Settings after which the servo could neither be read back nor locked."""
+TRIES = 3
+"""How often the lock is written (RAM, which does not wear out) and a servo with a new ID is looked for."""
+
+
+class EepromError(ServoError):
+    """A setting that could not be written; ``register`` tells which."""
+
+    def __init__(self, servo_id: int, register: Register, text: str) -> None:
+        super().__init__(servo_id, f"{register.name} (register {register.address}) {text}")
+        self.register = register
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """The register that guards a servo's EEPROM. Dynamixel has none: torque off is its key."""
+
+    register: Register
+    opened: int = 0
+    closed: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One setting that was written."""
+
+    register: Register
+    old: int
+    new: int
+
+
+@dataclass(slots=True)
+class Eeprom:
+    """One servo's settings within the scope. ``servo_id`` follows when the ID itself is written."""
+
+    bus: ServoBus
+    servo_id: int
+    lock: Lock | None
+    changes: list[Change] = field(default_factory=list)
+    _touched: bool = False
+
+    def read(self, register: Register) -> int:
+        """What the servo holds."""
+        try:
+            return self.bus.read(self.servo_id, register)
+        except ServoError as error:
+            raise EepromError(self.servo_id, register, f"cannot be read: it {error.text}") from error
+
+    def write(self, register: Register, value: int) -> None:
+        """Make the servo hold ``value``; nothing is sent but reads if it does already."""
+        _check(register, value)
+        old = self.read(register)
+        if old == value:
+            return
+        if register.name == "id":
+            self._refuse_taken(register, value)
+        self._unlock()
+        failure = self._try_write(register, value)
+        held = self._follow(register, value) if register.name == "id" else self.read(register)
+        if held != value:
+            raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+        self.changes.append(Change(register, old, value))
+
+    def _refuse_taken(self, register: Register, new_id: int) -> None:
+        """Two servos with one ID can neither be told apart nor be parted again over the wire."""
+        try:
+            self.bus.read(new_id, register)
+        except ServoSilent:
+            return
+        except ServoError:
+            pass  # somebody is there, and perhaps two already
+        raise EepromError(self.servo_id, register, f"must not become {new_id}: another servo answers to that")
+
+    def _follow(self, register: Register, new_id: int) -> int:
+        """The ID that the servo answers to after its ID was written, the new one or still the old one."""
+        for candidate in (new_id, self.servo_id) * TRIES:
+            try:
+                held = self.bus.read(candidate, register)
+            except ServoError:
+                continue
+            self.servo_id = candidate
+            return held
+        raise EepromError(self.servo_id, register, f"was to become {new_id}: now it answers to neither")
+
+    def _unlock(self) -> None:
+        if self._touched:
+            return
+        if self.bus.torque_is_on(self.servo_id):
+            raise ServoError(self.servo_id, "holds torque: switch it off before its settings are changed")
+        self._touched = True  # before it is: the reply to the write may be what gets lost
+        if self.lock is not None:
+            self._turn(self.lock, self.lock.opened)
+
+    def close(self) -> None:
+        """Close the lock if it is open. One that somebody else left open is closed too, if it can be read."""
+        if self.lock is None:
+            return
+        closed = self._stands(self.lock, self.lock.closed)
+        if not closed and (self._touched or self._stands(self.lock, self.lock.opened)):
+            self._turn(self.lock, self.lock.closed)
+
+    def _turn(self, lock: Lock, position: int) -> None:
+        failure: ServoError | None = None
+        for _ in range(TRIES):
+            failure = self._try_write(lock.register, position) or failure
+            if self._stands(lock, position):
+                return
+        state = "closed" if position == lock.closed else "open"
+        raise EepromError(self.servo_id, lock.register, f"does not become {state}: {_why(failure)}") from failure
+
+    def _stands(self, lock: Lock, position: int) -> bool:
+        try:
+            return self.bus.read(self.servo_id, lock.register) == position
+        except ServoError:
+            return False
+
+    def _try_write(self, register: Register, value: int) -> ServoError | None:
+        try:
+            self.bus.write(self.servo_id, register, value)
+        except ServoError as error:
+            return error
+        return None
+
+
+@contextmanager
+def eeprom(bus: ServoBus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
+    """The scope. Raises EepromError with servo and register, PortLost once the line is gone.
+
+    If it ends by an exception and the lock cannot be closed either, the exception carries a note of that.
+    """
+    memory = Eeprom(bus, servo_id, lock)
+    try:
+        yield memory
+    except BaseException as error:
+        try:
+            memory.close()
+        except DriverError as second:
+            error.add_note(f"the EEPROM may be left unlocked: {second}")
+        raise
+    memory.close()
+
+
+def update(bus: ServoBus, servo_id: int, lock: Lock | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
+    """Make the servo hold all ``values``; what had to be changed. The ID comes last, so that none is left behind."""
+    for register, value in values.items():
+        _check(register, value)
+    with eeprom(bus, servo_id, lock) as memory:
+        for register in sorted(values, key=lambda r: (r.name == "id", r.address)):
+            memory.write(register, values[register])
+    return tuple(memory.changes)
+
+
+def _check(register: Register, value: int) -> None:
+    """ValueError, before anything is sent, for what can never work."""
+    if register.access is Access.READ or not register.persistent:
+        raise ValueError(f"{register.name} is not a setting that can be saved: nothing written")
+    if register.name in LEAVES_THE_LINE:
+        raise ValueError(f"{register.name} takes the servo off this line, out of reach of a check: nothing written")
+    if register.name == "id" and value > LARGEST_ID:
+        raise ValueError(f"id takes 0 to {LARGEST_ID}, not {value}: nothing written")
+    if not register.smallest <= value <= register.largest:
+        raise ValueError(
+            f"{register.name} takes {register.smallest} to {register.largest}, not {value}: nothing written"
+        )
+
+
+def _why(failure: ServoError | None) -> str:
+    return "the servo does not take it" if failure is None else f"it {failure.text}"

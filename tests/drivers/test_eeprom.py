@@ -1,0 +1,249 @@
+"""The EEPROM scope over the real bus and a virtual servo: what is written, what is not, and the lock at the end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.bus import ServoBus
+from drivers.eeprom import TRIES, Change, EepromError, Lock, eeprom, update
+from drivers.errors import PortLost, ServoError, ServoSilent
+from drivers.feetech import sts
+from drivers.feetech.bus import FeetechBus
+from drivers.registers import Register
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+LOCK = Lock(sts.lock)
+WRITE = 0x03
+EEPROM_END = sts.torque_enable.address
+
+
+class RecordingPort(VirtualPort):
+    """Notes every write instruction; ``before_write`` may meddle with each packet's fate first."""
+
+    def __init__(self, servos: VirtualBus, clock: SimulatedClock) -> None:
+        super().__init__(servos, clock)
+        self.packets: list[bytes] = []
+        self.before_write: Callable[[int], None] = lambda number: None
+        self.losing = self.garbling = False
+
+    def write(self, data: bytes) -> None:
+        self.before_write(len(self.packets))
+        self.packets.append(data)
+        super().write(data)
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        data = super().read(size, deadline_s)
+        if self.garbling and data:
+            data = data[:-1] + bytes((data[-1] ^ 0xFF,))
+        return b"" if self.losing else data
+
+    @property
+    def written(self) -> list[int]:
+        """The addresses of all write instructions, in order."""
+        return [packet[5] for packet in self.packets if packet[4] == WRITE]
+
+    @property
+    def wear(self) -> list[int]:
+        """Those that wear the EEPROM out."""
+        return [address for address in self.written if address < EEPROM_END]
+
+
+@dataclass
+class Line:
+    """Two virtual servos with the IDs 1 and 2."""
+
+    clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(10.0))
+    servos: VirtualBus = field(default_factory=lambda: VirtualBus.of(BenchPlant((1, 2))))
+
+    def __post_init__(self) -> None:
+        self.port = RecordingPort(self.servos, self.clock)
+        bus: ServoBus = FeetechBus(self.port, self.clock)
+        self.bus = bus
+        self.first = self.servos.servo(1)
+
+    def held(self, register: Register) -> int:
+        return self.first.memory.get(register)
+
+
+def test_nothing_is_written_when_nothing_differs() -> None:
+    line = Line()
+    values = {r: line.held(r) for r in (sts.position_p, sts.max_position, sts.homing_offset, sts.servo_id)}
+    assert update(line.bus, 1, LOCK, values) == ()
+    assert line.port.written == []
+
+
+def test_only_what_differs_is_written_and_it_outlives_power_off_locked() -> None:
+    line = Line()
+    values = {sts.position_p: 16, sts.position_d: 32, sts.homing_offset: -85}
+    changes = update(line.bus, 1, LOCK, values)
+    assert changes == (Change(sts.position_p, 32, 16), Change(sts.homing_offset, 0, -85))
+    assert line.port.written == [sts.lock.address, 21, 31, sts.lock.address]
+    assert line.held(sts.lock) == 1
+    line.first.power_cycle()
+    assert {register: line.held(register) for register in values} == values
+    assert update(line.bus, 1, LOCK, values) == ()
+
+
+def test_the_scope_can_be_used_step_by_step() -> None:
+    line = Line()
+    with eeprom(line.bus, 1, LOCK) as memory:
+        memory.write(sts.max_torque, memory.read(sts.max_torque) // 2)
+        assert line.held(sts.lock) == 0
+    assert (line.held(sts.max_torque), line.held(sts.lock)) == (500, 1)
+
+
+def test_a_lock_that_somebody_left_open_is_closed() -> None:
+    line = Line()
+    line.first.memory.put(sts.lock, 0)
+    assert update(line.bus, 1, LOCK, {sts.position_p: 32}) == ()
+    assert line.held(sts.lock) == 1
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "text"),
+    [
+        (sts.homing_offset, 2114, "homing_offset takes -2047 to 2047, not 2114"),
+        (sts.model_number, 1, "model_number is not a setting"),
+        (sts.goal_position, 1, "goal_position is not a setting"),
+        (sts.servo_id, 254, "id takes 0 to 253"),
+        (sts.baud_rate, 1, "baud_rate takes the servo off this line"),
+    ],
+)
+def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register, value: int, text: str) -> None:
+    line = Line()
+    with pytest.raises(ValueError, match=f"{text}.*nothing written"):
+        update(line.bus, 1, LOCK, {sts.position_p: 16, register: value})
+    assert line.port.packets == []
+
+
+def test_a_servo_under_torque_is_left_alone() -> None:
+    line = Line()
+    line.bus.torque_on(1)
+    with pytest.raises(ServoError, match="servo 1: holds torque: switch it off"):
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert line.port.wear == []
+    assert line.held(sts.lock) == 1
+
+
+def test_without_a_lock_register_only_torque_matters() -> None:
+    line = Line()
+    assert update(line.bus, 1, None, {sts.position_p: 16}) == (Change(sts.position_p, 32, 16),)
+    assert line.port.written == [21]
+
+
+def test_a_value_that_does_not_stick_is_reported() -> None:
+    line = Line()
+    memory = line.first.memory
+    line.port.before_write = lambda number: memory.put(sts.position_p, 32)
+    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) stays 32, not 16: the servo") as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
+    assert line.held(sts.lock) == 1
+
+
+def test_a_lost_reply_costs_no_second_write() -> None:
+    line = Line()
+    line.port.before_write = lambda number: line.servos.faults.corrupt_next(1) if number == 4 else None
+    assert update(line.bus, 1, LOCK, {sts.position_p: 16}) == (Change(sts.position_p, 32, 16),)
+    assert line.port.packets[4][4:6] == bytes((WRITE, 21))
+    assert line.port.wear == [21]
+    assert line.held(sts.lock) == 1
+
+
+def test_the_id_comes_last_and_the_lock_is_closed_under_the_new_one() -> None:
+    line = Line()
+    changes = update(line.bus, 1, LOCK, {sts.servo_id: 9, sts.position_p: 16})
+    assert [change.register for change in changes] == [sts.position_p, sts.servo_id]
+    assert (line.first.servo_id, line.held(sts.lock)) == (9, 1)
+
+
+def test_an_id_that_is_taken_is_refused() -> None:
+    line = Line()
+    with pytest.raises(EepromError, match=r"servo 1: id \(register 5\) must not become 2: another servo answers"):
+        update(line.bus, 1, LOCK, {sts.servo_id: 2})
+    assert line.port.wear == []
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_a_servo_that_goes_silent_for_good_is_named(number: int) -> None:
+    line = Line()
+    line.port.before_write = lambda n: line.servos.faults.silence(1) if n == number else None
+    with pytest.raises(ServoError, match="servo 1: ") as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert caught.value.servo_id == 1
+    opened = line.held(sts.lock) == 0
+    # Whoever is told only of the first failure is told of the lock too.
+    assert not opened or "lock (register 55)" in str(caught.value) + "".join(getattr(caught.value, "__notes__", []))
+
+
+@pytest.mark.parametrize("number", range(9))
+def test_a_lost_port_is_reported_as_such(number: int) -> None:
+    line = Line()
+    line.port.before_write = lambda n: line.port.unplug() if n == number else None
+    with pytest.raises(PortLost):
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+
+
+class Stumble(BaseException):
+    """Not an Exception: as Ctrl-C is none."""
+
+
+@settings(max_examples=500)
+@given(
+    st.integers(0, 32),
+    st.integers(1, TRIES - 1),
+    st.sampled_from(("not heard", "reply lost", "reply corrupt")),
+    st.none() | st.integers(0, 4),
+)
+def test_the_lock_is_closed_however_the_scope_ends(at: int, length: int, fault: str, stumble: int | None) -> None:
+    """From packet ``at`` on, ``length`` exchanges fail; after ``stumble`` writes the caller breaks off."""
+    line = Line()
+
+    def meddle(number: int) -> None:
+        failing = at <= number < at + length
+        line.port.losing = failing and fault == "reply lost"
+        line.port.garbling = failing and fault == "reply corrupt"
+        for servo_id in (1, 9):
+            line.servos.faults.restore(servo_id)
+            if failing and fault == "not heard":
+                line.servos.faults.silence(servo_id)
+
+    line.port.before_write = meddle
+    steps = ((sts.position_p, 16), (sts.homing_offset, -2047), (sts.max_torque, 700), (sts.servo_id, 9))
+    ended: BaseException | None = None
+    try:
+        with eeprom(line.bus, 1, LOCK) as memory:
+            for number, (register, value) in enumerate(steps):
+                if number == stumble:
+                    raise Stumble
+                memory.write(register, value)
+    except (ServoError, Stumble) as error:
+        ended = error
+    assert line.held(sts.lock) == 1
+    if ended is None:
+        line.first.power_cycle()
+        assert [line.held(register) for register, _ in steps] == [value for _, value in steps]
+    assert len(line.port.wear) <= len(steps)
+
+
+def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:
+    line = Line()
+    with pytest.raises(KeyError, match="mine"), eeprom(line.bus, 1, LOCK) as memory:
+        memory.write(sts.position_p, 16)
+        raise KeyError("mine")
+    assert line.held(sts.lock) == 1
+
+
+def test_a_silent_servo_is_said_to_be_silent_and_costs_little() -> None:
+    line = Line()
+    line.servos.faults.silence(1)
+    with pytest.raises(EepromError, match=r"servo 1: position_p .* cannot be read: it does not answer") as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert isinstance(caught.value.__cause__, ServoSilent)
+    assert len(line.port.packets) <= 3
