@@ -5,17 +5,21 @@ A group read returns a value or a fault for each servo: a silent servo never hid
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
+from drivers.counters import BusCounters
 from drivers.errors import ServoError
 from drivers.registers import Register, ServoModel
 
-FaultKind = Literal["silent", "corrupt"]
+FaultKind = Literal["silent", "corrupt", "late"]
+"""No reply; one that does not hold together; one that belongs to an earlier request."""
 
 
-@dataclass(frozen=True, slots=True)
-class ServoState:
-    """One servo's state from one reply. ``alarms`` are the names of the status bits that are set."""
+class ServoState(NamedTuple):
+    """One servo's state from one reply. ``alarms`` are the names of the status bits that are set.
+
+    A tuple, because a cycle makes one for every servo and a frozen dataclass takes four times as long.
+    """
 
     position_counts: int
     velocity_counts_s: int
@@ -56,6 +60,11 @@ class ServoBus(Protocol):
         """The port's name."""
         ...
 
+    @property
+    def counters(self) -> BusCounters:
+        """What went wrong since the bus was opened, by servo and kind."""
+        ...
+
     def identify(self, servo_id: int, model: ServoModel) -> None:
         """Raise ServoSilent or ServoRefused unless the servo is there and of this model."""
         ...
@@ -68,8 +77,12 @@ class ServoBus(Protocol):
         """One register of one servo, acknowledged."""
         ...
 
-    def read_states(self, servo_ids: Sequence[int]) -> dict[int, Reading]:
-        """The state of each servo, or its fault, in one exchange."""
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+        """The state of each servo, or its fault, in one exchange.
+
+        With a deadline on the bus's clock, as a cycle has one: what is missing is asked for again
+        while there is time, and a servo known to be silent is not waited for in every cycle.
+        """
         ...
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:

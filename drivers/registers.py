@@ -19,7 +19,8 @@ class Register:
     """One entry of a control table.
 
     ``sign_bit`` is the bit that holds the sign of a sign-magnitude number (Feetech's way of
-    writing negative values); None means that the register is unsigned.
+    writing negative values); None means that there is none. ``signed`` registers hold two's
+    complement (Dynamixel's way); with neither, the register is unsigned.
     ``persistent`` registers live in EEPROM: they survive power-off and wear out when written.
     """
 
@@ -29,16 +30,19 @@ class Register:
     access: Access = Access.READ_WRITE
     persistent: bool = False
     sign_bit: int | None = None
+    signed: bool = False
 
     @property
     def largest(self) -> int:
         """The largest value that the register can say."""
-        bits = self.size * 8 if self.sign_bit is None else self.sign_bit
+        bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
         return (1 << bits) - 1
 
     @property
     def smallest(self) -> int:
         """The smallest value that the register can say."""
+        if self.signed:
+            return -self.largest - 1
         return 0 if self.sign_bit is None else -self.largest
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
@@ -48,11 +52,11 @@ class Register:
         raw = value
         if self.sign_bit is not None and value < 0:
             raw = -value | 1 << self.sign_bit
-        return raw.to_bytes(self.size, order)
+        return raw.to_bytes(self.size, order, signed=self.signed)
 
     def decode(self, data: bytes, order: ByteOrder) -> int:
         """The value in ``data``, which is ``size`` bytes long."""
-        raw = int.from_bytes(data, order)
+        raw = int.from_bytes(data, order, signed=self.signed)
         if self.sign_bit is None:
             return raw
         sign = 1 << self.sign_bit

@@ -13,6 +13,10 @@ import serial
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
 
+_BURST = 32
+"""From this many expected bytes on, one wake-up for all is worth telling the kernel."""
+_LARGEST_VMIN = 255
+
 
 class SerialPort:
     """Opens a device exclusively and waits on its file descriptor, never spinning.
@@ -28,6 +32,8 @@ class SerialPort:
         self._fd: int = self._serial.fileno()
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
+        self._wake_size = 0
+        self._settings = termios.tcgetattr(self._fd)
 
     def write(self, data: bytes) -> None:
         try:
@@ -40,11 +46,13 @@ class SerialPort:
 
     def read(self, size: int, deadline_s: float) -> bytes:
         received = b""
-        while len(received) < size:
-            wait_s = deadline_s - self._clock.now()
-            if not self._poll.poll(max(0.0, wait_s * 1000.0)):
+        while missing := size - len(received):
+            if missing >= _BURST or self._wake_size != 1:
+                self._wake_at(missing)
+            ready = self._wait(deadline_s - self._clock.now())
+            received += self._take(missing)
+            if not ready:
                 break
-            received += self._read_some(size - len(received))
         return received
 
     def discard_input(self) -> None:
@@ -56,6 +64,38 @@ class SerialPort:
     def close(self) -> None:
         self._serial.close()
         self._fd = -1
+
+    def _wake_at(self, size: int) -> None:
+        """Ask the kernel to wake us when a whole burst is there, not at each of its pieces.
+
+        On Linux a poll of a raw terminal waits for VMIN bytes; what knows no VMIN only wakes us more
+        often. Short replies are not worth the call.
+        """
+        wake_size = min(size, _LARGEST_VMIN) if size >= _BURST else 1
+        if wake_size != self._wake_size:
+            self._settings[6][termios.VMIN] = wake_size
+            try:
+                termios.tcsetattr(self._fd, termios.TCSANOW, self._settings)
+            except (termios.error, OSError, ValueError) as error:
+                raise self._lost(error) from error
+            self._wake_size = wake_size
+
+    def _wait(self, wait_s: float) -> bool:
+        """Until enough can be read; poll counts in milliseconds, select does the rest."""
+        try:
+            if self._poll.poll(max(0, int(wait_s * 1000.0))):
+                return True
+            rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
+            return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+
+    def _take(self, size: int) -> bytes:
+        """What is there, at most ``size``; the kernel may hand it over in pieces of 64 bytes."""
+        received = self._read_some(size)
+        while received and len(received) < size and (data := self._read_some(size - len(received))):
+            received += data
+        return received
 
     def _read_some(self, size: int) -> bytes:
         try:

@@ -6,16 +6,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from drivers.dynamixel import x_series
 from drivers.feetech import sts
+from drivers.registers import ServoModel
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.types import JointLimits
 from hal.yaml_file import load
 
+Protocol = Literal["feetech", "dynamixel"]
 ExitPolicy = Literal["hold", "relax"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+MODELS: dict[Protocol, dict[str, ServoModel]] = {"feetech": sts.MODELS, "dynamixel": x_series.MODELS}
+"""What can be driven, by the protocol of its bus."""
+LARGEST_IDS: dict[Protocol, int] = {"feetech": 253, "dynamixel": 252}
 
 
 class _Strict(BaseModel):
@@ -25,7 +32,7 @@ class _Strict(BaseModel):
 class BusFile(_Strict):
     """The line to the servos. Which device it is, the command line says."""
 
-    protocol: Literal["feetech"] = "feetech"
+    protocol: Protocol = "feetech"
     baud: int = Field(default=1_000_000, gt=0)
 
 
@@ -33,13 +40,23 @@ class JointFile(_Strict):
     """One joint's servo. Units: rad (m for a prismatic joint) and seconds."""
 
     servo_id: int = Field(ge=0, le=253)
-    model: Literal["sts3215"]
+    model: str
     sign: Literal[1, -1] = 1
     zero_counts: int = Field(2048, ge=-32767, le=32767)
     metres_per_radian: Positive | None = None
     torque_limit: float = Field(1.0, gt=0, le=1)
+    position_p: int | None = Field(None, ge=0, le=16383)
+    """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
     acceleration: Positive
     jerk: Positive
+
+    @field_validator("model")
+    @classmethod
+    def _known_model(cls, model: str) -> str:
+        known = [name for models in MODELS.values() for name in models]
+        if model not in known:
+            raise ValueError(f"unknown model {model}: known are {', '.join(known)}")
+        return model
 
 
 class ExitFile(_Strict):
@@ -78,6 +95,15 @@ class RobotFile(_Strict):
             raise ValueError("; ".join(doubles))
         return joints
 
+    @field_validator("joints")
+    @classmethod
+    def _fit_for_the_bus(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
+        bus = info.data.get("bus", BusFile())
+        problems = [problem for name, joint in joints.items() for problem in _misfits(name, joint, bus.protocol)]
+        if problems and "bus" in info.data:
+            raise ValueError("; ".join(problems))
+        return joints
+
     @field_validator("park")
     @classmethod
     def _known_joints(cls, park: ParkFile | None, info: ValidationInfo) -> ParkFile | None:
@@ -86,6 +112,18 @@ class RobotFile(_Strict):
             if unknown:
                 raise ValueError(f"pose names unknown joints: {', '.join(sorted(unknown))}")
         return park
+
+
+def _misfits(name: str, joint: JointFile, protocol: Protocol) -> list[str]:
+    """What one joint's servo asks for that its bus does not have."""
+    problems: list[str] = []
+    if joint.model not in MODELS[protocol]:
+        problems.append(f"{name} has model {joint.model}, which does not speak the bus's protocol, {protocol}")
+    if joint.servo_id > LARGEST_IDS[protocol]:
+        problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
+    if joint.position_p is not None and protocol != "dynamixel":
+        problems.append(f"{name} has position_p, which only dynamixel servos take from here")
+    return problems
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +152,7 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
-            joint = _joint(name, file.joints[name], description.joints[name])
+            joint = _joint(name, file.joints[name], description.joints[name], file.bus.protocol)
             problems += _problems(description.joints[name], file.joints[name]) or _reach_problems(joint, file.park)
             joints.append(joint)
     if problems:
@@ -151,12 +189,12 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     return problems
 
 
-def _joint(name: str, file: JointFile, urdf: UrdfJoint) -> Joint:
+def _joint(name: str, file: JointFile, urdf: UrdfJoint, protocol: Protocol) -> Joint:
     limits = JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk)
     return Joint(
         name=name,
         servo_id=file.servo_id,
-        model=sts.MODELS[file.model],
+        model=MODELS[protocol][file.model],
         limits=limits,
         sign=file.sign,
         zero_counts=file.zero_counts,

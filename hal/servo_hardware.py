@@ -21,6 +21,10 @@ OUTSIDE_TOLERANCE = 0.05
 INTERPOLATION_MARGIN = 1.05
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
 INTERPOLATION_FLOOR_COUNTS_S = 20
+READ_SHARE = 0.5
+"""What share of the period reading may take, lost replies and second questions included."""
+FIRST_PERIOD_S = 0.05
+"""The period until a command tells it."""
 
 
 class ServoHardware:
@@ -41,6 +45,7 @@ class ServoHardware:
         self._open_bus = open_bus
         self._bus: ServoBus | None = None
         self._clock = clock
+        self._period_s = FIRST_PERIOD_S
         self._goals: dict[int, int] = {}
         self._faults: dict[str, str] = {}
         self._last = self._unknown_state()
@@ -97,12 +102,14 @@ class ServoHardware:
 
     def read(self) -> JointState:
         """One exchange with all servos. A silent servo keeps its last values and is named."""
-        return self._take(self._opened().read_states(self._ids))
+        deadline_s = self._clock.now() + READ_SHARE * self._period_s
+        return self._take(self._opened().read_states(self._ids, deadline_s))
 
     def _take(self, readings: Mapping[int, Reading]) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()
         effort = self._last.effort.copy()
         health = dict(self._last.health)
+        counters = self._opened().counters
         for index, joint in enumerate(self._joints):
             reading = readings[joint.servo_id]
             self._note_fault(joint, reading)
@@ -110,13 +117,15 @@ class ServoHardware:
                 position[index] = joint.position(reading.position_counts)
                 velocity[index] = reading.velocity_counts_s * joint.units_per_count
                 effort[index] = reading.load * joint.full_effort * joint.sign
-                health[joint.name] = ServoHealth(reading.voltage_v, reading.temperature_c, reading.alarms)
+                account = counters.of(joint.servo_id)
+                health[joint.name] = ServoHealth(reading.voltage_v, reading.temperature_c, reading.alarms, account)
         self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last
 
     def write(self, command: JointCommand) -> None:
         """One packet with a goal for every servo; the command has passed the safety gate."""
         require(self.state, LifecycleState.ACTIVE, "write")
+        self._period_s = command.period_s
         goals: dict[int, ServoGoal] = {}
         for joint, position in zip(self._joints, command.position, strict=True):
             counts = self._within_reach(joint, joint.counts(float(position)), command.period_s)

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.counters import ServoCounters
+
 FloatArray = NDArray[np.float64]
 
 
@@ -27,6 +29,8 @@ class ServoHealth:
     voltage_v: float
     temperature_c: float
     alarms: tuple[str, ...] = ()
+    counters: ServoCounters | None = None
+    """What went wrong with it on the wire so far: the bus's own account, which goes on counting."""
 
 
 @dataclass(frozen=True, slots=True)

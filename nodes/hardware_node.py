@@ -71,6 +71,8 @@ class HardwareNode:
         health = state.health.get(joint)
         if health is not None:
             status.values = _values(voltage_v=f"{health.voltage_v:.1f}", temperature_c=f"{health.temperature_c:.0f}")
+            if health.counters is not None:
+                status.values += _values(**health.counters.as_dict())
             if health.alarms:
                 status.level = DiagnosticStatus.WARN
                 status.message = f"alarm: {', '.join(health.alarms)}"

@@ -22,6 +22,9 @@ app = typer.Typer(
     help="A robot arm on serial bus servos under ROS 2: real, or virtual down to the byte.",
 )
 
+bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
+app.add_typer(bench_app, name="bench")
+
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
 UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
 
@@ -149,3 +152,28 @@ def demo(
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)
+
+
+@bench_app.command()
+def bus(
+    port: Annotated[str, typer.Option(help="Serial device of the servos.")],
+    ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
+    model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
+    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 1_000_000,
+    cycles: Annotated[int, typer.Option(min=1, help="How many cycles to measure.")] = 1000,
+    json: Annotated[bool, typer.Option("--json", help="One line of JSON instead of a table.")] = False,
+) -> None:
+    """Read the full state of every servo and write a goal to each, as fast as the line allows.
+
+    The goals are where the servos stand. Faults are counted, not fatal; only a line on which nobody answers ends
+    with 1. Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
+    """
+    from rich.console import Console
+
+    from servoloop import bench_bus
+
+    figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles)
+    if json:
+        typer.echo(bench_bus.as_json(figures))
+    else:
+        bench_bus.print_table(figures, Console())

@@ -1,5 +1,46 @@
 """What can be made to go wrong on the virtual wire."""
 
+import random
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final
+
+LONGEST_NOISE: Final = 6
+"""Bytes; less than half a reply, as a glitch of the supply leaves."""
+
+
+@dataclass(slots=True)
+class Disturbance:
+    """Chance for each reply to be dropped, to arrive with a flipped bit, or behind noise. By seed.
+
+    ``done`` counts what was done to whom: (kind, servo ID), to hold a driver's counters against it.
+    """
+
+    seed: int
+    drop: float = 0.0
+    flip: float = 0.0
+    noise: float = 0.0
+    done: Counter[tuple[str, int]] = field(default_factory=Counter)
+    _random: random.Random = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._random = random.Random(self.seed)
+
+    def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
+        """The reply as it comes out of the wire; at most one thing happens to it."""
+        chance = self._random.random()
+        if chance < self.drop:
+            self.done["drop", servo_id] += 1
+            return b""
+        if chance < self.drop + self.flip:
+            self.done["flip", servo_id] += 1
+            bit = self._random.randrange(len(packet) * 8)
+            return (int.from_bytes(packet, "big") ^ 1 << bit).to_bytes(len(packet), "big")
+        if chance < self.drop + self.flip + self.noise:
+            self.done["noise", servo_id] += 1
+            return self._random.randbytes(self._random.randint(1, LONGEST_NOISE)) + packet
+        return packet
+
 
 class WireFaults:
     """Switches that the bus looks at whenever a servo is about to reply. Servos are named by ID."""
@@ -7,6 +48,9 @@ class WireFaults:
     def __init__(self) -> None:
         self._silent: set[int] = set()
         self._corrupt: dict[int, int] = {}
+        self._late: set[int] = set()
+        self._held: list[bytes] = []
+        self.disturbance: Disturbance | None = None
 
     def silence(self, servo_id: int) -> None:
         """The servo's data line breaks: it neither hears nor answers until ``restore``."""
@@ -20,12 +64,28 @@ class WireFaults:
         """The next replies of the servo arrive with a wrong checksum."""
         self._corrupt[servo_id] = self._corrupt.get(servo_id, 0) + replies
 
+    def delay_next(self, servo_id: int) -> None:
+        """The next reply of the servo comes when the master has asked somebody again."""
+        self._late.add(servo_id)
+
+    def take_held(self) -> bytes:
+        """Replies that were held back and come now."""
+        held = b"".join(self._held)
+        self._held.clear()
+        return held
+
     def is_silent(self, servo_id: int) -> bool:
         """Whether the servo is cut off."""
         return servo_id in self._silent
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
         """A reply as it comes out of the wire."""
+        if self.disturbance is not None:
+            packet = self.disturbance.pass_reply(servo_id, packet)
+        if servo_id in self._late:
+            self._late.remove(servo_id)
+            self._held.append(packet)
+            return b""
         left = self._corrupt.get(servo_id, 0)
         if not left:
             return packet

@@ -5,16 +5,17 @@ thread, faster than real time, and every run gives the same bytes.
 """
 
 from collections import deque
+from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import PortLost
-from sim_backend.bus import Reply, VirtualBus
+from sim_backend.line import Reply, ServoLine
 
 
 class VirtualPort:
-    """One end of the wire of a ``VirtualBus``."""
+    """One end of the wire of a ``ServoLine``."""
 
-    def __init__(self, bus: VirtualBus, clock: Clock, *, baud: int = 1_000_000, name: str = "virtual") -> None:
+    def __init__(self, bus: ServoLine[Any], clock: Clock, *, baud: int = 1_000_000, name: str = "virtual") -> None:
         self._bus = bus
         self._clock = clock
         self._baud = baud

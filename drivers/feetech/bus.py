@@ -1,28 +1,32 @@
 """Feetech STS servos on one port: single-servo calls by the SDK, group transactions by us."""
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, cast
 
 from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
 
 from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
+from drivers.counters import BusCounters
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
-from drivers.feetech import sts, wire
+from drivers.feetech import state, sts, wire
+from drivers.feetech.absent import AbsenceWatch
+from drivers.feetech.burst import BITS_PER_BYTE, TRIED_GAP_S, BurstReader, Outcome
+from drivers.feetech.echo import Echo
 from drivers.feetech.sdk import SdkPort
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
 
-FIRST_REPLY_S = 0.02
-"""How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
-GAP_S = 0.003
-"""How long the next reply may take once replies come."""
+RETRIES: Final = 2
+"""How often a servo is asked again within one cycle, if there is time."""
 
 _ORDER: Final = "little"
-_STATE_ADDRESS = sts.STATE_BLOCK[0].address
-_STATE_SIZE = sum(register.size for register in sts.STATE_BLOCK)
-_GOAL_ADDRESS = sts.GOAL_BLOCK[0].address
-_GOAL_SIZE = sum(register.size for register in sts.GOAL_BLOCK)
+_TEXTS: Final = {
+    "silent": "does not answer",
+    "corrupt": "answered with a wrong checksum",
+    "late": "answers too late",
+}
 
 
 class FeetechBus:
@@ -31,12 +35,20 @@ class FeetechBus:
     def __init__(self, port: Port, clock: Clock) -> None:
         self._port = port
         self._clock = clock
-        self._sdk_port = SdkPort(port, clock)
+        self._counters = BusCounters()
+        self._echo = Echo()
+        self._burst = BurstReader(port, clock, self._echo, self._counters)
+        self._absent = AbsenceWatch()
+        self._sdk_port = SdkPort(port, clock, self._echo)
         self._sdk = PacketHandler(0)
 
     @property
     def name(self) -> str:
         return self._port.name
+
+    @property
+    def counters(self) -> BusCounters:
+        return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         number = self.read(servo_id, sts.model_number)
@@ -63,27 +75,81 @@ class FeetechBus:
         result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
         _raise_for(servo_id, result)
 
-    def read_states(self, servo_ids: Sequence[int]) -> dict[int, Reading]:
-        self._port.discard_input()
-        self._port.write(wire.sync_read(servo_ids, _STATE_ADDRESS, _STATE_SIZE))
-        decoder = wire.ReplyDecoder(_STATE_SIZE)
-        states: dict[int, Reading] = {}
-        frame_size = _STATE_SIZE + wire.OVERHEAD
-        missing = len(servo_ids)
-        size, deadline_s = frame_size, self._clock.now() + FIRST_REPLY_S
-        end_s = deadline_s + missing * GAP_S  # however much noise there is
-        while missing and (data := self._port.read(size, min(deadline_s, end_s))):
-            for reply in decoder.feed(data):
-                if reply.servo_id in servo_ids:
-                    states[reply.servo_id] = _state(reply)
-            missing = len(servo_ids) - len(states)
-            size = max(1, missing) * frame_size
-            deadline_s = self._clock.now() + size * 10.0 / self._port.baud + GAP_S
-        return {i: states.get(i) or _fault(i, decoder.corrupt_ids) for i in servo_ids}
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+        asked = tuple(servo_ids)
+        if deadline_s is None:
+            outcome = self._burst.read(asked, (), math.inf)
+            self._absent.note(outcome, self._clock.now())
+        else:
+            outcome = self._cycle(asked, deadline_s, b"")
+        return self._readings(asked, outcome)
+
+    def exchange(
+        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+    ) -> dict[int, Reading]:
+        """``read_states`` and then ``write_goals``: the states are decoded while the goals are on the wire.
+
+        The goals go out before a lost reply is asked for again.
+        """
+        asked = tuple(servo_ids)
+        return self._readings(asked, self._cycle(asked, deadline_s, state.goals_packet(goals)))
+
+    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Mapping[int, Outcome]:
+        firm, tried = self._absent.split(asked, self._clock.now())
+        if not firm and not tried:
+            if goals:
+                self._burst.send(goals)
+            self._count_skipped(asked, {})
+            return {}
+        # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
+        outcome = self._burst.read(firm or tried, tried if firm else (), deadline_s, goals)
+        if len(outcome) < len(asked):
+            self._count_skipped(asked, outcome)
+        missing = self._absent.note(outcome, self._clock.now())
+        if missing:
+            outcome = dict(outcome)
+            self._ask_again([i for i in missing if i in firm], outcome, deadline_s)
+        return outcome
+
+    def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> None:
+        """Only what is missing, and only while there is time."""
+        for _ in range(RETRIES):
+            if not missing or not self._has_time(missing, deadline_s):
+                return
+            again = self._retry(tuple(missing), deadline_s)
+            outcome.update(again)
+            missing = self._absent.note(again, self._clock.now())
+
+    def _retry(self, missing: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
+        for servo_id in missing:
+            self._counters.of(servo_id).retries += 1
+        return self._burst.read((), missing, deadline_s)
+
+    def _has_time(self, servo_ids: Sequence[int], deadline_s: float) -> bool:
+        """Whether those can be asked again and waited for."""
+        size = (state.STATE_SIZE + 2 * wire.OVERHEAD) * (len(servo_ids) + 1)
+        return self._clock.now() + size * BITS_PER_BYTE / self._port.baud + TRIED_GAP_S < deadline_s
+
+    def _count_skipped(self, asked: Sequence[int], outcome: Mapping[int, Outcome]) -> None:
+        for servo_id in asked:
+            if servo_id not in outcome:
+                self._counters.of(servo_id).skipped += 1
+
+    def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
+        """In the order of the question; who was not asked this time is silent."""
+        if tuple(outcome) == asked and str not in map(type, outcome.values()):
+            return cast(dict[int, Reading], outcome)
+        readings: dict[int, Reading] = {}
+        for servo_id in asked:
+            what = outcome.get(servo_id, "silent")
+            if isinstance(what, ServoState):
+                readings[servo_id] = what
+            else:
+                readings[servo_id] = ServoFault(what, f"servo {servo_id} {_TEXTS[what]}")
+        return readings
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        data = {servo_id: _goal_bytes(goal) for servo_id, goal in goals.items()}
-        self._port.write(wire.sync_write(_GOAL_ADDRESS, _GOAL_SIZE, data))
+        self._burst.send(state.goals_packet(goals))
 
     def goal(self, servo_id: int) -> int:
         return self.read(servo_id, sts.goal_position)
@@ -97,7 +163,7 @@ class FeetechBus:
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
         off = {servo_id: sts.torque_enable.encode(0, _ORDER) for servo_id in servo_ids}
-        self._port.write(wire.sync_write(sts.torque_enable.address, sts.torque_enable.size, off))
+        self._burst.send(wire.sync_write(sts.torque_enable.address, sts.torque_enable.size, off))
         failed: list[ServoError] = []
         for servo_id in servo_ids:
             try:
@@ -111,36 +177,6 @@ class FeetechBus:
 
     def close(self) -> None:
         self._port.close()
-
-
-def _goal_bytes(goal: ServoGoal) -> bytes:
-    # Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
-    # would stop the servo at every goal.
-    values = (0, goal.position_counts, 0, goal.velocity_counts_s)
-    return b"".join(r.encode(v, _ORDER) for r, v in zip(sts.GOAL_BLOCK, values, strict=True))
-
-
-def _state(reply: wire.Reply) -> ServoState:
-    values: list[int] = []
-    offset = 0
-    for register in sts.STATE_BLOCK:
-        values.append(register.decode(reply.data[offset : offset + register.size], _ORDER))
-        offset += register.size
-    position, velocity, load, voltage, temperature = values
-    return ServoState(
-        position_counts=position,
-        velocity_counts_s=velocity,
-        load=load * sts.TORQUE_UNIT,
-        voltage_v=voltage * sts.VOLTAGE_UNIT_V,
-        temperature_c=float(temperature),
-        alarms=sts.alarms(reply.status),
-    )
-
-
-def _fault(servo_id: int, corrupt_ids: Sequence[int]) -> ServoFault:
-    if servo_id in corrupt_ids:
-        return ServoFault("corrupt", f"servo {servo_id} answered with a wrong checksum")
-    return ServoFault("silent", f"servo {servo_id} does not answer")
 
 
 def _raise_for(servo_id: int, result: int) -> None:

@@ -8,7 +8,8 @@ import pytest
 from drivers.bus import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.feetech import sts, wire
-from drivers.feetech.bus import FIRST_REPLY_S, FeetechBus
+from drivers.feetech.burst import FIRST_REPLY_S
+from drivers.feetech.bus import FeetechBus
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
 from sim_backend.bus import VirtualBus

@@ -324,3 +324,19 @@ def test_a_closed_port_never_touches_a_descriptor_that_took_its_number(terminal:
         os.close(other)
         if other != number:
             os.close(number)
+
+
+def test_a_long_burst_in_pieces_comes_whole_and_a_short_one_at_its_deadline(terminal: Terminal) -> None:
+    """The kernel is told how many bytes to wait for; fewer must still come out."""
+    port = SerialPort(terminal.device)
+    burst = bytes(range(200))
+    for at in range(0, 200, 20):
+        os.write(terminal.master, burst[at : at + 20])
+    assert port.read(200, MonotonicClock().now() + 20.0) == burst
+    os.write(terminal.master, burst[:90])
+    assert port.read(200, MonotonicClock().now() + 0.05) == burst[:90]
+    os.write(terminal.master, b"end")
+    assert port.read(3, MonotonicClock().now() + 20.0) == b"end"
+    os.write(terminal.master, burst * 2)
+    assert port.read(400, MonotonicClock().now() + 20.0) == burst * 2
+    port.close()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.dynamixel.x_series import XL430_W250
 from drivers.feetech.sts import STS3215
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import RobotFileError
@@ -82,7 +83,12 @@ def test_the_arm_itself() -> None:
         ("servo_id: 1,", "servo_id: -1,", 4, "joints.elbow.servo_id: Input should be greater than or equal to 0"),
         ("servo_id: 1,", "servo_id: one,", 4, "joints.elbow.servo_id: Input should be a valid integer"),
         ("servo_id: 1, ", "", 4, "joints.elbow.servo_id: Field required"),
-        ("    model: sts3215", "    model: sts9999", 7, "joints.finger.model: Input should be 'sts3215'"),
+        (
+            "    model: sts3215",
+            "    model: sts9999",
+            7,
+            "joints.finger.model: unknown model sts9999: known are sts3215,",
+        ),
         ("sign: -1", "sign: 2", 4, "joints.elbow.sign: Input should be 1 or -1"),
         ("zero_counts: 2000", "zero_counts: 40000", 4, "joints.elbow.zero_counts: Input should be less than or equal"),
         ("metres_per_radian: 0.03", "metres_per_radian: 0", 9, "joints.finger.metres_per_radian: Input should be grea"),
@@ -187,6 +193,34 @@ def test_what_is_no_text_is_told(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(RobotFileError, match=r"robot\.yaml"):
         load_robot_file(path)
+
+
+DYNAMIXEL = GOOD.replace("sts3215", "xl430-w250").replace("baud: 500000", "protocol: dynamixel")
+
+
+def test_a_dynamixel_arm(tmp_path: Path) -> None:
+    file = loaded(tmp_path, DYNAMIXEL.replace("servo_id: 1,", "servo_id: 1, position_p: 2400,"))
+    assert file.bus.protocol == "dynamixel"
+    assert [joint.position_p for joint in file.joints.values()] == [2400, None]
+    assert {joint.model for joint in joined(tmp_path, ELBOW, FINGER, text=DYNAMIXEL).joints} == {XL430_W250}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (DYNAMIXEL.replace("xl430-w250", "sts3215", 1), "elbow has model sts3215, which does not speak the bus's pro"),
+        (GOOD.replace("sts3215", "xl430-w250", 1), "elbow has model xl430-w250, which does not speak the bus's prot"),
+        (
+            DYNAMIXEL.replace("servo_id: 1,", "servo_id: 253,"),
+            "elbow has servo_id 253, and dynamixel has IDs up to 252",
+        ),
+        (GOOD.replace("servo_id: 1,", "servo_id: 1, position_p: 32,"), "elbow has position_p, which only dynamixel"),
+    ],
+)
+def test_servos_that_do_not_fit_their_bus(tmp_path: Path, text: str, says: str) -> None:
+    (complaint,) = complaints(tmp_path, text)
+    assert complaint.startswith("3: joints: ")
+    assert says in complaint
 
 
 # File and URDF together

@@ -164,7 +164,7 @@ def test_the_measured_position_is_kept_even_if_the_next_readings_fail() -> None:
 
     def corrupt(number: int, instruction: Instruction) -> None:
         if switches_torque_on(instruction) and instruction.servo_id == IDS[-1]:
-            bench.servos.faults.corrupt_next(1, replies=3)
+            bench.servos.faults.corrupt_next(1, replies=9)
 
     bench.port.before_write = corrupt
     bench.hardware.activate()

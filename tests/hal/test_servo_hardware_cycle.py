@@ -155,7 +155,7 @@ def test_a_silent_servo_is_named_while_the_others_go_on(
 
 def test_a_corrupt_reply_is_a_fault_of_one_cycle() -> None:
     bench = Bench().active()
-    bench.servos.faults.corrupt_next(2)
+    bench.servos.faults.corrupt_next(2, replies=3)
     assert bench.wait().faults == {"elbow": "elbow: servo 2 answered with a wrong checksum"}
     assert bench.wait().faults == {}
 

@@ -1,0 +1,113 @@
+"""Ours against feetech-servo-sdk and rustypot: one bus, one run, without and with the wire's own time.
+
+``python -m bench.bus [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take turns, round by round, so
+that whatever else the machine does hits all of them; the median round is shown.
+"""
+
+import argparse
+import gc
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.clients import CLIENTS
+from servoloop.bench_bus import wire_s
+
+BAUD = 1_000_000
+WARM_UP = 50
+
+Round = tuple[float, float, int]
+"""Median time and CPU time of a cycle, microseconds; how many cycles lacked a servo."""
+
+
+@contextmanager
+def simulator(ids: str, *options: str) -> Iterator[str]:
+    """A bus in a process of its own; yields the path of its line."""
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        link = str(Path(folder) / "bus")
+        command = [sys.executable, "-m", "bench.simulator", link, "--ids", ids, *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        process.stdout.readline()
+        try:
+            yield link
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
+    """Warm up, then ``cycles`` one after the other."""
+    for _ in range(WARM_UP):
+        cycle()
+    gc.collect()
+    took_s = []
+    failed = 0
+    cpu_s, last_s = time.process_time(), time.perf_counter()
+    for _ in range(cycles):
+        failed += not cycle()
+        now_s = time.perf_counter()
+        took_s.append(now_s - last_s)
+        last_s = now_s
+    cpu_s = time.process_time() - cpu_s
+    return statistics.median(took_s) * 1e6, cpu_s / cycles * 1e6, failed
+
+
+def compare(servos: int, cycles: int, rounds: int, *options: str) -> dict[str, Round]:
+    """The median round of every client on one simulated bus."""
+    ids = list(range(1, servos + 1))
+    found: dict[str, list[Round]] = {name: [] for name in CLIENTS}
+    with simulator(f"1-{servos}", *options) as device:
+        for _ in range(rounds):
+            for name, make in CLIENTS.items():
+                cycle, close = make(device, BAUD, ids)
+                try:
+                    found[name].append(one_round(cycle, cycles))
+                finally:
+                    close()
+    return {name: _middle(rounds_of) for name, rounds_of in found.items()}
+
+
+def _middle(rounds: list[Round]) -> Round:
+    return (
+        statistics.median(cycle_us for cycle_us, _, _ in rounds),
+        statistics.median(cpu_us for _, cpu_us, _ in rounds),
+        sum(failed for _, _, failed in rounds),
+    )
+
+
+def show(console: Console, title: str, found: dict[str, Round], on_wire_us: float | None) -> None:
+    """One line a client; the last column is to rustypot's speed or to the wire."""
+    table = Table("client", "us a cycle", "CPU us", "cycles/s to rustypot's", "to the wire", "failed", title=title)
+    theirs_us = found["rustypot"][0]
+    for name, (cycle_us, cpu_us, failed) in found.items():
+        to_wire = f"{cycle_us / on_wire_us:.3f}" if on_wire_us else "-"
+        table.add_row(name, f"{cycle_us:.1f}", f"{cpu_us:.1f}", f"{theirs_us / cycle_us:.2f}", to_wire, str(failed))
+    console.print(table)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--cycles", type=int, default=1000)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--servos", type=int, default=7)
+    arguments = parser.parse_args()
+    console = Console(width=110)
+    sizes = arguments.servos, arguments.cycles, arguments.rounds
+    show(console, "no wire time", compare(*sizes), None)
+    on_wire_us = wire_s(arguments.servos, BAUD) * 1e6
+    paced = compare(*sizes, "--paced", str(BAUD))
+    show(console, f"paced at {BAUD} bit/s: the wire itself {on_wire_us:.0f} us", paced, on_wire_us)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""A bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
+
+Run in a process of its own: ``python -m bench.simulator LINK --ids 1-7 [--paced 1000000]``. Replies are
+computed once. It has no firmware and no physics: for these there is ``servoloop emulate``.
+"""
+
+import argparse
+import os
+import time
+import tty
+from pathlib import Path
+
+from drivers.feetech import wire
+from servoloop.bench_bus import parse_ids
+
+PING, READ, WRITE = 1, 2, 3
+TABLE = bytearray(128)
+TABLE[3:5] = (777).to_bytes(2, "little")
+TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # 2048, -100 counts/s, -2 %, 12.0 V, 33 C
+GRANULE_S = 0.0003
+"""The last part of a wait is spun through: a sleep is not that exact."""
+
+
+class Servos:
+    """What the servos answer to a packet; replies are kept once they are made."""
+
+    def __init__(self, servo_ids: list[int]) -> None:
+        self.ids = servo_ids
+        self.silent: set[int] = set()
+        self._kept: dict[bytes, bytes] = {}
+
+    def answer(self, packet: bytes) -> bytes:
+        """All replies to one packet."""
+        servo_id, code = packet[2], packet[4]
+        if code == wire.SYNC_WRITE:
+            return b""
+        kept = self._kept.get(packet)
+        if kept is None:
+            asked = packet[7:-1] if code == wire.SYNC_READ else [servo_id]
+            kept = b"".join(self._reply(i, code, packet) for i in asked if i in self.ids and i not in self.silent)
+            self._kept[packet] = kept
+        return kept
+
+    def silence(self, silent: set[int]) -> None:
+        """From now on these do not answer."""
+        self.silent = silent
+        self._kept.clear()
+
+    def _reply(self, servo_id: int, code: int, packet: bytes) -> bytes:
+        content = b""
+        if code in (READ, wire.SYNC_READ):
+            address, size = packet[5], packet[6]
+            content = bytes(TABLE[address : address + size])
+        return wire.packet(servo_id, 0, content)
+
+
+class Line:
+    """The servos' end of a pseudo-terminal. Both ends are open here, as with most simulators."""
+
+    def __init__(self, link: Path, servos: Servos, baud: int) -> None:
+        """``baud`` 0 takes no time on the wire."""
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(self._slave))
+        self._servos = servos
+        self._byte_s = 10.0 / baud if baud else 0.0
+        self._free_s = 0.0
+
+    def serve_once(self) -> None:
+        """Wait for bytes and answer all packets in them."""
+        data = os.read(self.master, 4096)
+        now_s = time.perf_counter()
+        while len(data) > 5:
+            size = data[3] + 4
+            packet, data = data[:size], data[size:]
+            replies = self._servos.answer(packet)
+            if self._byte_s:
+                self._free_s = max(now_s, self._free_s) + (len(packet) + len(replies)) * self._byte_s
+                if replies:
+                    _wait_until(self._free_s)
+            if replies:
+                os.write(self.master, replies)
+
+
+def _wait_until(due_s: float) -> None:
+    ahead_s = due_s - time.perf_counter() - GRANULE_S
+    if ahead_s > 0.0:
+        time.sleep(ahead_s)
+    while time.perf_counter() < due_s:
+        pass
+
+
+def main() -> None:
+    """Serve until killed. ``--silence ID,FROM,TO``: it is silent between two times (s) after the start."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("link", type=Path)
+    parser.add_argument("--ids", default="1-7")
+    parser.add_argument("--paced", type=int, default=0, metavar="BAUD")
+    parser.add_argument("--silence", default="", metavar="ID,FROM,TO")
+    arguments = parser.parse_args()
+    servos = Servos(parse_ids(arguments.ids))
+    line = Line(arguments.link, servos, arguments.paced)
+    print("ready", flush=True)
+    servo_id, from_s, to_s = (float(part) for part in (arguments.silence or "0,0,0").split(","))
+    begin_s = time.perf_counter()
+    while True:
+        line.serve_once()
+        if arguments.silence:
+            silent = {int(servo_id)} if from_s <= time.perf_counter() - begin_s < to_s else set()
+            if silent != servos.silent:
+                servos.silence(silent)
+
+
+if __name__ == "__main__":
+    main()

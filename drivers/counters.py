@@ -1,0 +1,59 @@
+"""What went wrong on a bus, counted for each servo and each kind of fault since the bus was opened."""
+
+from dataclasses import dataclass, field, fields
+
+
+@dataclass(slots=True)
+class ServoCounters:
+    """One servo's account. Every reply that was asked for ends in exactly one of the first four."""
+
+    replies: int = 0
+    """Good ones."""
+    silent: int = 0
+    """Asked, and nothing came in time."""
+    corrupt: int = 0
+    """Asked, and what came had a wrong checksum or no header."""
+    late: int = 0
+    """Asked, and what came was the answer to an earlier request."""
+    alarms: int = 0
+    """Good replies whose status byte named a trouble."""
+    retries: int = 0
+    """Asked once more within the same cycle."""
+    skipped: int = 0
+    """Known to be silent, and not asked in this cycle."""
+
+    def as_dict(self) -> dict[str, int]:
+        """Every counter by name."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """The whole line's account. What no servo can be blamed for is counted beside the servos."""
+
+    noise: int = 0
+    """Pieces of garbage before, between or after replies."""
+    strange: int = 0
+    """Good replies that nobody had asked for, or that came twice."""
+    servos: dict[int, ServoCounters] = field(default_factory=dict)
+
+    def of(self, servo_id: int) -> ServoCounters:
+        """The account of one servo, opened with the first question."""
+        account = self.servos.get(servo_id)
+        if account is None:
+            account = self.servos[servo_id] = ServoCounters()
+        return account
+
+    def faults(self) -> dict[str, int]:
+        """Faults by kind, summed over all servos."""
+        accounts = list(self.servos.values())
+        return {
+            "silent": sum(a.silent for a in accounts),
+            "corrupt": sum(a.corrupt for a in accounts),
+            "late": sum(a.late for a in accounts),
+            "alarms": sum(a.alarms for a in accounts),
+            "retries": sum(a.retries for a in accounts),
+            "skipped": sum(a.skipped for a in accounts),
+            "noise": self.noise,
+            "strange": self.strange,
+        }

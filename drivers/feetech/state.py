@@ -1,0 +1,116 @@
+"""The blocks of the cycle, all registers of one servo at once: goals to bytes, bytes to states.
+
+Offsets, formats and signs are computed once from the table; a cycle then unpacks whole bursts.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from struct import Struct
+from typing import Final
+
+from drivers.bus import ServoGoal, ServoState
+from drivers.feetech import sts, wire
+from drivers.registers import Register
+
+_FORMATS: Final = {1: "B", 2: "H"}
+_ORDER: Final = "little"
+
+STATE_ADDRESS: Final = sts.STATE_BLOCK[0].address
+STATE_SIZE: Final = sum(register.size for register in sts.STATE_BLOCK)
+GOAL_ADDRESS: Final = sts.GOAL_BLOCK[0].address
+GOAL_SIZE: Final = sum(register.size for register in sts.GOAL_BLOCK)
+
+_STATE: Final = "".join(_FORMATS[register.size] for register in sts.STATE_BLOCK)
+_GOAL: Final = "".join(_FORMATS[register.size] for register in sts.GOAL_BLOCK)
+
+# Every answer that a narrow register can give, looked up instead of calculated.
+_ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
+_LOADS: Final = tuple(
+    sts.present_load.decode(raw.to_bytes(2, _ORDER), _ORDER) * sts.TORQUE_UNIT for raw in range(1 << 11)
+)
+_VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
+_TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
+_SIGN: Final = 1 << 15
+assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
+assert sts.present_load.sign_bit == 10
+
+
+def state(status: int, data: bytes) -> ServoState:
+    """The state in one reply; ``data`` may be longer than the block."""
+    return _state(status, *_ONE.unpack_from(data))
+
+
+_ONE: Final = Struct("<" + _STATE)
+
+
+def _state(status: int, position: int, velocity: int, load: int, voltage: int, temperature: int) -> ServoState:
+    fields = (
+        position if position < _SIGN else _SIGN - position,
+        velocity if velocity < _SIGN else _SIGN - velocity,
+        _LOADS[load & 0x7FF],
+        _VOLTAGES_V[voltage],
+        _TEMPERATURES_C[temperature],
+        _ALARMS[status],
+    )
+    return _new(ServoState, fields)
+
+
+_new: Final = tuple.__new__
+_PER_FRAME: Final = len(sts.STATE_BLOCK) + 3
+"""Numbers in one reply: the four bytes of its head as one, the status, the five registers, the checksum."""
+
+
+@lru_cache(maxsize=64)
+def _layout(servo_ids: tuple[int, ...], size: int) -> tuple[Struct, tuple[int, ...], tuple[slice, ...]]:
+    """How a whole burst is taken apart, the head of each reply in it, and where each lies."""
+    frame_size = size + wire.OVERHEAD
+    burst = Struct("<" + f"IB{_STATE}{size - STATE_SIZE}xB" * len(servo_ids))
+    heads = tuple(int.from_bytes(wire.HEADER + bytes((i, size + 2)), "little") for i in servo_ids)
+    return burst, heads, tuple(slice(at, at + frame_size) for at in range(0, burst.size, frame_size))
+
+
+def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, ServoState] | None:
+    """All states where ``data`` is exactly the replies of all servos in their order; None otherwise."""
+    layout, heads, frames = _layout(servo_ids, size)
+    if len(data) != layout.size:
+        return None
+    numbers = layout.unpack(data)
+    if numbers[::_PER_FRAME] != heads:
+        return None
+    for frame in frames:
+        # The checksum makes the sum after the header 255; the header itself is 510.
+        if sum(data[frame]) & 0xFF != 0xFD:
+            return None
+    columns = (numbers[column::_PER_FRAME] for column in range(1, _PER_FRAME - 1))
+    return dict(zip(servo_ids, map(_state, *columns), strict=True))
+
+
+@lru_cache(maxsize=64)
+def _goals_layout(servo_ids: tuple[int, ...]) -> tuple[Struct, bytes]:
+    """How all goals are packed, IDs included, and the packet's beginning."""
+    size = (GOAL_SIZE + 1) * len(servo_ids)
+    head = wire.HEADER + bytes((wire.BROADCAST_ID, size + 4, wire.SYNC_WRITE, GOAL_ADDRESS, GOAL_SIZE))
+    return Struct("<" + ("B" + _GOAL) * len(servo_ids)), head
+
+
+def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
+    """One sync write with a goal for each servo. Raises ValueError where one does not fit.
+
+    Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
+    would stop the servo at every goal.
+    """
+    layout, head = _goals_layout(tuple(goals))
+    numbers: list[int] = []
+    for servo_id, goal in goals.items():
+        position, velocity = goal.position_counts, goal.velocity_counts_s
+        if not (0 <= position < _SIGN and 0 <= velocity < _SIGN):
+            position = _raw(sts.goal_position, position)
+            velocity = _raw(sts.goal_velocity, velocity)
+        numbers += (servo_id, 0, position, 0, velocity)
+    packet = head + layout.pack(*numbers)
+    return packet + bytes((~(sum(packet) - 510) & 0xFF,))
+
+
+def _raw(register: Register, value: int) -> int:
+    """The bits of a value that has a sign, or the complaint that it does not fit."""
+    return int.from_bytes(register.encode(value, _ORDER), _ORDER)

@@ -1,0 +1,176 @@
+"""Servos on one half-duplex wire, whatever their make: time, pace, faults, turns.
+
+Nothing here runs by itself. Physics and firmware are brought up to the moment at which a packet is
+complete, and only then is it answered: what a servo reports is what it would see at that moment.
+Two servos with one ID pull the same line, so their replies come out and-ed; a pause of 20 ms ends a
+half-received packet (both assumed).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Generic, Protocol, TypeVar
+
+from sim_backend.faults import WireFaults
+from sim_backend.rig import Rig, Stepped
+from sim_backend.sts_wire import Instruction
+
+BITS_PER_BYTE: Final = 10
+PAUSE_S: Final = 0.02
+
+Turn = tuple[float, list[bytes]]
+"""Who replies at one time: the return delay (s), and the packets; two of them if two share an ID."""
+
+
+class Wired(Stepped, Protocol):
+    """What a line needs of a servo."""
+
+    @property
+    def baud(self) -> int: ...
+
+    @property
+    def return_delay_s(self) -> float: ...
+
+    @property
+    def deaf(self) -> bool: ...
+
+    def answer(self, instruction: Instruction) -> bytes | None: ...
+
+
+class Parser(Protocol):
+    """Bytes in any portions to instructions."""
+
+    @property
+    def pending(self) -> int: ...
+
+    def reset(self) -> None: ...
+
+    def feed(self, data: bytes) -> Iterator[Instruction]: ...
+
+
+AnyServo = TypeVar("AnyServo", bound=Wired)
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Bytes that have all arrived at the master when the clock says ``due_s``."""
+
+    due_s: float
+    data: bytes
+
+
+class ServoLine(ABC, Generic[AnyServo]):
+    """A line of servos. Times are the caller's clock; the rig's time begins with the first call."""
+
+    def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
+        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software).
+
+        ``id_at`` is where a reply has its servo's ID.
+        """
+        self.rig = rig
+        self.paced = paced
+        self.faults = WireFaults()
+        self.dropped_s = 0.0
+        """Physical time that was skipped because the caller came too late."""
+        self._parser = parser
+        self._id_at = id_at
+        self._origin_s: float | None = None
+        self._steps = 0
+        self._heard_s = 0.0
+        self._free_s = 0.0
+
+    @property
+    def servos(self) -> tuple[AnyServo, ...]:
+        """All servos in the order of the plant's couplings."""
+        return self.rig.servos
+
+    def servo(self, servo_id: int) -> AnyServo:
+        """The first servo with this ID."""
+        return next(servo for servo in self.servos if servo.servo_id == servo_id)
+
+    def advance(self, now_s: float, longest_s: float | None = None) -> None:
+        """Bring physics and firmware up to ``now_s``.
+
+        Beyond ``longest_s`` the time is dropped and counted: a stalled machine must not stall again
+        by catching up.
+        """
+        if self._origin_s is None:
+            self._origin_s = now_s
+        dt_s = self.rig.timestep_s
+        # The small part keeps a rounding error from costing a step.
+        behind = int((now_s - self._origin_s) / dt_s + 1e-6) - self._steps
+        if longest_s is not None and behind * dt_s > longest_s:
+            excess = behind - int(longest_s / dt_s)
+            self._origin_s += excess * dt_s
+            self.dropped_s += excess * dt_s
+            behind -= excess
+        for _ in range(behind):
+            self.rig.step()
+        self._steps += max(0, behind)
+
+    def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+        """What the servos answer to ``data``, whose first byte the master sends at ``now_s``."""
+        byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
+        begin_s = max(now_s, self._free_s)
+        if now_s - self._heard_s > PAUSE_S:
+            self._parser.reset()
+        self._heard_s = now_s
+        self._free_s = begin_s + len(data) * byte_s
+        held = self.faults.take_held()
+        replies: list[Reply] = [Reply(begin_s, held)] if held else []
+        for instruction in self._parser.feed(data):
+            complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
+            self.advance(complete_s)
+            replies += self._obey(instruction, complete_s, byte_s, self._listening(baud))
+        if replies:
+            self._free_s = max(self._free_s, replies[-1].due_s)
+        return replies
+
+    def _listening(self, baud: int) -> list[AnyServo]:
+        """Servos that understand this baud and are there. The others hear garbage, or nothing."""
+        faults = self.faults
+        return [
+            servo
+            for servo in self.servos
+            if servo.baud == baud and not servo.deaf and not faults.is_silent(servo.servo_id)
+        ]
+
+    @abstractmethod
+    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
+        """Let ``servos`` do one instruction; whatever comes back, in order."""
+
+    def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[Reply]:
+        """Replies one after the other; a turn without a reply lasts ``slot_s``."""
+        replies = []
+        for delay_s, packets in turns:
+            if not packets:
+                at_s += slot_s
+                continue
+            at_s += max(map(len, packets)) * byte_s + (delay_s if self.paced else 0.0)
+            data = self.faults.pass_reply(packets[0][self._id_at], _overlaid(packets))
+            replies.append(Reply(at_s, data))
+        return replies
+
+    def _answers(self, instruction: Instruction, servos: Sequence[AnyServo]) -> list[Turn]:
+        """All do the instruction; answers with the same ID in them come at the same time."""
+        turns: dict[int, Turn] = {}
+        for servo in sorted(servos, key=lambda servo: servo.servo_id):
+            packet = servo.answer(instruction)
+            if packet is not None:
+                turns.setdefault(packet[self._id_at], (servo.return_delay_s, []))[1].append(packet)
+        return list(turns.values())
+
+
+def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
+    """Those that answer to this ID."""
+    return [servo for servo in servos if servo.servo_id == servo_id]
+
+
+def _overlaid(packets: Sequence[bytes]) -> bytes:
+    """Packets sent at once on one line whose idle level is 1."""
+    length = max(map(len, packets))
+    merged = bytearray(b"\xff" * length)
+    for packet in packets:
+        for i, byte in enumerate(packet):
+            merged[i] &= byte
+    return bytes(merged)

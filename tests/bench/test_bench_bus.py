@@ -1,0 +1,81 @@
+"""``servoloop bench bus`` on a bus in another process, and what it says where there is none. No figure is judged."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from bench.bus import simulator
+from bench.decoder import flood, pieces
+from drivers.errors import DriverError
+from servoloop.bench_bus import bench_bus, parse_ids, wire_s
+from servoloop.cli import app
+
+KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults"}
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[str]:
+    with simulator("1-7") as path:
+        yield path
+
+
+def test_one_line_of_json(device: str) -> None:
+    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--ids", "1-7", "--cycles", "50", "--json"])
+    assert result.exit_code == 0
+    (line,) = result.stdout.splitlines()
+    figures = json.loads(line)
+    assert set(figures) == KEYS
+    assert {"silent", "corrupt", "late"} <= set(figures["faults"])
+    assert figures["wire_us"] == 1770.0
+    assert figures["hz"] > 0.0
+
+
+def test_a_table_for_people(device: str) -> None:
+    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--cycles", "20"])
+    assert result.exit_code == 0
+    assert "p50_us" in result.stdout
+
+
+def test_it_goes_on_through_a_servo_that_is_not_there(device: str) -> None:
+    figures = bench_bus(device, parse_ids("1-8"), "sts3215", 1_000_000, 60)
+    assert figures.faults["silent"] >= 60
+
+
+def test_where_nobody_answers_it_says_so(device: str) -> None:
+    with pytest.raises(DriverError, match="no servo answers on"):
+        bench_bus(device, [20, 21], "sts3215", 1_000_000, 10)
+
+
+@pytest.mark.parametrize("model", ["sts9999", "scs15"])
+def test_a_model_that_it_cannot_measure_is_refused(device: str, model: str) -> None:
+    with pytest.raises(DriverError, match="unknown model"):
+        bench_bus(device, [1], model, 1_000_000, 10)
+
+
+def test_a_missing_device_is_said(tmp_path: Path) -> None:
+    with pytest.raises(DriverError, match="there is no"):
+        bench_bus(str(tmp_path / "none"), [1], "sts3215", 1_000_000, 10)
+
+
+@pytest.mark.parametrize(("text", "ids"), [("1-7", [1, 2, 3, 4, 5, 6, 7]), ("3", [3]), ("1,5-6", [1, 5, 6])])
+def test_ids(text: str, ids: list[int]) -> None:
+    assert parse_ids(text) == ids
+
+
+@pytest.mark.parametrize("text", ["", "a", "7-1", "1,1", "254", "-3"])
+def test_ids_that_are_none(text: str) -> None:
+    with pytest.raises(DriverError, match="--ids"):
+        parse_ids(text)
+
+
+def test_the_wires_own_time() -> None:
+    assert wire_s(7, 1_000_000) == pytest.approx((15 + 7 * 14 + 64) * 1e-5)
+
+
+def test_ten_million_random_bytes() -> None:
+    """Half of them rich in headers; ``python -m bench.decoder`` prints the counts."""
+    believed, wrong = flood(pieces(10_000_000, 7))
+    assert wrong == 0 and believed > 0

@@ -1,0 +1,191 @@
+"""Dynamixel packets: the e-manual's examples, the official SDK's bytes, and a decoder that nothing upsets."""
+
+import importlib
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoGoal
+from drivers.dynamixel import wire, x_series
+from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.crc import crc16
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_wire import InstructionParser, status_packet
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("dynamixel_sdk")
+
+PATTERN = b"\xff\xff\xfd"
+ids = st.lists(st.integers(0, wire.LARGEST_ID), min_size=1, max_size=20, unique=True)
+addresses = st.integers(0, 0xFFFF)
+
+
+class Tape:
+    """What the SDK and we take for a port: keeps what is sent, never answers."""
+
+    name = "tape"
+    baud = 1_000_000
+    is_using = False
+
+    def __init__(self) -> None:
+        self.sent = b""
+
+    def clearPort(self) -> None: ...
+    def setPacketTimeout(self, packet_length: int) -> None: ...
+    def discard_input(self) -> None: ...
+    def close(self) -> None: ...
+
+    def writePort(self, packet: Sequence[int]) -> int:
+        self.sent += bytes(packet)
+        return len(packet)
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        return b""
+
+
+def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
+    tape = Tape()
+    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), address, size)
+    for servo_id in servo_ids:
+        assert group.addParam(servo_id)
+    assert group.txPacket() == sdk.COMM_SUCCESS
+    return tape.sent
+
+
+def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
+    tape = Tape()
+    group = sdk.GroupSyncWrite(tape, sdk.PacketHandler(2.0), address, size)
+    for servo_id, content in data.items():
+        assert group.addParam(servo_id, list(content))
+    assert group.txPacket() == sdk.COMM_SUCCESS
+    return tape.sent
+
+
+@pytest.mark.parametrize(
+    ("packet", "says"),
+    [
+        (wire.packet(1, 0x01, b""), "fffffd00 01 0300 01 194e"),
+        (wire.packet(1, wire.READ, wire.span(132, 4)), "fffffd00 01 0700 02 84000400 1d15"),
+        (wire.packet(1, wire.WRITE, bytes.fromhex("7400 00020000")), "fffffd00 01 0900 03 740000020000 ca89"),
+        (wire.sync_read((1, 2), 132, 4), "fffffd00 fe 0900 82 840004000102 cefa"),
+        (
+            wire.sync_write(116, 4, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}),
+            "fffffd00 fe 1100 83 74000400 0196000000 02aa000000 8287",
+        ),
+        (status_packet(1, 0, b"\xa6\0\0\0"), "fffffd00 01 0800 55 00 a6000000 8cc0"),
+        (status_packet(2, 0, b"\x1f\x08\0\0"), "fffffd00 02 0800 55 00 1f080000 babe"),
+    ],
+)
+def test_the_examples_of_the_manual(packet: bytes, says: str) -> None:
+    assert packet == bytes.fromhex(says)
+
+
+@given(st.binary(max_size=60))
+def test_the_checksum_is_the_sdks(data: bytes) -> None:
+    assert crc16(data) == sdk.PacketHandler(2.0).updateCRC(0, list(data), len(data))
+
+
+@given(ids, addresses, st.integers(1, 0xFFFF))
+def test_sync_read_is_the_sdks(servo_ids: list[int], address: int, size: int) -> None:
+    ours = wire.sync_read(servo_ids, address, size)
+    if PATTERN not in ours[3:]:  # the SDK computes the stuffing and then sends the packet without it
+        assert ours == sdk_sync_read(servo_ids, address, size)
+
+
+@given(ids, addresses, st.integers(1, 10), st.data())
+def test_sync_write_is_the_sdks(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
+    contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
+    ours = wire.sync_write(address, size, contents)
+    if PATTERN not in ours[3:]:
+        assert ours == sdk_sync_write(address, size, contents)
+
+
+@given(st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x01"]), max_size=40).map(b"".join))
+def test_stuffing_is_what_the_sdk_computes(parameters: bytes) -> None:
+    plain = [*wire.HEADER, 1, *(len(parameters) + 3).to_bytes(2, "little"), wire.WRITE, *parameters, 0, 0]
+    stuffed = bytes(sdk.PacketHandler(2.0).addStuffing(plain))
+    ours = wire.packet(1, wire.WRITE, parameters)
+    assert ours[:-2] == stuffed[:-2]
+    assert PATTERN + b"\x00" not in ours[1:-2]
+    (instruction,) = InstructionParser().feed(ours)
+    assert instruction.parameters == parameters
+
+
+@given(st.dictionaries(st.integers(0, 252), st.tuples(st.integers(0, 4095), st.integers(0, 10000)), max_size=20))
+def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
+    tape = Tape()
+    bus = DynamixelBus(tape, SimulatedClock())
+    bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
+    contents = {}
+    for i, (position, velocity) in goals.items():
+        units = -(-velocity * 60_000 // (229 * 4096))
+        contents[i] = units.to_bytes(4, "little") + position.to_bytes(4, "little")
+    if contents:
+        assert tape.sent == sdk_sync_write(112, 8, contents)
+
+
+@given(ids)
+def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
+    tape = Tape()
+    DynamixelBus(tape, SimulatedClock()).read_states(servo_ids[:1])
+    assert tape.sent == sdk_sync_read(servo_ids[:1], x_series.present_pwm.address, 23)
+
+
+def pieces(data: bytes, cuts: Sequence[int]) -> list[bytes]:
+    """``data`` cut at these places."""
+    edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
+    return [data[a:b] for a, b in pairwise(edges)]
+
+
+likely = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x55", b"\x0c", wire.HEADER]), max_size=30).map(
+    b"".join
+)
+noise = st.one_of(st.binary(max_size=60), likely)
+
+
+@given(noise, st.integers(0, 252), st.integers(0, 255), likely | st.binary(min_size=8, max_size=8), st.data())
+def test_a_reply_behind_any_noise_is_found(
+    before: bytes, servo_id: int, error: int, content: bytes, data: st.DataObject
+) -> None:
+    content = content[:8].ljust(8, b"\xfd")
+    decoder = wire.ReplyDecoder(8)
+    stream = before + status_packet(servo_id, error, content) + bytes(40)
+    found = [
+        reply
+        for piece in pieces(stream, data.draw(st.lists(st.integers(0, 200), max_size=6)))
+        for reply in decoder.feed(piece)
+    ]
+    assert wire.Reply(servo_id, error, content) in found
+
+
+@given(st.lists(noise, max_size=8))
+def test_noise_is_no_reply(chunks: list[bytes]) -> None:
+    decoder = wire.ReplyDecoder(4)
+    for chunk in chunks:
+        assert decoder.feed(chunk) == []
+
+
+@given(st.binary(min_size=6, max_size=6), st.integers(0, 8 * 17 - 1))
+def test_a_flipped_bit_is_no_reply(content: bytes, bit: int) -> None:
+    frame = bytearray(status_packet(3, 0, content))
+    if len(frame) != 17:
+        return
+    frame[bit // 8] ^= 1 << bit % 8
+    decoder = wire.ReplyDecoder(6)
+    assert decoder.feed(bytes(frame) + bytes(40)) == []
+    if bit // 8 >= 7 + 1:
+        assert decoder.corrupt_ids == [3]
+
+
+@pytest.mark.parametrize("size", [3, 5])
+def test_a_reply_of_another_size_is_passed_over(size: int) -> None:
+    decoder = wire.ReplyDecoder(4)
+    good = status_packet(2, 0, b"good")
+    assert decoder.feed(status_packet(1, 0, bytes(size)) + good) == [wire.Reply(2, 0, b"good")]
