@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from hal.robot import Robot
 from sim_backend.bus import VirtualBus
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.emulator import serve
 from sim_backend.feeder import Feeder
+from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
-from sim_backend.plant import Coupling, WorldPlant
+from sim_backend.plant import Coupling, Plant, WorldPlant
 from sim_backend.world import World
 from sim_backend.world_feed import WorldFeed, feed_path
 
@@ -28,6 +31,13 @@ def couplings(robot: Robot) -> list[Coupling]:
     ]
 
 
+def virtual_bus(robot: Robot, plant: Plant) -> ServoLine[Any]:
+    """The servos that the robot file names, on their bus."""
+    if robot.file.bus.protocol == "feetech":
+        return VirtualBus.of(plant)
+    return VirtualDynamixelBus.of(plant, {joint.servo_id: joint.model for joint in robot.joints})
+
+
 def emulate(
     robot: Robot, link: Path, pictures: Path | None, stop: Callable[[], bool], on_ready: Callable[[], None]
 ) -> None:
@@ -42,7 +52,7 @@ def emulate(
             recorder.update(time_s)
 
     plant = WorldPlant(world, couplings(robot), after_step)
-    bus = VirtualBus.of(plant)
+    bus = virtual_bus(robot, plant)
     with WorldFeed(feed_path(link)) as feed:
         serve(
             bus,

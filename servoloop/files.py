@@ -22,6 +22,8 @@ class Files:
     component: Component
     robot: Robot
     controllers: ControllersFile
+    urdf_path: Path
+    robot_path: Path
 
 
 def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None) -> Files:
@@ -30,12 +32,15 @@ def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path |
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
     """
     description, component = read_description(urdf)
-    robot_file = load_robot_file(robot or _named_robot_file(component))
+    robot_path = robot or _named_robot_file(component)
+    robot_file = load_robot_file(robot_path)
     return Files(
         description,
         component,
         assemble(robot_file, description, component),
         load_controllers_file(controllers, robot_file.controller_defaults, component),
+        urdf,
+        robot_path,
     )
 
 

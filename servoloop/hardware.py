@@ -5,14 +5,18 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from drivers.bus import ServoBus
 from drivers.clock import Clock
+from drivers.dynamixel.bus import DynamixelBus
 from drivers.feetech.bus import FeetechBus
+from drivers.port import Port
 from drivers.serial_port import SerialPort
 from hal.description import Vector
 from hal.errors import DescriptionError
 from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
+from hal.robot import RobotFile
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
 from sim_backend.world_feed import WorldFeedClient, feed_path
@@ -78,11 +82,19 @@ def _mujoco(files: Files, clock: Clock) -> Below:
     return Below(hardware, scene, None, virtual=True)
 
 
+def servo_bus(robot: RobotFile, port: Port, clock: Clock) -> ServoBus:
+    """The bus that speaks the robot's protocol."""
+    if robot.bus.protocol == "feetech":
+        return FeetechBus(port, clock)
+    gains = {joint.servo_id: joint.position_p for joint in robot.joints.values() if joint.position_p is not None}
+    return DynamixelBus(port, clock, gains)
+
+
 def _servos(files: Files, port: str, clock: Clock) -> Below:
     baud = files.robot.file.bus.baud
 
-    def open_bus() -> FeetechBus:
-        return FeetechBus(SerialPort(port, baud, clock), clock)
+    def open_bus() -> ServoBus:
+        return servo_bus(files.robot.file, SerialPort(port, baud, clock), clock)
 
     hardware = ServoHardware(files.component.name, files.robot.joints, open_bus, clock)
 

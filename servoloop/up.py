@@ -64,21 +64,21 @@ class _Run:
 def up(kind: HardwareKind | None, port: str, files: Files, ready: Callable[[str], None]) -> int:
     """Run until a signal or a fault; returns the exit status."""
     chosen = hardware.choose(kind, files)
-    with Signals() as signals, _line(chosen, port) as device:
+    with Signals() as signals, _line(chosen, port, files) as device:
         clock = MonotonicClock()
         below = hardware.build(chosen, files, device, clock)
         return _serve(below, files, signals, ready)
 
 
 @contextmanager
-def _line(kind: HardwareKind, port: str) -> Iterator[str]:
+def _line(kind: HardwareKind, port: str, files: Files) -> Iterator[str]:
     """The device to open: the one that was named, or that of an emulator of our own."""
     if kind is not HardwareKind.SERVOS or port != VIRTUAL:
         yield port
         return
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         link = Path(folder) / "bus"
-        with emulator_process(link):
+        with emulator_process(link, "--urdf", str(files.urdf_path), "--robot", str(files.robot_path)):
             yield str(link)
 
 
@@ -134,9 +134,7 @@ def _run(loop: ControlLoop, below: Below, files: Files, signals: Signals, ready:
 def _loop(below: Below, files: Files) -> ControlLoop:
     limits = files.robot.limits()
     manager = ControllerManager(below.hardware.joints)
-    for controller in factory.build(
-        files.controllers, files.description, files.component, limits, manager.settled
-    ):
+    for controller in factory.build(files.controllers, files.description, files.component, limits, manager.settled):
         manager.add(controller)
     period_s = 1.0 / files.controllers.update_rate_hz
     return ControlLoop(below.hardware, manager, limits, MonotonicClock(), period_s)

@@ -9,10 +9,10 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from select import select
-from typing import Final
+from typing import Any, Final
 
 from drivers.clock import Clock, MonotonicClock
-from sim_backend.bus import Reply, VirtualBus
+from sim_backend.line import Reply, ServoLine
 from sim_backend.pty_link import PtyLink
 
 TICK_S: Final = 0.005
@@ -21,7 +21,7 @@ USB_FRAME_S: Final = 0.001
 
 
 def serve(
-    bus: VirtualBus,
+    bus: ServoLine[Any],
     link: Path,
     *,
     stop: Callable[[], bool],
@@ -50,7 +50,7 @@ def serve(
 class Emulator:
     """One bus on one line. ``turn`` does what is due and returns; it never waits."""
 
-    def __init__(self, bus: VirtualBus, line: PtyLink, clock: Clock) -> None:
+    def __init__(self, bus: ServoLine[Any], line: PtyLink, clock: Clock) -> None:
         self._bus = bus
         self._line = line
         self._clock = clock

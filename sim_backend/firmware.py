@@ -14,14 +14,13 @@ Assumed, to fit published observations:
 """
 
 from math import pi
-from typing import Final
+from typing import Final, Protocol
 
 from drivers.feetech import sts
-from drivers.registers import ServoModel
+from drivers.registers import Register, ServoModel
 from sim_backend.motion_profile import UNLIMITED, MotionProfile
 from sim_backend.motor import MotorConstants, Thermometer
 from sim_backend.protection import Protection
-from sim_backend.sts_memory import Memory
 
 GAIN_UNIT: Final = 1.0 / 1280.0
 DAMPING_PER_RAD_S: Final = 0.3 / 32.0
@@ -30,6 +29,14 @@ HOUSEKEEPING_S: Final = 0.01
 MOVING_COUNTS_S: Final = 20.0
 """Slower than this is standing (assumed; real ones keep their threshold at address 80)."""
 MULTI_TURN_PHASE: Final = 1 << 4
+
+
+class Memory(Protocol):
+    """The control table, as the firmware sees it."""
+
+    def get(self, register: Register) -> int: ...
+
+    def put(self, register: Register, value: int) -> None: ...
 
 
 class Firmware:
@@ -60,11 +67,15 @@ class Firmware:
     def restart(self) -> None:
         """Power-on: all state from the registers, the motor free."""
         self.profile = MotionProfile()
-        self.protection = Protection()
+        self.protection = self.new_protection()
         self.duty = self.current_a = self._integral = self._housekeeping_s = 0.0
         self._acting = self._driving = False
         self.load_settings()
         self.load_goal()
+
+    def new_protection(self) -> Protection:
+        """What watches the motor from power-on."""
+        return Protection()
 
     def load_settings(self) -> None:
         """Decode the EEPROM half of the table once, instead of in every step."""

@@ -8,10 +8,10 @@ over-current releases the motor and is latched likewise; voltage and temperature
 release the motor, only as long as they are wrong.
 """
 
-from typing import Final
+from typing import Final, Protocol
 
 from drivers.feetech import sts
-from sim_backend.sts_memory import Memory
+from drivers.registers import Register
 
 VOLTAGE: Final = 1 << 0
 TEMPERATURE: Final = 1 << 2
@@ -19,6 +19,12 @@ CURRENT: Final = 1 << 3
 OVERLOAD: Final = 1 << 5
 
 _TIME_UNIT_S: Final = 0.01
+
+
+class Limits(Protocol):
+    """The control table, as far as limits are read from it."""
+
+    def get(self, register: Register) -> int: ...
 
 
 class Protection:
@@ -33,7 +39,7 @@ class Protection:
         self._overload_s = 0.0
         self._overcurrent_s = 0.0
 
-    def load(self, memory: Memory) -> None:
+    def load(self, memory: Limits) -> None:
         """Take the limits from the registers."""
         self._acts_on = memory.get(sts.unloading_condition)
         self._highest_v = memory.get(sts.max_voltage) * sts.VOLTAGE_UNIT_V

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
+from sim_backend.firmware import Firmware
 from sim_backend.plant import Plant
-from sim_backend.servo import VirtualServo
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,10 +16,25 @@ class Supply:
     resistance_ohm: float = 0.1
 
 
-class Rig:
+class Stepped(Protocol):
+    """What a rig needs of a servo."""
+
+    @property
+    def servo_id(self) -> int: ...
+
+    @property
+    def firmware(self) -> Firmware: ...
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
+
+
+AnyServo = TypeVar("AnyServo", bound=Stepped)
+
+
+class Rig(Generic[AnyServo]):
     """Steps the firmware of all servos, the voltage between them, and the plant below."""
 
-    def __init__(self, servos: Sequence[VirtualServo], plant: Plant, supply: Supply | None = None) -> None:
+    def __init__(self, servos: Sequence[AnyServo], plant: Plant, supply: Supply | None = None) -> None:
         if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
             raise ValueError("servos and the plant's couplings must name the same IDs in one order")
         self.servos = tuple(servos)

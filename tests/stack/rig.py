@@ -12,13 +12,12 @@ from controller.interface import Controller
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
-from drivers.feetech.bus import FeetechBus
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
-from servoloop.emulator import couplings
+from servoloop.emulator import couplings, virtual_bus
 from servoloop.files import Files, read_files
 from servoloop.following import reference_at
-from sim_backend.bus import VirtualBus
+from servoloop.hardware import servo_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
@@ -112,11 +111,14 @@ class StackRig:
         self.world = World(initial_position=start)
         self.trace = Trace()
         self._feeder = Feeder()
-        self.bus = VirtualBus.of(WorldPlant(self.world, couplings(self.files.robot), self._after_step))
+        plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
+        self.bus = virtual_bus(self.files.robot, plant)
         self.virtual_port = VirtualPort(self.bus, self.clock)
         self.port = RecordingPort(self.virtual_port, self.clock)
         robot = self.files.robot
-        self.hardware = ServoHardware("arm", robot.joints, lambda: FeetechBus(self.port, self.clock), self.clock)
+        self.hardware = ServoHardware(
+            "arm", robot.joints, lambda: servo_bus(robot.file, self.port, self.clock), self.clock
+        )
         self.hardware.interpolate = interpolate
         limits = robot.limits()
         self.manager = ControllerManager(self.hardware.joints)

@@ -1,0 +1,1 @@
+"""Dynamixel servos: the X series' table, protocol 2.0's packets, the bus."""

@@ -1,0 +1,134 @@
+"""Dynamixel protocol 2.0, the master's side: pure functions from values to bytes and back.
+
+A packet is ``FF FF FD 00 id length instruction parameters crc``; length (two bytes, low byte first,
+as all numbers) counts from the instruction to the end. A reply's instruction is 0x55, and an error
+byte follows it. Where FF FF FD occurs from the instruction on, an FD is stuffed behind it, so the
+header occurs nowhere but at the beginning. Source: ROBOTIS e-manual, "Protocol 2.0".
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from drivers.dynamixel.crc import crc16
+
+BROADCAST_ID = 0xFE
+LARGEST_ID = 252
+HEADER = b"\xff\xff\xfd\x00"
+OVERHEAD = 11
+"""Bytes of a reply beside its data: header, id, length, instruction, error, CRC."""
+
+READ = 0x02
+WRITE = 0x03
+STATUS = 0x55
+SYNC_READ = 0x82
+SYNC_WRITE = 0x83
+
+ALERT = 0x80
+"""Bit of the error byte: the servo has a hardware error. It did what it was told all the same."""
+ERRORS = {
+    1: "could not do it",
+    2: "does not know the instruction",
+    3: "received a broken packet",
+    4: "was given a value out of range",
+    5: "was given too few bytes",
+    6: "was given a value beyond its limit",
+    7: "has no such register, or it is locked while the torque is on",
+}
+"""Meaning of the error byte's other bits, which are one number."""
+
+_PATTERN = b"\xff\xff\xfd"
+_STUFFED = b"\xff\xff\xfd\xfd"
+_HEAD = 7
+"""Bytes before the instruction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """A status packet whose checksum is right."""
+
+    servo_id: int
+    error: int
+    data: bytes
+
+
+def packet(servo_id: int, instruction: int, parameters: bytes) -> bytes:
+    """An instruction packet, stuffed, with its checksum."""
+    body = (bytes((instruction,)) + parameters).replace(_PATTERN, _STUFFED)
+    head = HEADER + bytes((servo_id,)) + (len(body) + 2).to_bytes(2, "little")
+    return head + body + crc16(head + body).to_bytes(2, "little")
+
+
+def unstuffed(body: bytes) -> bytes:
+    """What was stuffed, without the stuffing."""
+    return body.replace(_STUFFED, _PATTERN)
+
+
+def span(address: int, size: int) -> bytes:
+    """``size`` bytes from ``address``, as all instructions say it."""
+    return address.to_bytes(2, "little") + size.to_bytes(2, "little")
+
+
+def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
+    """Asks each servo in turn for ``size`` bytes at ``address``."""
+    return packet(BROADCAST_ID, SYNC_READ, span(address, size) + bytes(servo_ids))
+
+
+def sync_write(address: int, size: int, data: Mapping[int, bytes]) -> bytes:
+    """Writes ``size`` bytes at ``address`` of each servo; there is no reply."""
+    body = b"".join(bytes((servo_id,)) + content for servo_id, content in data.items())
+    return packet(BROADCAST_ID, SYNC_WRITE, span(address, size) + body)
+
+
+@dataclass(slots=True)
+class ReplyDecoder:
+    """Finds replies with ``data_size`` bytes of data in a stream of any pieces and any garbage.
+
+    The size is known from the request; a frame of another size is passed over, so that noise that
+    looks like a long frame cannot swallow the replies behind it.
+    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong.
+    """
+
+    data_size: int
+    corrupt_ids: list[int] = field(default_factory=list)
+    _pending: bytes = b""
+
+    def feed(self, data: bytes) -> list[Reply]:
+        """The replies that end in ``data``."""
+        pending = self._pending + data
+        replies: list[Reply] = []
+        while (start := pending.find(HEADER)) >= 0:
+            pending = pending[start:]
+            taken = self._take(pending, replies)
+            if taken is None:
+                self._pending = pending
+                return replies
+            pending = pending[taken:]
+        self._pending = pending[-(len(HEADER) - 1) :]
+        return replies
+
+    def _take(self, pending: bytes, replies: list[Reply]) -> int | None:
+        """Judge what begins here; returns how many bytes are done with, None if more are needed."""
+        if len(pending) > 4 and pending[4] > LARGEST_ID:
+            return 1
+        if len(pending) <= _HEAD:
+            return None
+        end = int.from_bytes(pending[5:7], "little") + _HEAD
+        if pending[_HEAD] != STATUS or not self._plausible(end):
+            return 1
+        if len(pending) < end:
+            return None
+        return self._judge(pending[:end], replies)
+
+    def _plausible(self, size: int) -> bool:
+        """Whether a reply of the right size, stuffed or not, may be so long."""
+        data = size - OVERHEAD
+        return self.data_size <= data <= self.data_size + (self.data_size + 1) // 3
+
+    def _judge(self, frame: bytes, replies: list[Reply]) -> int:
+        if crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
+            self.corrupt_ids.append(frame[4])
+            return 1  # a true frame may begin inside the false one
+        body = unstuffed(frame[_HEAD:-2])
+        if len(body) == self.data_size + 2:
+            replies.append(Reply(frame[4], body[1], body[2:]))
+        return len(frame)

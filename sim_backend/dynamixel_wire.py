@@ -1,0 +1,91 @@
+"""The servo's side of Dynamixel protocol 2.0: instruction packets in, status packets out. Pure.
+
+Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.dynamixel.wire``.
+"""
+
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import Final
+
+from drivers.dynamixel.crc import crc16
+from drivers.dynamixel.wire import HEADER, STATUS, packet, unstuffed
+from sim_backend.sts_wire import Instruction
+
+BROADCAST: Final = 0xFE
+STATUS_OVERHEAD: Final = 11
+"""Bytes of a status packet beside its data."""
+_HEAD: Final = 7
+_SHORTEST: Final = 3
+_LONGEST: Final = 1024
+
+
+class Code(IntEnum):
+    """Instructions that an X series servo knows."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+
+
+def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
+    """A servo's reply; ``error`` as in ``drivers.dynamixel.wire``."""
+    return packet(servo_id, STATUS, bytes((error,)) + data)
+
+
+class InstructionParser:
+    """Bytes in any portions to instructions.
+
+    What does not hold together costs one byte, not a packet. Other servos' replies are no instructions.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    @property
+    def pending(self) -> int:
+        """How many bytes are waiting for the rest of their packet."""
+        return len(self._buffer)
+
+    def reset(self) -> None:
+        """Forget a half packet, as a servo does after a pause."""
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> Iterator[Instruction]:
+        """Yield each instruction as soon as its last byte is consumed.
+
+        While one is being handled, ``pending`` is the number of bytes that came after it.
+        """
+        self._buffer += data
+        return iter(self._next_packet, None)
+
+    def _next_packet(self) -> Instruction | None:
+        buffer = self._buffer
+        while self._find_header():
+            if len(buffer) < _HEAD:
+                return None
+            length = int.from_bytes(buffer[5:7], "little")
+            end = length + _HEAD
+            plausible = _SHORTEST <= length <= _LONGEST
+            if plausible and len(buffer) < end:
+                return None
+            if plausible and crc16(bytes(buffer[: end - 2])) == int.from_bytes(buffer[end - 2 : end], "little"):
+                body = unstuffed(bytes(buffer[_HEAD : end - 2]))
+                instruction = Instruction(buffer[4], body[0], body[1:])
+                del buffer[:end]
+                if instruction.code != STATUS:
+                    return instruction
+                continue
+            del buffer[0]
+        return None
+
+    def _find_header(self) -> bool:
+        """Drop what cannot begin a packet; whether a whole header is left."""
+        start = self._buffer.find(HEADER)
+        del self._buffer[: start if start >= 0 else max(0, len(self._buffer) - len(HEADER) + 1)]
+        return start >= 0

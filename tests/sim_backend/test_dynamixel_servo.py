@@ -1,0 +1,190 @@
+"""One virtual X series servo, and the official SDK's single-servo instructions over our port."""
+
+import importlib
+from typing import Any
+
+import pytest
+
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel.sdk import SdkPort
+from drivers.registers import Access, Register
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_servo import REBOOT_S, VirtualXServo
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("dynamixel_sdk")
+handler = sdk.Protocol2PacketHandler()
+
+
+class Bench:
+    """A servo on a shaft; ``run`` passes time."""
+
+    def __init__(self, *, load_nm: float = 0.0) -> None:
+        self.clock = SimulatedClock()
+        self.plant = BenchPlant((1,))
+        self.plant.load_nm = [load_nm]
+        self.bus = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
+        self.port = SdkPort(VirtualPort(self.bus, self.clock), self.clock)
+        self.servo = self.bus.servo(1)
+
+    def run(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        self.bus.advance(self.clock.now())
+
+    def write(self, register: Register, value: int) -> int:
+        data = list(register.encode(value, "little"))
+        result, error = handler.writeTxRx(self.port, 1, register.address, register.size, data)
+        assert result == sdk.COMM_SUCCESS
+        return int(error)
+
+    def read(self, register: Register) -> int:
+        data, result, _ = handler.readTxRx(self.port, 1, register.address, register.size)
+        assert result == sdk.COMM_SUCCESS
+        return register.decode(bytes(data), "little")
+
+
+@pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
+def test_factory_values(model: Any) -> None:
+    servo = VirtualXServo(model, 9)
+    get = servo.memory.get
+    assert (get(x.model_number), get(x.servo_id), servo.baud, get(x.operating_mode)) == (model.number, 9, 57_600, 3)
+    assert (get(x.torque_enable), get(x.goal_pwm), get(x.max_position_limit)) == (0, 885, 4095)
+    for register in x.registers(model):
+        if register.access is Access.READ:
+            assert servo.write(register.address, bytes(register.size)) == 7
+
+
+def test_ping_read_write_and_broadcast_ping() -> None:
+    bench = Bench()
+    assert handler.ping(bench.port, 1) == (1060, sdk.COMM_SUCCESS, 0)
+    assert handler.ping(bench.port, 2)[1] == sdk.COMM_RX_TIMEOUT
+    assert handler.broadcastPing(bench.port) == ({1: [1060, 46]}, sdk.COMM_SUCCESS)
+    assert bench.write(x.led, 1) == 0
+    assert bench.read(x.led) == 1
+
+
+def test_reg_write_waits_for_action() -> None:
+    bench = Bench()
+    assert handler.regWriteTxRx(bench.port, 1, x.led.address, 1, [1]) == (sdk.COMM_SUCCESS, 0)
+    assert (bench.read(x.led), bench.read(x.registered_instruction)) == (0, 1)
+    assert handler.action(bench.port, 1) == sdk.COMM_SUCCESS
+    bench.run(0.001)  # the SDK does not wait for the reply that comes
+    assert (bench.read(x.led), bench.read(x.registered_instruction)) == (1, 0)
+
+
+def test_factory_reset_keeps_what_it_is_told_to() -> None:
+    bench = Bench()
+    bench.write(x.homing_offset, -5)
+    assert handler.factoryReset(bench.port, 1, 0x02) == (sdk.COMM_SUCCESS, 0)
+    bench.run(REBOOT_S + 0.01)
+    assert bench.read(x.homing_offset) == 0
+
+
+def test_reboot_forgets_ram_and_keeps_eeprom() -> None:
+    bench = Bench()
+    bench.write(x.homing_offset, 100)
+    bench.write(x.position_p_gain, 2000)
+    bench.write(x.torque_enable, 1)
+    assert handler.reboot(bench.port, 1) == (sdk.COMM_SUCCESS, 0)
+    assert handler.ping(bench.port, 1)[1] == sdk.COMM_RX_TIMEOUT
+    bench.run(REBOOT_S)
+    values = [bench.read(r) for r in (x.homing_offset, x.position_p_gain, x.torque_enable, x.present_position)]
+    assert values == [100, 640, 0, 2148]
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "error"),
+    [
+        (x.goal_position, 4096, 6),
+        (x.goal_pwm, 886, 6),
+        (x.torque_enable, 2, 4),
+        (x.profile_velocity, 32768, 4),
+        (x.present_position, 1, 7),
+    ],
+)
+def test_what_is_refused_leaves_no_trace(register: Register, value: int, error: int) -> None:
+    bench = Bench()
+    before = bench.read(register)
+    assert bench.write(register, value) == error
+    assert bench.read(register) == before
+
+
+def test_eeprom_is_locked_under_torque() -> None:
+    bench = Bench()
+    bench.write(x.torque_enable, 1)
+    assert bench.write(x.homing_offset, 1) == 7
+    assert handler.write2ByteTxRx(bench.port, 1, x.goal_position.address, 1) == (sdk.COMM_SUCCESS, 5)
+
+
+def test_status_return_levels() -> None:
+    bench = Bench()
+    assert bench.write(x.status_return_level, 1) == 0
+    assert handler.write1ByteTxRx(bench.port, 1, x.led.address, 1)[0] == sdk.COMM_RX_TIMEOUT
+    assert bench.read(x.led) == 1
+    handler.write1ByteTxOnly(bench.port, 1, x.status_return_level.address, 0)
+    assert handler.read1ByteTxRx(bench.port, 1, x.led.address)[1] == sdk.COMM_RX_TIMEOUT
+    assert handler.ping(bench.port, 1)[1] == sdk.COMM_SUCCESS
+
+
+@pytest.mark.parametrize("units", [20, 50, 100])
+def test_the_profile_velocity_is_the_speed(units: int) -> None:
+    bench = Bench()
+    bench.write(x.position_p_gain, 2400)
+    bench.write(x.torque_enable, 1)
+    bench.write(x.profile_velocity, units)
+    bench.write(x.goal_position, 4000)
+    bench.run(0.4)
+    assert bench.read(x.present_velocity) == pytest.approx(units, abs=max(3, 0.05 * units))
+    assert bench.read(x.moving) == 1
+
+
+def test_a_goal_without_a_profile_is_reached_and_holds() -> None:
+    bench = Bench()
+    bench.write(x.torque_enable, 1)
+    bench.write(x.goal_position, 2600)
+    bench.run(2.0)
+    assert bench.read(x.present_position) == pytest.approx(2600, abs=15)
+    assert bench.read(x.moving) == 0
+
+
+def test_a_stiffer_gain_sags_less() -> None:
+    sag = {}
+    for gain in (640, 2400):
+        bench = Bench(load_nm=0.5)
+        bench.write(x.position_p_gain, gain)
+        bench.write(x.torque_enable, 1)
+        bench.run(1.0)
+        sag[gain] = bench.read(x.present_position) - bench.read(x.goal_position)
+    assert 0 < sag[2400] < 0.5 * sag[640]
+
+
+def test_goal_pwm_limits_the_drive() -> None:
+    bench = Bench(load_nm=1.0)
+    bench.write(x.goal_pwm, 200)
+    bench.write(x.torque_enable, 1)
+    bench.run(0.5)
+    assert abs(bench.read(x.present_pwm)) == 200
+    assert abs(bench.read(x.present_load)) == 226
+
+
+def test_overload_shuts_down_until_a_reboot() -> None:
+    bench = Bench(load_nm=2.0)
+    bench.write(x.torque_enable, 1)
+    bench.run(5.0)
+    assert bench.read(x.hardware_error_status) == 1 << 5
+    assert bench.read(x.torque_enable) == 0
+    bench.plant.load_nm = [0.0]
+    assert bench.write(x.torque_enable, 1) == 0x80 | 1
+    handler.reboot(bench.port, 1)
+    bench.run(REBOOT_S + 0.01)
+    assert bench.write(x.torque_enable, 1) == 0
+    assert bench.read(x.hardware_error_status) == 0
+
+
+def test_a_baud_that_is_not_the_servos_is_not_understood() -> None:
+    bench = Bench()
+    port = SdkPort(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock)
+    assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT

@@ -1,0 +1,24 @@
+"""The main job on Dynamixel servos, from the controllers to the cube, on simulated time."""
+
+import pytest
+
+from controller.goal import GoalStatus
+from servoloop.files import CONFIG, read_files
+from tests.stack.rig import BINS, StackRig, UnpacedJob
+
+LARGEST_RAD, RMS_RAD = 0.08, 0.03
+
+
+@pytest.mark.parametrize("grade", BINS)
+def test_the_cube_ends_in_its_bin(grade: str) -> None:
+    rig = StackRig(files=read_files(robot=CONFIG / "robot_arm_dynamixel.yaml")).up()
+    job = UnpacedJob(rig, grade)
+    job.run()
+    rig.run(1.0)
+    largest, rms = rig.trace.following_error()
+    assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
+    assert rig.world.cube_bin() == grade
+    assert rig.loop.figures.missed == 0
+    assert largest.max() < LARGEST_RAD
+    assert rms.max() < RMS_RAD
+    assert [servo.memory.read(70, 1) for servo in rig.bus.servos] == [b"\0"] * 7
