@@ -131,6 +131,7 @@ def demo(
     grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
     repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
+    robot: RobotOption = None,
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
@@ -146,7 +147,7 @@ def demo(
     console = Console()
     try:
         with Live(console) as live:
-            report = run([g for g in grades.split(",") if g], repeat, out, live)
+            report = run([g for g in grades.split(",") if g], repeat, out, robot, live)
     except Interrupted:
         raise typer.Exit(130) from None
     reports.write_json(report, out / "result.json")

@@ -47,7 +47,7 @@ def environment() -> dict[str, str]:
     return values
 
 
-def demo(grades: Sequence[str], repeat: int, out: Path, live: Live) -> Report:
+def demo(grades: Sequence[str], repeat: int, out: Path, robot: Path | None, live: Live) -> Report:
     """Run everything; raises DriverError with a process' last words if one of them fails."""
     from nodes.pick_client import PickClient
     from nodes.session import client_session
@@ -57,13 +57,14 @@ def demo(grades: Sequence[str], repeat: int, out: Path, live: Live) -> Report:
     os.environ.update(environment())
     link, ready = out / "bus", out / "ready"
     ready.unlink(missing_ok=True)
-    component = read_files().component.name
+    component = read_files(robot=robot).component.name
+    arm = ("--robot", str(robot)) if robot else ()
     with Signals() as signals, Processes(out, os.environ) as processes:
         live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
-        processes.start("emulator", "servoloop", "emulate", str(link), "--pictures", str(out))
+        processes.start("emulator", "servoloop", "emulate", str(link), "--pictures", str(out), *arm)
         processes.wait_until(feed_path(link).exists, "starting the virtual servos", START_S)
         live.say("the stack")
-        pid = processes.start("stack", "servoloop", "up", "--port", str(link), "--ready-file", str(ready))
+        pid = processes.start("stack", "servoloop", "up", "--port", str(link), "--ready-file", str(ready), *arm)
         processes.wait_until(ready.exists, "starting the stack", START_S)
         live.say("the pick-place node")
         parameters = CONFIG / "vision_pick_place_controller.yaml"
