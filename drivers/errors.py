@@ -9,7 +9,8 @@ DriverError
 └── ServoError           one servo, named by its ID
     ├── ServoSilent      no reply before the deadline
     ├── ServoCorrupt     a reply with a wrong checksum or length
-    └── ServoRefused     a reply, but not the one that was needed
+    ├── ServoRefused     a reply, but not the one that was needed
+    └── EepromError      a setting that could not be written (drivers/eeprom.py)
 
 Set-up raises these. The cycle does not: there a servo's error is a value beside the others' values.
 """

@@ -1,9 +1,10 @@
 """Control table of the Dynamixel X series, protocol 2.0, and the models that have it.
 
 Source: ROBOTIS e-manual, the pages of XL330-M077-T, XL330-M288-T, XC330-T288-T, XL430-W250-T and
-XM430-W350; addresses, sizes and model numbers compared with ROBOTIS' dynamixel_hardware_interface
-(param/dxl_model). It is one table with differences at 38, 62, 102 and 126 (see below), and in where the
-indirect registers lie. Numbers are little endian, negative ones two's complement.
+XM430-W350. Model numbers agree with ROBOTIS' dynamixel_hardware_interface (param/dxl_model); its
+addresses and sizes were compared for XL430, XM430 and XL330-M288. It is one table with differences at
+38, 62, 102 and 126 (see below), and in where the indirect registers lie. Numbers are little endian,
+negative ones two's complement.
 """
 
 import math

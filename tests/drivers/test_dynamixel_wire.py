@@ -15,6 +15,7 @@ from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.crc import crc16
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_wire import InstructionParser, status_packet
+from tests.drivers.tape import Tape
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
@@ -22,32 +23,6 @@ sdk: Any = importlib.import_module("dynamixel_sdk")
 PATTERN = b"\xff\xff\xfd"
 ids = st.lists(st.integers(0, wire.LARGEST_ID), min_size=1, max_size=20, unique=True)
 addresses = st.integers(0, 0xFFFF)
-
-
-class Tape:
-    """What the SDK and we take for a port: keeps what is sent, never answers."""
-
-    name = "tape"
-    baud = 1_000_000
-    is_using = False
-
-    def __init__(self) -> None:
-        self.sent = b""
-
-    def clearPort(self) -> None: ...
-    def setPacketTimeout(self, packet_length: int) -> None: ...
-    def discard_input(self) -> None: ...
-    def close(self) -> None: ...
-
-    def writePort(self, packet: Sequence[int]) -> int:
-        self.sent += bytes(packet)
-        return len(packet)
-
-    def write(self, data: bytes) -> None:
-        self.sent += data
-
-    def read(self, size: int, deadline_s: float) -> bytes:
-        return b""
 
 
 def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:

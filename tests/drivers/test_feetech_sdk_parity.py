@@ -11,37 +11,12 @@ from drivers.bus import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.feetech import sts, wire
 from drivers.feetech.bus import FeetechBus
+from tests.drivers.tape import Tape
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
-
-
-class Tape:
-    """What the SDK and we take for a port: keeps what is sent, never answers."""
-
-    name = "tape"
-    baud = 1_000_000
-    is_using = False
-
-    def __init__(self) -> None:
-        self.sent = b""
-
-    def clearPort(self) -> None: ...
-    def setPacketTimeout(self, packet_length: int) -> None: ...
-    def discard_input(self) -> None: ...
-    def close(self) -> None: ...
-
-    def writePort(self, packet: Sequence[int]) -> int:
-        self.sent += bytes(packet)
-        return len(packet)
-
-    def write(self, data: bytes) -> None:
-        self.sent += data
-
-    def read(self, size: int, deadline_s: float) -> bytes:
-        return b""
 
 
 def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
