@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple, Protocol
 from drivers.counters import BusCounters
 from drivers.errors import ServoError
 from drivers.registers import Register, ServoModel
+from drivers.turns import Steps
 
 FaultKind = Literal["silent", "corrupt", "late"]
 """No reply; one that does not hold together; one that belongs to an earlier request."""
@@ -83,6 +84,20 @@ class ServoBus(Protocol):
         With a deadline on the bus's clock, as a cycle has one: what is missing is asked for again
         while there is time, and a servo known to be silent is not waited for in every cycle.
         """
+        ...
+
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+        """``read_states`` in steps, for ``drivers.turns.overlapped``."""
+        ...
+
+    def exchange(
+        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+    ) -> dict[int, Reading]:
+        """``write_goals`` and then ``read_states``, in as few pieces as the line allows."""
+        ...
+
+    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+        """Bytes that an exchange with a goal for each of them puts on the wire, where nothing goes wrong."""
         ...
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:

@@ -14,6 +14,7 @@ from drivers.dynamixel.sdk import SdkPort
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
+from drivers.turns import Steps
 
 FIRST_REPLY_S = 0.02
 """How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
@@ -206,6 +207,22 @@ class DynamixelBus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         data = {servo_id: _goal_bytes(goal) for servo_id, goal in goals.items()}
         self._port.write(wire.sync_write(_GOAL_ADDRESS, _GOAL_SIZE, data))
+
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+        yield
+        return self.read_states(servo_ids, deadline_s)
+
+    def exchange(
+        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+    ) -> dict[int, Reading]:
+        self.write_goals(goals)
+        return self.read_states(servo_ids, deadline_s)
+
+    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+        address, ids = _ADDRESSES[0], tuple(servo_ids)
+        goals = wire.sync_write(_GOAL_ADDRESS, _GOAL_SIZE, {i: bytes(_GOAL_SIZE) for i in ids})
+        question = wire.sync_read(ids, address, _END - address)
+        return len(goals) + len(question) + (_END - address + wire.OVERHEAD) * len(ids)
 
     def goal(self, servo_id: int) -> int:
         return self.read(servo_id, x_series.goal_position)

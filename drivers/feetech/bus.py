@@ -17,6 +17,7 @@ from drivers.feetech.echo import Echo
 from drivers.feetech.sdk import SdkPort
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
+from drivers.turns import Steps
 
 RETRIES: Final = 2
 """How often a servo is asked again within one cycle, if there is time."""
@@ -83,6 +84,16 @@ class FeetechBus:
         else:
             outcome = self._cycle(asked, deadline_s, b"")
         return self._readings(asked, outcome)
+
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+        yield
+        return self.read_states(servo_ids, deadline_s)
+
+    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+        ids = tuple(servo_ids)
+        question = wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE)
+        goals = state.goals_packet({i: ServoGoal(0) for i in ids})
+        return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
