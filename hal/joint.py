@@ -24,6 +24,8 @@ class Joint:
     transmission: float = 1.0
     torque_limit: float = 1.0
     """Share (0 to 1) of full drive that the servo may use."""
+    bus: str = ""
+    """The name of the bus that the servo is on; empty where there is only one."""
 
     @property
     def units_per_count(self) -> float:

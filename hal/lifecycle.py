@@ -39,7 +39,10 @@ class Hardware(Protocol):
         ...
 
     def cleanup(self) -> None: ...
-    def read(self) -> JointState: ...
+    def read(self) -> JointState:
+        """What is measured now. Raises LifecycleError while unconfigured: there is nothing to look at."""
+        ...
+
     def write(self, command: JointCommand) -> None: ...
 
 
@@ -47,3 +50,9 @@ def require(state: LifecycleState, wanted: LifecycleState, what: str) -> None:
     """Raise LifecycleError unless the component is in the wanted state."""
     if state is not wanted:
         raise LifecycleError(f"cannot {what} while {state.name.lower()}: it must be {wanted.name.lower()}")
+
+
+def require_configured(state: LifecycleState, what: str) -> None:
+    """Raise LifecycleError unless the component has been configured."""
+    if state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
+        raise LifecycleError(f"cannot {what} while {state.name.lower()}: it must be inactive or active")

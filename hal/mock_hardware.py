@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivers.clock import Clock
-from hal.lifecycle import LifecycleState, require
+from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import JointCommand, JointState
 
 
@@ -42,6 +42,7 @@ class MockHardware:
         self.state = LifecycleState.UNCONFIGURED
 
     def read(self) -> JointState:
+        require_configured(self.state, "read")
         unknown = np.full(len(self.joints), np.nan)
         return JointState(self._clock.now(), self._position.copy(), self._velocity.copy(), unknown)
 

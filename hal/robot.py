@@ -1,5 +1,6 @@
 """The robot file: which servo drives which joint, and how the arm is left."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +19,7 @@ from hal.yaml_file import load
 Protocol = Literal["feetech", "dynamixel"]
 ExitPolicy = Literal["hold", "relax"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+BusName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 MODELS: dict[Protocol, dict[str, ServoModel]] = {"feetech": sts.MODELS, "dynamixel": x_series.MODELS}
@@ -39,6 +41,8 @@ class BusFile(_Strict):
 class JointFile(_Strict):
     """One joint's servo. Units: rad (m for a prismatic joint) and seconds."""
 
+    bus: str | None = None
+    """Which of the file's ``buses``; not said where there is only one."""
     servo_id: int = Field(ge=0, le=253)
     model: str
     sign: Literal[1, -1] = 1
@@ -76,31 +80,43 @@ class ParkFile(_Strict):
 class RobotFile(_Strict):
     """The whole file."""
 
-    bus: BusFile = BusFile()
+    bus: BusFile | None = None
+    """The short form for a robot with one line."""
+    buses: Annotated[dict[BusName, BusFile], Field(min_length=1)] | None = None
+    """Several lines, each with a name that the joints and the command line use."""
     joints: dict[str, JointFile]
     on_exit: ExitFile = ExitFile()
     park: ParkFile | None = None
     controller_defaults: dict[str, dict[str, Any]] = {}
 
-    @field_validator("joints")
+    def lines(self) -> dict[str, BusFile]:
+        """Every bus by its name; the name of the one in the short form is empty."""
+        return self.buses or {"": self.bus or BusFile()}
+
+    def bus_of(self, joint: JointFile) -> str:
+        """The name of the joint's bus."""
+        return joint.bus or next(iter(self.lines()))
+
+    def joints_on(self, bus: str) -> dict[str, JointFile]:
+        """The joints whose servos are on this bus, by name."""
+        return {name: joint for name, joint in self.joints.items() if self.bus_of(joint) == bus}
+
+    @field_validator("buses")
     @classmethod
-    def _one_servo_a_joint(cls, joints: dict[str, JointFile]) -> dict[str, JointFile]:
-        owners: dict[int, str] = {}
-        doubles: list[str] = []
-        for name, joint in joints.items():
-            other = owners.setdefault(joint.servo_id, name)
-            if other != name:
-                doubles.append(f"{other} and {name} both have servo_id {joint.servo_id}")
-        if doubles:
-            raise ValueError("; ".join(doubles))
-        return joints
+    def _one_form(cls, buses: dict[str, BusFile] | None, info: ValidationInfo) -> dict[str, BusFile] | None:
+        if info.data.get("bus", "with mistakes") is not None:
+            raise ValueError("the file has bus and buses: list every bus under buses, and take bus out")
+        if buses and "world" in buses:
+            raise ValueError("no bus may be called world: PORT.world is where an emulator shows its world")
+        return buses
 
     @field_validator("joints")
     @classmethod
-    def _fit_for_the_bus(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
-        bus = info.data.get("bus", BusFile())
-        problems = [problem for name, joint in joints.items() for problem in _misfits(name, joint, bus.protocol)]
-        if problems and "bus" in info.data:
+    def _fit_together(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
+        problems = _doubles(joints)
+        if "bus" in info.data and "buses" in info.data:  # else their own mistakes come first
+            problems += _misplaced(joints, info.data["bus"], info.data["buses"])
+        if problems:
             raise ValueError("; ".join(problems))
         return joints
 
@@ -112,6 +128,39 @@ class RobotFile(_Strict):
             if unknown:
                 raise ValueError(f"pose names unknown joints: {', '.join(sorted(unknown))}")
         return park
+
+
+def _doubles(joints: Mapping[str, JointFile]) -> list[str]:
+    """Servos that two joints lay claim to."""
+    owners: dict[tuple[str | None, int], str] = {}
+    problems: list[str] = []
+    for name, joint in joints.items():
+        other = owners.setdefault((joint.bus, joint.servo_id), name)
+        if other != name:
+            where = f" on bus {joint.bus}" if joint.bus else ""
+            problems.append(f"{other} and {name} both have servo_id {joint.servo_id}{where}")
+    return problems
+
+
+def _misplaced(
+    joints: Mapping[str, JointFile], single: BusFile | None, several: Mapping[str, BusFile] | None
+) -> list[str]:
+    """Joints on no bus or on the wrong one, and buses without a joint."""
+    buses = several or {}
+    problems: list[str] = []
+    for name, joint in joints.items():
+        if joint.bus is None and len(buses) > 1:
+            problems.append(f"{name} needs bus: one of {', '.join(buses)}")
+        elif joint.bus is not None and not buses:
+            problems.append(f"{name} names bus {joint.bus}, but the file has no buses: take it out, or list it there")
+        elif joint.bus is not None and joint.bus not in buses:
+            problems.append(f"{name} names bus {joint.bus}, which is not among {', '.join(buses)}")
+        else:
+            bus = buses[joint.bus] if joint.bus else next(iter(buses.values()), single or BusFile())
+            problems += _misfits(name, joint, bus.protocol)
+    used = {joint.bus for joint in joints.values()}
+    problems += [f"no joint is on bus {bus}" for bus in buses if len(buses) > 1 and bus not in used]
+    return problems
 
 
 def _misfits(name: str, joint: JointFile, protocol: Protocol) -> list[str]:
@@ -152,7 +201,7 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
-            joint = _joint(name, file.joints[name], description.joints[name], file.bus.protocol)
+            joint = _joint(name, file, description.joints[name])
             problems += _problems(description.joints[name], file.joints[name]) or _reach_problems(joint, file.park)
             joints.append(joint)
     if problems:
@@ -189,15 +238,17 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     return problems
 
 
-def _joint(name: str, file: JointFile, urdf: UrdfJoint, protocol: Protocol) -> Joint:
-    limits = JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk)
+def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
+    file = robot.joints[name]
+    bus = robot.bus_of(file)
     return Joint(
         name=name,
         servo_id=file.servo_id,
-        model=MODELS[protocol][file.model],
-        limits=limits,
+        model=MODELS[robot.lines()[bus].protocol][file.model],
+        limits=JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk),
         sign=file.sign,
         zero_counts=file.zero_counts,
         transmission=file.metres_per_radian or 1.0,
         torque_limit=file.torque_limit,
+        bus=bus,
     )

@@ -8,10 +8,11 @@ import numpy as np
 
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock
-from drivers.errors import DriverError, PortError, ServoError, ServoSilent
+from drivers.errors import ServoError
 from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.lifecycle import LifecycleState, require
+from hal.lifecycle import LifecycleState, require, require_configured
+from hal.lines import Lines
 from hal.types import JointCommand, JointState, ServoHealth
 
 LOG = logging.getLogger("servoloop.hal")
@@ -21,6 +22,8 @@ OUTSIDE_TOLERANCE = 0.05
 INTERPOLATION_MARGIN = 1.05
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
 INTERPOLATION_FLOOR_COUNTS_S = 20
+CATCH_UP_S = 0.5
+"""In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
 """What share of the period reading may take, lost replies and second questions included."""
 FIRST_PERIOD_S = 0.05
@@ -28,62 +31,71 @@ FIRST_PERIOD_S = 0.05
 
 
 class ServoHardware:
-    """The life cycle of hal.lifecycle.Hardware over a ServoBus.
+    """The life cycle of hal.lifecycle.Hardware over one ServoBus or several.
 
     ``interpolate`` tells each servo how fast to go, so that it moves through the whole period
     instead of leaping to the goal and waiting there.
     """
 
-    def __init__(self, name: str, joints: Sequence[Joint], open_bus: Callable[[], ServoBus], clock: Clock) -> None:
+    def __init__(
+        self,
+        name: str,
+        joints: Sequence[Joint],
+        open_buses: Callable[[], ServoBus | Mapping[str, ServoBus]],
+        clock: Clock,
+    ) -> None:
+        """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
         self.interpolate = True
         self._joints = tuple(joints)
-        self._ids = [joint.servo_id for joint in joints]
-        self._by_id = {joint.servo_id: joint for joint in joints}
-        self._open_bus = open_bus
-        self._bus: ServoBus | None = None
+        self._open_buses = open_buses
+        self._lines: Lines | None = None
         self._clock = clock
         self._period_s = FIRST_PERIOD_S
-        self._goals: dict[int, int] = {}
+        self._goals: dict[str, int] = {}
+        self._measured: dict[str, int] = {}
+        """Counts, of the joints whose servos answered in the last exchange."""
         self._faults: dict[str, str] = {}
         self._last = self._unknown_state()
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
-        self._bus = self._open_bus()
+        opened = self._open_buses()
+        buses = opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened}
+        self._lines = Lines(self._joints, buses)
         self.state = LifecycleState.INACTIVE
         self._faults.clear()
         self._last = self._unknown_state()
         try:
-            self._check(self._bus)
+            self._lines.check()
             self.read()
         except BaseException:
             self.cleanup()
             raise
 
     def activate(self) -> None:
-        """Torque on, joint by joint, each with its goal at the measured position.
+        """Every goal at its measured position, on all buses and confirmed; only then torque, joint by joint.
 
         Where that fails, the servos that were limp before are limp again; one that a former program
         left under torque goes on holding: letting go would drop the arm.
         """
         require(self.state, LifecycleState.INACTIVE, "activate")
-        bus = self._opened()
+        lines = self._opened("activate")
         self._faults.clear()
-        measured = self._measure_all(bus)
-        limp = [i for i in self._ids if not bus.torque_is_on(i)]
-        self._goals = {i: self._start_goal(i, state) for i, state in measured.items()}
+        measured = self._measure_all(lines)
+        limp = [joint for joint in self._joints if not lines.torque_is_on(joint)]
+        self._goals = {joint.name: self._start_goal(joint, measured[joint.name]) for joint in self._joints}
         try:
             for joint in self._joints:
-                bus.limit_torque(joint.servo_id, joint.torque_limit)
-            bus.write_goals({i: ServoGoal(counts) for i, counts in self._goals.items()})
-            self._confirm_goals(bus)
-            for servo_id in self._ids:
-                bus.torque_on(servo_id)
+                lines.limit_torque(joint)
+            lines.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
+            self._confirm_goals(lines)
+            for joint in self._joints:
+                lines.torque_on(joint)
         except BaseException:
-            for problem in self._release(bus, limp):
+            for problem in lines.torque_off(limp):
                 LOG.error("torque may still be on: %s", problem)
             raise
         self.state = LifecycleState.ACTIVE
@@ -92,123 +104,116 @@ class ServoHardware:
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE
-        return self._release(self._opened(), self._ids) if relax else []
+        return self._opened("deactivate").torque_off(self._joints) if relax else []
 
     def cleanup(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
-        if self._bus is not None:
-            self._bus.close()
-            self._bus = None
+        if self._lines is not None:
+            self._lines.close()
+            self._lines = None
 
     def read(self) -> JointState:
         """One exchange with all servos. A silent servo keeps its last values and is named."""
-        deadline_s = self._clock.now() + READ_SHARE * self._period_s
-        return self._take(self._opened().read_states(self._ids, deadline_s))
+        lines = self._opened("read")
+        return self._take(lines.read(self._clock.now() + READ_SHARE * self._period_s))
 
-    def _take(self, readings: Mapping[int, Reading]) -> JointState:
+    def _take(self, readings: Mapping[str, Reading]) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()
         effort = self._last.effort.copy()
         health = dict(self._last.health)
-        counters = self._opened().counters
+        lines = self._opened("read")
+        self._measured.clear()
         for index, joint in enumerate(self._joints):
-            reading = readings[joint.servo_id]
+            reading = readings[joint.name]
             self._note_fault(joint, reading)
             if isinstance(reading, ServoState):
+                self._measured[joint.name] = reading.position_counts
                 position[index] = joint.position(reading.position_counts)
                 velocity[index] = reading.velocity_counts_s * joint.units_per_count
                 effort[index] = reading.load * joint.full_effort * joint.sign
-                account = counters.of(joint.servo_id)
+                account = lines.counters(joint)
                 health[joint.name] = ServoHealth(reading.voltage_v, reading.temperature_c, reading.alarms, account)
         self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last
 
     def write(self, command: JointCommand) -> None:
-        """One packet with a goal for every servo; the command has passed the safety gate."""
+        """One packet a bus with a goal for each of its servos; the command has passed the safety gate."""
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
-        goals: dict[int, ServoGoal] = {}
+        goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, command.position, strict=True):
-            counts = self._within_reach(joint, joint.counts(float(position)), command.period_s)
-            goals[joint.servo_id] = ServoGoal(counts, self._speed(joint, counts, command.period_s))
-        self._opened().write_goals(goals)
-        self._goals = {servo_id: goal.position_counts for servo_id, goal in goals.items()}
+            reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
+            held = self._goals[joint.name]
+            # A joint that began outside its limits has a goal there, and must not leap back in.
+            counts = min(max(joint.counts(float(position)), held - reach), held + reach)
+            goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
+        self._opened("write").write_goals(goals)
+        self._goals = {name: goal.position_counts for name, goal in goals.items()}
 
-    def _within_reach(self, joint: Joint, counts: int, period_s: float) -> int:
-        """A joint that began outside its limits has a goal there, and must not leap back in."""
-        held = self._goals[joint.servo_id]
-        reach = math.ceil(joint.limits.velocity * period_s / abs(joint.units_per_count))
-        return min(max(counts, held - reach), held + reach)
+    def _speed(self, joint: Joint, counts: int, reach: int) -> int:
+        """Counts/s. ``reach``: counts that the joint may go in one period.
 
-    def _speed(self, joint: Joint, counts: int, period_s: float) -> int:
-        if not self.interpolate:
+        As fast as the way from the last goal needs. Where a servo lies behind (it was silent, or
+        something was in its way), it catches up in ``CATCH_UP_S``, within the joint's velocity limit.
+        Without interpolation a servo is let loose (0) only when it is known to be near its goal.
+        """
+        held = self._goals[joint.name]
+        measured = self._measured.get(joint.name)
+        if not self.interpolate and measured is not None and abs(held - measured) <= reach:
             return 0
-        way = abs(counts - self._goals[joint.servo_id])
-        speed = way / period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
+        speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
+        if measured is not None:
+            limit = joint.limits.velocity / abs(joint.units_per_count)
+            speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
         return min(round(speed), 32767)
 
-    def _opened(self) -> ServoBus:
-        if self._bus is None:
-            require(self.state, LifecycleState.INACTIVE, "use the servos")
-        assert self._bus is not None
-        return self._bus
+    def _opened(self, what: str) -> Lines:
+        require_configured(self.state, what)
+        assert self._lines is not None
+        return self._lines
 
-    def _check(self, bus: ServoBus) -> None:
-        """Every servo is there and is what the robot file says; all that are not are named."""
-        problems: dict[str, ServoError] = {}
-        for joint in self._joints:
-            try:
-                bus.identify(joint.servo_id, joint.model)
-            except ServoError as error:
-                problems[joint.name] = error
-        silent = [error for error in problems.values() if isinstance(error, ServoSilent)]
-        if len(silent) == len(self._joints):
-            raise DriverError(f"no servo answers on {bus.name}: check the servos' power and the baud rate")
-        if problems:
-            raise DriverError("\n".join(f"{name}: {error}" for name, error in problems.items()))
-
-    def _measure_all(self, bus: ServoBus) -> dict[int, ServoState]:
-        readings = bus.read_states(self._ids)
-        silent = [f"{self._by_id[i].name}: {r.text}" for i, r in readings.items() if not isinstance(r, ServoState)]
+    def _measure_all(self, lines: Lines) -> dict[str, ServoState]:
+        readings = lines.measure()
+        silent = [
+            f"{lines.label(joint)}: {reading.text}"
+            for joint in self._joints
+            if not isinstance(reading := readings[joint.name], ServoState)
+        ]
         if silent:
             raise ActivationError("not activated: " + "; ".join(silent))
         self._take(readings)
-        return {i: r for i, r in readings.items() if isinstance(r, ServoState)}
+        return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
 
-    def _start_goal(self, servo_id: int, state: ServoState) -> int:
+    def _start_goal(self, joint: Joint, state: ServoState) -> int:
         """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
-        joint = self._by_id[servo_id]
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
         slack = OUTSIDE_TOLERANCE * (upper - lower)
         if not lower - slack <= position <= upper + slack:
             raise ActivationError(
-                f"not activated: {joint.name} (servo {servo_id}) stands at {position:.4f}, outside "
+                f"not activated: {self._called(joint)} stands at {position:.4f}, outside "
                 f"its limits {lower:.4f} to {upper:.4f}. Move it by hand, or correct zero_counts"
             )
         return state.position_counts
 
-    def _confirm_goals(self, bus: ServoBus) -> None:
+    def _confirm_goals(self, lines: Lines) -> None:
         """A sync write is no acknowledgement: ask each servo whether it has its goal."""
-        for servo_id, counts in self._goals.items():
-            held = bus.goal(servo_id)
-            if held != counts:
+        for joint in self._joints:
+            held, wanted = lines.goal(joint), self._goals[joint.name]
+            if held != wanted:
                 raise ActivationError(
-                    f"not activated: {self._by_id[servo_id].name} (servo {servo_id}) holds goal "
-                    f"{held}, not {counts}: check the cable"
+                    f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable"
                 )
 
-    def _release(self, bus: ServoBus, servo_ids: Sequence[int]) -> list[str]:
-        """Torque off on every servo, whatever the others say."""
-        try:
-            return [str(error) for error in bus.torque_off(servo_ids)]
-        except PortError as error:
-            return [str(error)]
+    def _called(self, joint: Joint) -> str:
+        return f"{self._opened('name a joint').label(joint)} (servo {joint.servo_id})"
 
     def _note_fault(self, joint: Joint, reading: Reading) -> None:
         if not isinstance(reading, ServoState):
+            label = self._opened("read").label(joint)
             if joint.name not in self._faults:
-                LOG.error("%s: %s", joint.name, reading.text)
-            self._faults[joint.name] = f"{joint.name}: {reading.text}"
+                LOG.error("%s: %s", label, reading.text)
+            self._faults[joint.name] = f"{label}: {reading.text}"
         elif joint.name in self._faults and self.state is not LifecycleState.ACTIVE:
             del self._faults[joint.name]
         elif joint.name in self._faults:
@@ -216,18 +221,19 @@ class ServoHardware:
 
     def _welcome_back(self, joint: Joint) -> None:
         """A servo that lost its power comes back limp, and its goal is not ours any more."""
+        lines = self._opened("read")
         try:
-            driven = self._opened().torque_is_on(joint.servo_id)
+            driven = lines.torque_is_on(joint, attempts=1)
         except ServoError:
             return
         if driven:
-            LOG.warning("%s: servo %d answers again", joint.name, joint.servo_id)
+            LOG.warning("%s: servo %d answers again", lines.label(joint), joint.servo_id)
             del self._faults[joint.name]
             return
         text = f"servo {joint.servo_id} came back without torque (power dip?): activate again"
         if text not in self._faults[joint.name]:
-            LOG.error("%s: %s", joint.name, text)
-        self._faults[joint.name] = f"{joint.name}: {text}"
+            LOG.error("%s: %s", lines.label(joint), text)
+        self._faults[joint.name] = f"{lines.label(joint)}: {text}"
 
     def _unknown_state(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)

@@ -3,12 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 from drivers.bus import ServoBus
 from drivers.clock import Clock
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.feetech.bus import FeetechBus
+from drivers.makes import bus_for
 from drivers.port import Port
 from drivers.serial_port import SerialPort
 from hal.description import Vector
@@ -16,10 +14,11 @@ from hal.errors import DescriptionError
 from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
-from hal.robot import RobotFile
+from hal.robot import MODELS, RobotFile
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
-from sim_backend.world_feed import WorldFeedClient, feed_path
+from servoloop.ports import world_feed
+from sim_backend.world_feed import WorldFeedClient
 
 Pose = tuple[Vector, Quaternion]
 
@@ -58,15 +57,15 @@ def choose(kind: HardwareKind | None, files: Files) -> HardwareKind:
     return kind or PLUGINS[plugin]
 
 
-def build(kind: HardwareKind, files: Files, port: str, clock: Clock) -> Below:
-    """The hardware component, unconfigured: nothing is opened yet."""
+def build(kind: HardwareKind, files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
+    """The hardware component, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
     if kind is HardwareKind.MOCK:
         dynamics = files.component.parameters.get("calculate_dynamics", "false").lower() == "true"
         mock = MockHardware(files.component.name, files.component.joints, clock, dynamics)
         return Below(mock, dict, None, virtual=True)
     if kind is HardwareKind.MUJOCO:
         return _mujoco(files, clock)
-    return _servos(files, port, clock)
+    return _servos(files, devices, clock)
 
 
 def _mujoco(files: Files, clock: Clock) -> Below:
@@ -82,30 +81,37 @@ def _mujoco(files: Files, clock: Clock) -> Below:
     return Below(hardware, scene, None, virtual=True)
 
 
-def servo_bus(robot: RobotFile, port: Port, clock: Clock) -> ServoBus:
-    """The bus that speaks the robot's protocol."""
-    if robot.bus.protocol == "feetech":
-        return FeetechBus(port, clock)
-    gains = {joint.servo_id: joint.position_p for joint in robot.joints.values() if joint.position_p is not None}
-    return DynamixelBus(port, clock, gains)
+def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> ServoBus:
+    """The bus of this name (empty where there is only one), driving the servos that are on it."""
+    models = MODELS[robot.lines()[bus].protocol]
+    joints = robot.joints_on(bus).values()
+    gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
+    return bus_for({joint.servo_id: models[joint.model] for joint in joints}, port, clock, gains)
 
 
-def _servos(files: Files, port: str, clock: Clock) -> Below:
-    baud = files.robot.file.bus.baud
+def open_buses(robot: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, ServoBus]:
+    """Every bus on its device, by name. Where one cannot be opened, the others are given back."""
+    buses: dict[str, ServoBus] = {}
+    try:
+        for name, line in robot.lines().items():
+            buses[name] = servo_bus(robot, SerialPort(devices[name], line.baud, clock), clock, name)
+    except BaseException:
+        for bus in buses.values():
+            bus.close()
+        raise
+    return buses
 
-    def open_bus() -> ServoBus:
-        return servo_bus(files.robot.file, SerialPort(port, baud, clock), clock)
 
-    hardware = ServoHardware(files.component.name, files.robot.joints, open_bus, clock)
+def _servos(files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
+    robot = files.robot
+    hardware = ServoHardware(files.component.name, robot.joints, lambda: open_buses(robot.file, devices, clock), clock)
 
     def set_interpolation(on: bool) -> None:
         hardware.interpolate = on
 
-    # An emulator says beside its line what is seen in its world; a real line has no such thing.
-    feed = feed_path(Path(port))
-    virtual = feed.is_socket()
-    scene = Scene(WorldFeedClient(feed)) if virtual else dict
-    return Below(hardware, scene, set_interpolation, virtual)
+    feed = world_feed(devices)
+    scene = Scene(WorldFeedClient(feed)) if feed else dict
+    return Below(hardware, scene, set_interpolation, virtual=feed is not None)
 
 
 class Scene:

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from hal.joint import Joint
-from hal.lifecycle import LifecycleState, require
+from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import FloatArray, JointCommand, JointState
 from sim_backend.feeder import Feeder
 from sim_backend.world import World
@@ -65,6 +65,7 @@ class MujocoHardware:
 
     def read(self) -> JointState:
         """Bring the world up to now and look at it."""
+        require_configured(self.state, "read")
         now_s = self._clock.now()
         due_s = min(now_s - self._last_s, LONGEST_CATCH_UP_S)
         steps = round(due_s / self._world.timestep_s)

@@ -12,6 +12,7 @@ from drivers.feetech import state, wire
 from drivers.feetech.echo import Echo
 from drivers.feetech.owed import OwedReplies
 from drivers.port import Port
+from drivers.turns import Steps, finish
 
 FIRST_REPLY_S: Final = 0.02
 """How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
@@ -64,40 +65,40 @@ class BurstReader:
         self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
+        self.clean = False
+        """Whether the last answer was whole, so that nothing can be left to throw away."""
 
-    def read(
-        self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float, after: bytes = b""
-    ) -> Mapping[int, Outcome]:
+    def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
+        """``steps`` without a pause."""
+        return finish(self.steps(firm, tried, deadline_s))
+
+    def steps(
+        self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float, before: bytes = b""
+    ) -> Steps[Mapping[int, Outcome]]:
         """The state of each servo, or what kind of fault there was.
 
         ``firm`` are expected to answer; ``tried`` did not the last time, are asked after them and
-        waited for shortly. ``after``, a packet that nobody answers, goes out as soon
-        as the replies are there: they are decoded while it is on the wire.
+        waited for shortly. ``before``, a packet that nobody answers, goes out in one piece with the
+        question: a write costs more than the bytes in it.
         """
         servo_ids = firm + tried
         begin_s = max(self._clock.now(), self._busy_until_s)
         size = self._owed.free_size(servo_ids, begin_s)
-        sent = _request(servo_ids, size)
-        self._port.discard_input()
+        sent = before + _request(servo_ids, size)
+        if not self.clean:
+            self._port.discard_input()
+        self.clean = False
         self._port.write(sent)
+        yield
         expected = self._echo.expected(sent) + (size + wire.OVERHEAD) * len(firm or tried)
         data = self._first_data(expected, begin_s + len(sent) * self._byte_s, deadline_s, bool(firm))
-        if self._echo.present:
+        if self._echo.present is not False:
             data = self._echo.strip(sent, data)
-        elif after and len(data) == expected:
-            self.send(after)
-            after = b""
         states = state.burst(data, servo_ids, size)
-        outcome: Mapping[int, Outcome]
-        if states is not None:
-            outcome = self._all_well(servo_ids, states)
-        else:
-            if not self._echo.present:
-                data = self._echo.strip(sent, data)
-            outcome = self._listen_on(firm, tried, size, data, deadline_s)
-        if after:
-            self.send(after)
-        return outcome
+        if states is None:
+            return self._listen_on(firm, tried, size, data, deadline_s)
+        self.clean = True
+        return self._all_well(servo_ids, states)
 
     def send(self, packet: bytes) -> None:
         """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""

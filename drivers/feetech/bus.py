@@ -17,7 +17,7 @@ from drivers.feetech.echo import Echo
 from drivers.feetech.sdk import SdkPort
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
-from drivers.turns import Steps
+from drivers.turns import Steps, finish
 
 RETRIES: Final = 2
 """How often a servo is asked again within one cycle, if there is time."""
@@ -64,6 +64,7 @@ class FeetechBus:
     def read(self, servo_id: int, register: Register) -> int:
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
         request = [0, 0, servo_id, 4, INST_READ, register.address, register.size, 0]
+        self._burst.clean = False
         reply, result, _ = self._sdk.txRxPacket(self._sdk_port, request)
         _raise_for(servo_id, result)
         data = reply[5 : reply[3] + 3]
@@ -73,21 +74,25 @@ class FeetechBus:
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         data = list(register.encode(value, _ORDER))
+        self._burst.clean = False
         result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
         _raise_for(servo_id, result)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+        if deadline_s is not None:
+            return finish(self.state_steps(servo_ids, deadline_s))
         asked = tuple(servo_ids)
-        if deadline_s is None:
-            outcome = self._burst.read(asked, (), math.inf)
-            self._absent.note(outcome, self._clock.now())
-        else:
-            outcome = self._cycle(asked, deadline_s, b"")
+        outcome = self._burst.read(asked, (), math.inf)
+        self._absent.note(outcome, self._clock.now())
         return self._readings(asked, outcome)
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
-        yield
-        return self.read_states(servo_ids, deadline_s)
+        return self._cycle(tuple(servo_ids), deadline_s, b"")
+
+    def exchange(
+        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+    ) -> dict[int, Reading]:
+        return finish(self._cycle(tuple(servo_ids), deadline_s, state.goals_packet(goals)))
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
@@ -95,32 +100,21 @@ class FeetechBus:
         goals = state.goals_packet({i: ServoGoal(0) for i in ids})
         return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
-    def exchange(
-        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
-    ) -> dict[int, Reading]:
-        """``read_states`` and then ``write_goals``: the states are decoded while the goals are on the wire.
-
-        The goals go out before a lost reply is asked for again.
-        """
-        asked = tuple(servo_ids)
-        return self._readings(asked, self._cycle(asked, deadline_s, state.goals_packet(goals)))
-
-    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Mapping[int, Outcome]:
+    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Steps[dict[int, Reading]]:
         firm, tried = self._absent.split(asked, self._clock.now())
-        if not firm and not tried:
-            if goals:
-                self._burst.send(goals)
-            self._count_skipped(asked, {})
-            return {}
-        # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
-        outcome = self._burst.read(firm or tried, tried if firm else (), deadline_s, goals)
+        outcome: Mapping[int, Outcome] = {}
+        if firm or tried:
+            # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
+            outcome = yield from self._burst.steps(firm or tried, tried if firm else (), deadline_s, goals)
+        elif goals:
+            self._burst.send(goals)
         if len(outcome) < len(asked):
             self._count_skipped(asked, outcome)
         missing = self._absent.note(outcome, self._clock.now())
         if missing:
             outcome = dict(outcome)
             self._ask_again([i for i in missing if i in firm], outcome, deadline_s)
-        return outcome
+        return self._readings(asked, outcome)
 
     def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> None:
         """Only what is missing, and only while there is time."""

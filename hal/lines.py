@@ -1,0 +1,157 @@
+"""The buses of one robot, spoken to by joint: servo IDs repeat from bus to bus, joint names do not."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TypeVar
+
+from drivers.bus import Reading, ServoBus, ServoGoal
+from drivers.counters import ServoCounters
+from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoSilent
+from drivers.turns import Steps, overlapped
+from hal.joint import Joint
+
+ATTEMPTS = 3
+"""How often a single transaction is tried: one lost packet must not fail a whole activation."""
+
+Result = TypeVar("Result")
+
+
+class Lines:
+    """All buses, opened. Where there are several, every message names the one that it is about."""
+
+    def __init__(self, joints: Sequence[Joint], buses: Mapping[str, ServoBus]) -> None:
+        self._buses = dict(buses)
+        self._joints = tuple(joints)
+        self._on = {name: [joint for joint in joints if joint.bus == name] for name in buses}
+        self._ids = {name: [joint.servo_id for joint in on] for name, on in self._on.items()}
+
+    def label(self, joint: Joint) -> str:
+        """What to call a joint in a message."""
+        return joint.name if len(self._buses) == 1 else f"{joint.name} (bus {joint.bus})"
+
+    def check(self) -> None:
+        """Every servo is there and is what the robot file says; raises with all that are not."""
+        problems = [problem for name, bus in self._buses.items() for problem in self._strangers(name, bus)]
+        if problems:
+            raise DriverError("\n".join(problems))
+
+    def _strangers(self, name: str, bus: ServoBus) -> list[str]:
+        problems: dict[str, ServoError] = {}
+        with self._named(name):
+            for joint in self._on[name]:
+                try:
+                    bus.identify(joint.servo_id, joint.model)
+                except ServoError as error:
+                    problems[self.label(joint)] = error
+        if problems and all(isinstance(error, ServoSilent) for error in problems.values()):
+            if len(problems) == len(self._on[name]):
+                which = f" (bus {name})" if len(self._buses) > 1 else ""
+                return [f"no servo answers on {bus.name}{which}: check the servos' power and the baud rate"]
+        return [f"{label}: {error}" for label, error in problems.items()]
+
+    def measure(self) -> dict[str, Reading]:
+        """Every servo once, without a hurry, by joint name."""
+        readings = []
+        for name, bus in self._buses.items():
+            with self._named(name):
+                readings.append(bus.read_states(self._ids[name]))
+        return self._by_joint(readings)
+
+    def read(self, deadline_s: float) -> dict[str, Reading]:
+        """Every servo's state by joint name; the buses' questions are all out before any answer is waited for."""
+        return self._by_joint(overlapped([self._steps(name, deadline_s) for name in self._buses]))
+
+    def _steps(self, name: str, deadline_s: float) -> Steps[dict[int, Reading]]:
+        with self._named(name):
+            return (yield from self._buses[name].state_steps(self._ids[name], deadline_s))
+
+    def _by_joint(self, readings: Sequence[Mapping[int, Reading]]) -> dict[str, Reading]:
+        by_bus = dict(zip(self._buses, readings, strict=True))
+        return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
+
+    def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
+        """One packet a bus. A lost bus does not keep the others from theirs; then it is raised."""
+        lost: list[PortError] = []
+        for name, bus in self._buses.items():
+            try:
+                with self._named(name):
+                    bus.write_goals({joint.servo_id: goals[joint.name] for joint in self._on[name]})
+            except PortError as error:
+                lost.append(error)
+        if lost:
+            raise lost[0]
+
+    def goal(self, joint: Joint) -> int:
+        """The goal that the servo holds, in counts."""
+        return self._ask(joint, lambda bus: bus.goal(joint.servo_id))
+
+    def torque_is_on(self, joint: Joint, attempts: int = ATTEMPTS) -> bool:
+        """Whether the servo drives its motor. Within a cycle there is time for one attempt."""
+        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id), attempts)
+
+    def limit_torque(self, joint: Joint) -> None:
+        """To the joint's share of full drive."""
+        self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
+
+    def torque_on(self, joint: Joint) -> None:
+        """Drive the motor."""
+        self._ask(joint, lambda bus: bus.torque_on(joint.servo_id))
+
+    def _ask(self, joint: Joint, question: Callable[[ServoBus], Result], attempts: int = ATTEMPTS) -> Result:
+        """One of the transactions that may be repeated: done twice, they do what they do once."""
+        with self._named(joint.bus):
+            for _ in range(attempts - 1):
+                try:
+                    return question(self._buses[joint.bus])
+                except (ServoSilent, ServoCorrupt):
+                    continue
+            return question(self._buses[joint.bus])
+
+    def torque_off(self, joints: Sequence[Joint]) -> list[str]:
+        """Let go, on every bus whatever becomes of the others; returns what failed."""
+        problems: list[str] = []
+        for name, bus in self._buses.items():
+            ids = [joint.servo_id for joint in joints if joint.bus == name]
+            try:
+                with self._named(name):
+                    problems += [self._said(name, error) for error in bus.torque_off(ids)] if ids else []
+            except PortError as error:
+                problems.append(str(error))
+        return problems
+
+    def _said(self, name: str, error: ServoError) -> str:
+        if len(self._buses) == 1:
+            return str(error)
+        joint = next(joint for joint in self._on[name] if joint.servo_id == error.servo_id)
+        return f"{self.label(joint)}: {error}"
+
+    def counters(self, joint: Joint) -> ServoCounters:
+        """The joint's account on its bus."""
+        return self._buses[joint.bus].counters.of(joint.servo_id)
+
+    def close(self) -> None:
+        """Give every port back, whatever the others do."""
+        for bus in self._buses.values():
+            try:
+                bus.close()
+            except PortError:
+                continue  # it is gone: there is nothing to give back
+
+    @contextmanager
+    def _named(self, name: str) -> Iterator[None]:
+        """Of several buses, the one that failed is named: a lost port with its joints, a servo with its own."""
+        try:
+            yield
+        except PortLost as error:
+            if len(self._buses) == 1:
+                raise
+            out_of_reach = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in self._on[name])
+            raise PortLost(f"bus {name}: {error}. Out of reach: {out_of_reach}") from error
+        except ServoError as error:
+            if len(self._buses) == 1:
+                raise
+            raise type(error)(error.servo_id, f"{error.text} ({self._owner(name, error.servo_id)})") from error
+
+    def _owner(self, name: str, servo_id: int) -> str:
+        joint = next(joint for joint in self._on[name] if joint.servo_id == servo_id)
+        return f"{joint.name}, bus {name}"
