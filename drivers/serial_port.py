@@ -47,8 +47,9 @@ class SerialPort:
     def read(self, size: int, deadline_s: float) -> bytes:
         received = b""
         while missing := size - len(received):
-            if missing >= _BURST or self._wake_size != 1:
-                self._wake_at(missing)
+            wake_size = 1 if missing < _BURST else min(missing, _LARGEST_VMIN)
+            if wake_size != self._wake_size:
+                self._wake_at(wake_size)
             ready = self._wait(deadline_s - self._clock.now())
             received += self._take(missing)
             if not ready:
@@ -71,19 +72,17 @@ class SerialPort:
         On Linux a poll of a raw terminal waits for VMIN bytes; what knows no VMIN only wakes us more
         often. Short replies are not worth the call.
         """
-        wake_size = min(size, _LARGEST_VMIN) if size >= _BURST else 1
-        if wake_size != self._wake_size:
-            self._settings[6][termios.VMIN] = wake_size
-            try:
-                termios.tcsetattr(self._fd, termios.TCSANOW, self._settings)
-            except (termios.error, OSError, ValueError) as error:
-                raise self._lost(error) from error
-            self._wake_size = wake_size
+        self._settings[6][termios.VMIN] = size
+        try:
+            termios.tcsetattr(self._fd, termios.TCSANOW, self._settings)
+        except (termios.error, OSError, ValueError) as error:
+            raise self._lost(error) from error
+        self._wake_size = size
 
     def _wait(self, wait_s: float) -> bool:
         """Until enough can be read; poll counts in milliseconds, select does the rest."""
         try:
-            if self._poll.poll(max(0, int(wait_s * 1000.0))):
+            if self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0):
                 return True
             rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
             return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
@@ -92,21 +91,18 @@ class SerialPort:
 
     def _take(self, size: int) -> bytes:
         """What is there, at most ``size``; the kernel may hand it over in pieces of 64 bytes."""
-        received = self._read_some(size)
-        while received and len(received) < size and (data := self._read_some(size - len(received))):
-            received += data
-        return received
-
-    def _read_some(self, size: int) -> bytes:
+        received = b""
         try:
-            data = os.read(self._fd, size)
+            while len(received) < size:
+                data = os.read(self._fd, size - len(received))
+                if not data:  # readable, yet nothing to read: the other end hung up
+                    raise self._lost(None)
+                received += data
         except BlockingIOError:
-            return b""
+            pass
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
-        if not data:  # readable, yet nothing to read: the other end hung up
-            raise self._lost(None)
-        return data
+        return received
 
     def _lost(self, error: Exception | None) -> PortLost:
         reason = f" ({error})" if error else ""

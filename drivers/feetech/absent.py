@@ -22,6 +22,10 @@ class AbsenceWatch:
         self._misses: dict[int, int] = {}
         self._next_s: dict[int, float] = {}
 
+    def __bool__(self) -> bool:
+        """Whether anybody is missing."""
+        return bool(self._misses)
+
     def note(self, outcome: Mapping[int, ServoState | FaultKind], now_s: float) -> list[int]:
         """Remember who answered, whatever it said, and who did not; returns who has given no state."""
         missing = [i for i, what in outcome.items() if what.__class__ is not ServoState]

@@ -12,7 +12,6 @@ from drivers.feetech import state, wire
 from drivers.feetech.echo import Echo
 from drivers.feetech.owed import OwedReplies
 from drivers.port import Port
-from drivers.turns import Steps, finish
 
 FIRST_REPLY_S: Final = 0.02
 """How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
@@ -65,33 +64,36 @@ class BurstReader:
         self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
+        self._size, self._sent, self._sent_s = state.STATE_SIZE, b"", 0.0
         self.clean = False
         """Whether the last answer was whole, so that nothing can be left to throw away."""
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
-        """``steps`` without a pause."""
-        return finish(self.steps(firm, tried, deadline_s))
+        """``ask`` and ``hear``."""
+        self.ask(firm, tried)
+        return self.hear(firm, tried, deadline_s)
 
-    def steps(
-        self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float, before: bytes = b""
-    ) -> Steps[Mapping[int, Outcome]]:
-        """The state of each servo, or what kind of fault there was.
+    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"") -> None:
+        """Send the question. ``before``, a packet that nobody answers, goes out in one piece with it.
 
         ``firm`` are expected to answer; ``tried`` did not the last time, are asked after them and
-        waited for shortly. ``before``, a packet that nobody answers, goes out in one piece with the
-        question: a write costs more than the bytes in it.
+        waited for shortly.
         """
-        servo_ids = firm + tried
-        begin_s = max(self._clock.now(), self._busy_until_s)
-        size = self._owed.free_size(servo_ids, begin_s)
-        sent = before + _request(servo_ids, size)
+        now_s = self._clock.now()
+        begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
+        self._size = size = self._owed.free_size(firm + tried, begin_s) if self._owed else state.STATE_SIZE
+        self._sent = sent = before + _request(firm + tried, size)
+        self._sent_s = begin_s + len(sent) * self._byte_s
         if not self.clean:
             self._port.discard_input()
         self.clean = False
         self._port.write(sent)
-        yield
+
+    def hear(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
+        """The state of each servo that was asked, or what kind of fault there was."""
+        servo_ids, size, sent = firm + tried, self._size, self._sent
         expected = self._echo.expected(sent) + (size + wire.OVERHEAD) * len(firm or tried)
-        data = self._first_data(expected, begin_s + len(sent) * self._byte_s, deadline_s, bool(firm))
+        data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
         states = state.burst(data, servo_ids, size)
@@ -111,7 +113,8 @@ class BurstReader:
     def _first_data(self, expected: int, sent_s: float, deadline_s: float, firm: bool) -> bytes:
         """The whole burst if it comes in time, or else what there is of it."""
         gap_s = GAP_S if firm else TRIED_GAP_S
-        data = self._port.read(expected, min(sent_s + expected * self._byte_s + gap_s, deadline_s))
+        patience_s = sent_s + expected * self._byte_s + gap_s
+        data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
         if data or not firm:
             return data
         data = self._port.read(1, min(sent_s + FIRST_REPLY_S, deadline_s))

@@ -87,12 +87,17 @@ class FeetechBus:
         return self._readings(asked, outcome)
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
-        return self._cycle(tuple(servo_ids), deadline_s, b"")
+        asked = tuple(servo_ids)
+        firm, tried = self._ask(asked, b"")
+        yield
+        return self._hear(asked, firm, tried, deadline_s)
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> dict[int, Reading]:
-        return finish(self._cycle(tuple(servo_ids), deadline_s, state.goals_packet(goals)))
+        asked = tuple(servo_ids)
+        firm, tried = self._ask(asked, state.goals_packet(goals))
+        return self._hear(asked, firm, tried, deadline_s)
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
@@ -100,14 +105,24 @@ class FeetechBus:
         goals = state.goals_packet({i: ServoGoal(0) for i in ids})
         return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
-    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Steps[dict[int, Reading]]:
+    def _ask(self, asked: tuple[int, ...], goals: bytes) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Send the goals and the question; who surely answers, and who is only tried."""
         firm, tried = self._absent.split(asked, self._clock.now())
-        outcome: Mapping[int, Outcome] = {}
-        if firm or tried:
+        if not firm:
             # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
-            outcome = yield from self._burst.steps(firm or tried, tried if firm else (), deadline_s, goals)
+            firm, tried = tried, ()
+        if firm:
+            self._burst.ask(firm, tried, goals)
         elif goals:
             self._burst.send(goals)
+        return firm, tried
+
+    def _hear(
+        self, asked: tuple[int, ...], firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float
+    ) -> dict[int, Reading]:
+        outcome = self._burst.hear(firm, tried, deadline_s) if firm else {}
+        if self._burst.clean and firm == asked and not self._absent:
+            return cast(dict[int, Reading], outcome)
         if len(outcome) < len(asked):
             self._count_skipped(asked, outcome)
         missing = self._absent.note(outcome, self._clock.now())
@@ -142,8 +157,6 @@ class FeetechBus:
 
     def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
         """In the order of the question; who was not asked this time is silent."""
-        if tuple(outcome) == asked and str not in map(type, outcome.values()):
-            return cast(dict[int, Reading], outcome)
         readings: dict[int, Reading] = {}
         for servo_id in asked:
             what = outcome.get(servo_id, "silent")

@@ -22,6 +22,10 @@ class OwedReplies:
     def __init__(self) -> None:
         self._until_s: dict[tuple[int, int], float] = {}
 
+    def __bool__(self) -> bool:
+        """Whether anything is owed."""
+        return bool(self._until_s)
+
     def owe(self, servo_id: int, size: int, now_s: float) -> None:
         """The servo did not answer a request for ``size`` bytes."""
         self._until_s[servo_id, size] = now_s + OWED_S
@@ -36,8 +40,6 @@ class OwedReplies:
 
     def free_size(self, servo_ids: Iterable[int], now_s: float) -> int:
         """A size that none of them owes; where all are owed, the one that was owed first."""
-        if not self._until_s:
-            return STATE_SIZE
         self._until_s = {key: until_s for key, until_s in self._until_s.items() if until_s > now_s}
         asked = set(servo_ids)
         owed = {
