@@ -19,7 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.clients import CLIENTS
-from servoloop.bench_bus import wire_s
+from drivers.bus import ServoGoal
+from drivers.feetech import state, wire
 
 BAUD = 1_000_000
 WARM_UP = 50
@@ -94,6 +95,14 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: floa
     console.print(table)
 
 
+def wire_us(servos: int) -> float:
+    """The wire's own time for one cycle's bytes: goals, question, answers."""
+    ids = range(1, servos + 1)
+    goals = len(state.goals_packet({i: ServoGoal(0) for i in ids}))
+    question = len(wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE))
+    return (goals + question + (state.STATE_SIZE + wire.OVERHEAD) * servos) * 1e7 / BAUD
+
+
 def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser()
@@ -104,7 +113,7 @@ def main() -> None:
     console = Console(width=110)
     sizes = arguments.servos, arguments.cycles, arguments.rounds
     show(console, "no wire time", compare(*sizes), None)
-    on_wire_us = wire_s(arguments.servos, BAUD) * 1e6
+    on_wire_us = wire_us(arguments.servos)
     paced = compare(*sizes, "--paced", str(BAUD))
     show(console, f"paced at {BAUD} bit/s: the wire itself {on_wire_us:.0f} us", paced, on_wire_us)
 

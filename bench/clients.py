@@ -16,7 +16,7 @@ GOAL = bytes((0, 0, 8, 0, 0, 0, 0))
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """States in, goals out, states decoded while the goals are on the wire; status too."""
+    """Goals and question in one write, states in and decoded; status too."""
     clock = MonotonicClock()
     bus = FeetechBus(SerialPort(device, baud, clock), clock)
     goals = {i: ServoGoal(2048) for i in servo_ids}

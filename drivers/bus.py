@@ -4,6 +4,7 @@ A group read returns a value or a fault for each servo: a silent servo never hid
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
@@ -13,7 +14,7 @@ from drivers.registers import Register, ServoModel
 from drivers.turns import Steps
 
 FaultKind = Literal["silent", "corrupt", "late"]
-"""No reply; one that does not hold together; one that belongs to an earlier request."""
+"""No reply; one that does not hold together; a stale one, which belongs to an earlier request."""
 
 
 class ServoState(NamedTuple):
@@ -122,6 +123,10 @@ class ServoBus(Protocol):
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        ...
+
+    def at_baud(self, baud: int) -> AbstractContextManager["ServoBus"]:
+        """The same line at another rate, to see who is there. Raises PortError where the adapter cannot."""
         ...
 
     def close(self) -> None:

@@ -1,20 +1,62 @@
-"""Which bus drives which servos."""
+"""Which bus drives which servos, and every model by name."""
 
 from collections.abc import Mapping
+from typing import Final, Literal
 
 from drivers.bus import ServoBus
 from drivers.clock import Clock
+from drivers.dynamixel import x_series
 from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel1 import tables as dynamixel1
+from drivers.feetech import models as feetech
 from drivers.feetech.bus import FeetechBus
-from drivers.feetech.sts import MODELS as STS_MODELS
 from drivers.port import Port
+from drivers.read_each.bus import ReadEachBus
 from drivers.registers import ServoModel
+
+Make = Literal["feetech", "dynamixel"]
+Language = Literal["Feetech STS", "Feetech SCS", "Dynamixel protocol 1.0", "Dynamixel protocol 2.0"]
+
+MODELS: Final[dict[str, ServoModel]] = {**feetech.MODELS, **x_series.MODELS, **dynamixel1.MODELS}
+"""Every servo that can be driven, by the name it has in files."""
+
+
+def make_of(model: ServoModel) -> Make:
+    """Who makes it."""
+    return "feetech" if model in feetech.MODELS.values() else "dynamixel"
+
+
+def language_of(model: ServoModel) -> Language:
+    """How it speaks: only servos that speak alike can share a line."""
+    if model in feetech.SCS.models:
+        return "Feetech SCS"
+    if make_of(model) == "feetech":
+        return "Feetech STS"
+    return "Dynamixel protocol 1.0" if model in dynamixel1.MODELS.values() else "Dynamixel protocol 2.0"
 
 
 def bus_for(
     models: Mapping[int, ServoModel], port: Port, clock: Clock, position_p: Mapping[int, int] | None = None
 ) -> ServoBus:
-    """The bus that drives these servos, by ID. ``position_p``: P gains that Dynamixels are given with the torque."""
-    if all(model in STS_MODELS.values() for model in models.values()):
-        return FeetechBus(port, clock)
-    return DynamixelBus(port, clock, position_p)
+    """The bus that drives these servos, by ID. ``position_p``: P gains that Dynamixels are given with the torque.
+
+    ValueError for servos that cannot share a line.
+    """
+    languages = {language_of(model) for model in models.values()}
+    if len(languages) > 1:
+        raise ValueError(f"{port.name}: these servos cannot share a line: {_by_language(models)}")
+    match languages.pop() if languages else "Feetech STS":
+        case "Feetech STS":
+            return FeetechBus(port, clock)
+        case "Feetech SCS" | "Dynamixel protocol 1.0":
+            return ReadEachBus(port, clock, models)
+        case "Dynamixel protocol 2.0":
+            return DynamixelBus(port, clock, position_p)
+
+
+def _by_language(models: Mapping[int, ServoModel]) -> str:
+    """Who speaks what."""
+    spoken: dict[str, list[str]] = {}
+    for servo_id, model in models.items():
+        spoken.setdefault(language_of(model), []).append(f"{servo_id} ({model.name})")
+    return "; ".join(f"{language}: {', '.join(servos)}" for language, servos in spoken.items())

@@ -34,6 +34,10 @@ class Port(Protocol):
         """Drop whatever was received and not yet read."""
         ...
 
+    def set_baud(self, baud: int) -> None:
+        """Change the rate. Raises PortError, and keeps the old one, where the adapter does not know it."""
+        ...
+
     def close(self) -> None:
         """Give the line back. Closing twice is no error."""
         ...

@@ -1,21 +1,30 @@
 """A real serial device (or a pseudo-terminal) as a Port."""
 
 import errno
+import fcntl
 import grp
+import logging
 import os
 import select
 import termios
-from collections.abc import Iterator
 from pathlib import Path
 
 import serial
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.latency import latency_advice
+from drivers.port_owners import port_owners
+
+LOG = logging.getLogger("servoloop.drivers")
 
 _BURST = 32
 """From this many expected bytes on, one wake-up for all is worth telling the kernel."""
 _LARGEST_VMIN = 255
+TOLERATED_RATE = 0.02
+"""How far the real rate may be from the wanted one: a receiver samples ten bits from one edge."""
+_TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
+"""The kernel's own question for the rate as a number (asm-generic/termbits.h); the C library has but names."""
 
 
 class SerialPort:
@@ -30,6 +39,13 @@ class SerialPort:
         self._clock = clock or MonotonicClock()
         self._serial = _open(device, baud)
         self._fd: int = self._serial.fileno()
+        try:
+            _check_rate(device, self._fd, baud)
+        except PortError:
+            self._serial.close()
+            raise
+        if advice := latency_advice(device):
+            LOG.warning("%s", advice)
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
         self._wake_size = 0
@@ -61,6 +77,21 @@ class SerialPort:
             termios.tcflush(self._fd, termios.TCIFLUSH)
         except (termios.error, OSError, ValueError) as error:
             raise self._lost(error) from error
+
+    def set_baud(self, baud: int) -> None:
+        former = self._serial.baudrate
+        try:
+            self._serial.baudrate = baud
+            _check_rate(self.name, self._fd, baud)
+        except (ValueError, OSError, termios.error) as error:
+            self._serial.baudrate = former
+            raise PortError(_baud_text(self.name, baud, error)) from error
+        except PortError:
+            self._serial.baudrate = former
+            raise
+        finally:
+            self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
+        self.baud = baud
 
     def close(self) -> None:
         self._serial.close()
@@ -122,7 +153,25 @@ def _open(device: str, baud: int) -> serial.Serial:
     except serial.SerialException as error:
         raise _open_error(path, error) from error
     except (ValueError, OSError, termios.error) as error:
-        raise PortError(f"{device} does not take {baud} baud or is no serial port: {error}") from error
+        raise PortError(_baud_text(device, baud, error)) from error
+
+
+def _baud_text(device: str, baud: int, error: Exception) -> str:
+    return f"{device} does not take {baud} baud or is no serial port: {error}"
+
+
+def _check_rate(device: str, fd: int, baud: int) -> None:
+    """An adapter that cannot make the rate takes the nearest it can, and says so only if asked."""
+    try:
+        answer = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2_SIZE))
+    except OSError:  # not a terminal of this kind
+        return
+    actual = int.from_bytes(answer[_OSPEED_AT : _OSPEED_AT + 4], "little")
+    if actual and abs(actual - baud) > TOLERATED_RATE * baud:
+        raise PortError(
+            f"{device} runs at {actual} baud when told {baud}: its adapter does not know that rate. "
+            "Set the servos and the robot file to one that it knows"
+        )
 
 
 def _open_error(path: Path, error: serial.SerialException) -> PortError:
@@ -151,40 +200,3 @@ def _denied_text(path: Path) -> str:
         f"no permission to open {path}: it belongs to the group '{group}'. Run "
         f"'sudo usermod -aG {group} $USER', log out and in again"
     )
-
-
-def port_owners(path: Path) -> Iterator[str]:
-    """Names of the other processes that hold the device open, as far as we may look."""
-    device = path.resolve()
-    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
-        if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
-            yield f"{_command(process)} (process {process.name})"
-
-
-def _holds(process: Path, device: Path) -> bool:
-    try:
-        return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
-    except OSError:  # ended meanwhile, or another user's
-        return False
-
-
-def _serves(process: Path, device: Path) -> bool:
-    """Whether the process is the far end of this pseudo-terminal: an emulator keeps both ends open."""
-    if device.parent != Path("/dev/pts"):
-        return False
-    try:
-        infos = [(process / "fdinfo" / fd.name).read_text() for fd in _masters(process)]
-    except OSError:
-        return False
-    return any(line.split() == ["tty-index:", device.name] for info in infos for line in info.splitlines())
-
-
-def _masters(process: Path) -> list[Path]:
-    return [fd for fd in (process / "fd").iterdir() if os.readlink(fd).endswith("/ptmx")]
-
-
-def _command(process: Path) -> str:
-    try:
-        return (process / "comm").read_text().strip()
-    except OSError:
-        return "a program"

@@ -28,6 +28,11 @@ class Joint:
     """The name of the bus that the servo is on; empty where there is only one."""
 
     @property
+    def address(self) -> str:
+        """Which servo, among all of the robot: its ID, behind its bus where buses have names (``hand/1``)."""
+        return f"{self.bus}/{self.servo_id}" if self.bus else str(self.servo_id)
+
+    @property
     def units_per_count(self) -> float:
         """rad or m per count, with the sign."""
         return self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn

@@ -43,10 +43,10 @@ class Lines:
                     bus.identify(joint.servo_id, joint.model)
                 except ServoError as error:
                     problems[self.label(joint)] = error
-        if problems and all(isinstance(error, ServoSilent) for error in problems.values()):
-            if len(problems) == len(self._on[name]):
-                which = f" (bus {name})" if len(self._buses) > 1 else ""
-                return [f"no servo answers on {bus.name}{which}: check the servos' power and the baud rate"]
+        silent = [error for error in problems.values() if isinstance(error, ServoSilent)]
+        if silent and len(silent) == len(self._on[name]):
+            which = f" (bus {name})" if len(self._buses) > 1 else ""
+            return [f"no servo answers on {bus.name}{which}: check the servos' power and the baud rate"]
         return [f"{label}: {error}" for label, error in problems.items()]
 
     def measure(self) -> dict[str, Reading]:

@@ -18,6 +18,7 @@ class Stack:
     loop: ControlLoop
     description: Description
     component: Component
-    servo_ids: Mapping[str, int]
+    servo_ids: Mapping[str, str]
+    """By joint: the ID, behind its bus where buses have names (``hand/1``). Empty where there are no servos."""
     scene: Scene
     set_interpolation: Callable[[bool], None] | None

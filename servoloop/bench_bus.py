@@ -11,17 +11,16 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from drivers.bus import Reading, ServoGoal, ServoState
+from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
-from drivers.feetech import state, wire
-from drivers.feetech.bus import FeetechBus
-from drivers.feetech.sts import MODELS
+from drivers.makes import MODELS, bus_for
 from drivers.serial_port import SerialPort
 
 BUDGET_S: Final = 0.01
 """What a cycle may spend on reading, retries included."""
 FIRST_TRIES: Final = 3
+LARGEST_ID: Final = 253
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +49,9 @@ def parse_ids(text: str) -> list[int]:
             found += range(int(first), int(last or first) + 1)
     except ValueError:
         raise DriverError(f"--ids takes something like 1-7 or 1,2,5, not {text!r}") from None
-    if not found or len(set(found)) < len(found) or not all(0 <= i < wire.BROADCAST_ID for i in found):
+    if not found or len(set(found)) < len(found) or not all(0 <= i <= LARGEST_ID for i in found):
         raise DriverError(f"--ids takes different IDs from 0 to 253, not {text!r}")
     return found
-
-
-def wire_s(servo_count: int, baud: int) -> float:
-    """How long the bytes of one cycle take: the question, the answers, the goals."""
-    ids = range(servo_count)
-    question = len(wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE))
-    answers = (state.STATE_SIZE + wire.OVERHEAD) * servo_count
-    goals = len(state.goals_packet({i: ServoGoal(0) for i in ids}))
-    return (question + answers + goals) * 10.0 / baud
 
 
 def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int) -> Figures:
@@ -69,15 +59,21 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
     if model not in MODELS:
         raise DriverError(f"unknown model {model}: known are {', '.join(sorted(MODELS))}")
     clock = MonotonicClock()
-    bus = FeetechBus(SerialPort(port, baud, clock), clock)
+    models = dict.fromkeys(servo_ids, MODELS[model])
+    bus = bus_for(models, SerialPort(port, baud, clock), clock)
     try:
         goals = _stand_still(bus, servo_ids)
-        return measure(bus, clock, servo_ids, goals, cycles, wire_s(len(servo_ids), baud))
+        return measure(bus, clock, servo_ids, goals, cycles, wire_s(bus, servo_ids, baud))
     finally:
         bus.close()
 
 
-def _stand_still(bus: FeetechBus, servo_ids: Sequence[int]) -> dict[int, ServoGoal]:
+def wire_s(bus: ServoBus, servo_ids: Sequence[int], baud: int) -> float:
+    """How long the bytes of one cycle take: the goals, the question, the answers."""
+    return bus.exchange_size(servo_ids) * 10.0 / baud
+
+
+def _stand_still(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoGoal]:
     """Every servo's goal is where it stands: a measurement moves nothing."""
     goals: dict[int, ServoGoal] = {}
     for _ in range(FIRST_TRIES):
@@ -91,7 +87,7 @@ def _stand_still(bus: FeetechBus, servo_ids: Sequence[int]) -> dict[int, ServoGo
 
 
 def measure(
-    bus: FeetechBus, clock: Clock, servo_ids: Sequence[int], goals: dict[int, ServoGoal], cycles: int, on_wire_s: float
+    bus: ServoBus, clock: Clock, servo_ids: Sequence[int], goals: dict[int, ServoGoal], cycles: int, on_wire_s: float
 ) -> Figures:
     """``cycles`` times goals out and states in, one after the other without a pause."""
     took_s: list[float] = []

@@ -13,6 +13,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.files import CONTROLLERS, URDF, Files, read_files
 from servoloop.hardware import HardwareKind
+from servoloop.ports import links, parse_ports
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -45,8 +46,9 @@ def up(
         typer.Option(help="What is below the loop; by default what the URDF's plugin says."),
     ] = None,
     port: Annotated[
-        str, typer.Option(help="Serial device of the servos, or 'virtual' for simulated ones.")
-    ] = "virtual",
+        list[str] | None,
+        typer.Option(help="Serial device of the servos; NAME=PATH for each of several buses. Without: virtual servos."),
+    ] = None,
     controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
@@ -54,12 +56,14 @@ def up(
 ) -> None:
     """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
 
-    Example: `servoloop up --port /dev/ttyACM0`
+    Example: `servoloop up --port /dev/ttyACM0`, with two buses `servoloop up --port arm=/dev/ttyACM0
+    --port hand=/dev/ttyUSB0`
     """
     from servoloop.up import up as run
 
     _log_to_terminal()
     files = read_files(urdf, controllers, robot)
+    devices = parse_ports(port or [], files.robot.file.lines())
 
     def ready(what: str) -> None:
         typer.echo(f"ready: {what}")
@@ -68,12 +72,12 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    raise typer.Exit(run(hardware, port, files, ready))
+    raise typer.Exit(run(hardware, devices, files, ready))
 
 
 @app.command()
 def emulate(
-    link: Annotated[Path, typer.Argument(help="Where to serve the bus: a path that is free.")],
+    link: Annotated[Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")],
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
@@ -89,13 +93,14 @@ def emulate(
     _log_to_terminal()
     files: Files = read_files(urdf, CONTROLLERS, robot)
     claim_realtime_priority()
+    places = " and ".join(str(path) for path in links(link, files.robot.file.lines()).values())
     with Signals() as signals:
         run(
             files.robot,
             link,
             pictures,
             stop=lambda: signals.count > 0,
-            on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {link}"),
+            on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )
 
 

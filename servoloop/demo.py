@@ -11,6 +11,7 @@ import psutil
 from drivers.errors import DriverError
 from servoloop.files import CONFIG, read_files
 from servoloop.live import Live
+from servoloop.ports import links, port_options
 from servoloop.processes import Processes
 from servoloop.show import Camera, Run, Show
 from servoloop.signals import Signals
@@ -57,14 +58,17 @@ def demo(grades: Sequence[str], repeat: int, out: Path, robot: Path | None, live
     os.environ.update(environment())
     link, ready = out / "bus", out / "ready"
     ready.unlink(missing_ok=True)
-    component = read_files(robot=robot).component.name
+    files = read_files(robot=robot)
+    component = files.component.name
+    buses = files.robot.file.lines()
+    served = [feed_path(link), *links(link, buses).values()]
     arm = ("--robot", str(robot)) if robot else ()
     with Signals() as signals, Processes(out, os.environ) as processes:
         live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
         processes.start("emulator", "servoloop", "emulate", str(link), "--pictures", str(out), *arm)
-        processes.wait_until(feed_path(link).exists, "starting the virtual servos", START_S)
+        processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)
         live.say("the stack")
-        pid = processes.start("stack", "servoloop", "up", "--port", str(link), "--ready-file", str(ready), *arm)
+        pid = processes.start("stack", "servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *arm)
         processes.wait_until(ready.exists, "starting the stack", START_S)
         live.say("the pick-place node")
         parameters = CONFIG / "vision_pick_place_controller.yaml"

@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from hal.robot import Robot
+from servoloop.ports import links
 from sim_backend.bus import VirtualBus
+from sim_backend.common import CommonPlant
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.emulator import serve
+from sim_backend.emulator import serve_all
 from sim_backend.feeder import Feeder
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
@@ -31,17 +33,34 @@ def couplings(robot: Robot) -> list[Coupling]:
     ]
 
 
-def virtual_bus(robot: Robot, plant: Plant) -> ServoLine[Any]:
-    """The servos that the robot file names, on their bus."""
-    if robot.file.bus.protocol == "feetech":
+def virtual_bus(robot: Robot, plant: Plant, bus: str = "") -> ServoLine[Any]:
+    """The servos that the robot file names for one bus, on their line."""
+    if robot.file.lines()[bus].protocol == "feetech":
         return VirtualBus.of(plant)
-    return VirtualDynamixelBus.of(plant, {joint.servo_id: joint.model for joint in robot.joints})
+    return VirtualDynamixelBus.of(plant, {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus})
+
+
+def virtual_lines(robot: Robot, plant: Plant) -> dict[str, ServoLine[Any]]:
+    """Every bus of the robot file by name, all over the one plant."""
+    names = list(robot.file.lines())
+    if len(names) == 1:
+        return {names[0]: virtual_bus(robot, plant, names[0])}
+    common = CommonPlant(plant)
+    lines: dict[str, ServoLine[Any]] = {}
+    for name in names:
+        part = common.part([joint.name for joint in robot.joints if joint.bus == name])
+        lines[name] = virtual_bus(robot, part, name)
+        common.join(lines[name])
+    return lines
 
 
 def emulate(
     robot: Robot, link: Path, pictures: Path | None, stop: Callable[[], bool], on_ready: Callable[[], None]
 ) -> None:
-    """Serve the bus at ``link`` until ``stop``, then draw. Raises PortBusy where ``link`` is taken."""
+    """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
+
+    Raises PortBusy where a path is taken.
+    """
     world = World()
     feeder = Feeder()
     recorder = Recorder(world) if pictures else None
@@ -52,13 +71,13 @@ def emulate(
             recorder.update(time_s)
 
     plant = WorldPlant(world, couplings(robot), after_step)
-    bus = virtual_bus(robot, plant)
+    lines = virtual_lines(robot, plant)
+    places = links(link, lines)
     with WorldFeed(feed_path(link)) as feed:
-        serve(
-            bus,
-            link,
+        serve_all(
+            {places[name]: line for name, line in lines.items()},
             stop=stop,
-            on_tick=lambda now_s: feed.tick(now_s, world, bus.dropped_s),
+            on_tick=lambda now_s: feed.tick(now_s, world, max(line.dropped_s for line in lines.values())),
             on_ready=on_ready,
         )
     if recorder and pictures:

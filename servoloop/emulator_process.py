@@ -4,12 +4,13 @@ import ctypes
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from servoloop.ports import links
 from sim_backend.world_feed import feed_path
 
 START_S = 30.0
@@ -17,8 +18,11 @@ _PR_SET_PDEATHSIG = 1
 
 
 @contextmanager
-def emulator_process(link: Path, *arguments: str) -> Iterator[None]:
-    """An emulator in a process of its own, that ends with this one, however this one ends."""
+def emulator_process(link: Path, *arguments: str, buses: Iterable[str] = ("",)) -> Iterator[None]:
+    """An emulator in a process of its own, that ends with this one, however this one ends.
+
+    ``buses``: the names of those that it serves.
+    """
     command = [sys.executable, "-m", "servoloop", "emulate", str(link), *arguments]
     process = subprocess.Popen(
         command,
@@ -27,7 +31,7 @@ def emulator_process(link: Path, *arguments: str) -> Iterator[None]:
         preexec_fn=_end_with_parent,
     )
     try:
-        _wait_for(link, process)
+        _wait_for(link, list(links(link, buses).values()), process)
         yield
     finally:
         process.terminate()
@@ -38,10 +42,10 @@ def _end_with_parent() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def _wait_for(link: Path, process: "subprocess.Popen[bytes]") -> None:
+def _wait_for(link: Path, places: Sequence[Path], process: "subprocess.Popen[bytes]") -> None:
     clock = MonotonicClock()
     deadline_s = clock.now() + START_S
-    while not (link.exists() and feed_path(link).exists()):
+    while not all(path.exists() for path in (*places, feed_path(link))):
         if process.poll() is not None:
             raise DriverError(f"the emulator ended at once (status {process.returncode})")
         if clock.now() > deadline_s:

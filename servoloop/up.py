@@ -5,7 +5,7 @@ import logging
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +20,11 @@ from servoloop import hardware
 from servoloop.emulator_process import emulator_process
 from servoloop.files import Files
 from servoloop.hardware import Below, HardwareKind
+from servoloop.ports import links
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
 
 LOG = logging.getLogger("servoloop")
-
-VIRTUAL = "virtual"
 
 
 @dataclass(slots=True)
@@ -61,25 +60,27 @@ class _Run:
             self.done = True
 
 
-def up(kind: HardwareKind | None, port: str, files: Files, ready: Callable[[str], None]) -> int:
-    """Run until a signal or a fault; returns the exit status."""
+def up(kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files, ready: Callable[[str], None]) -> int:
+    """Run until a signal or a fault; returns the exit status. ``ports``: devices by bus, None for virtual servos."""
     chosen = hardware.choose(kind, files)
-    with Signals() as signals, _line(chosen, port, files) as device:
+    with Signals() as signals, _devices(chosen, ports, files) as devices:
         clock = MonotonicClock()
-        below = hardware.build(chosen, files, device, clock)
+        below = hardware.build(chosen, files, devices, clock)
         return _serve(below, files, signals, ready)
 
 
 @contextmanager
-def _line(kind: HardwareKind, port: str, files: Files) -> Iterator[str]:
-    """The device to open: the one that was named, or that of an emulator of our own."""
-    if kind is not HardwareKind.SERVOS or port != VIRTUAL:
-        yield port
+def _devices(kind: HardwareKind, ports: Mapping[str, str] | None, files: Files) -> Iterator[Mapping[str, str]]:
+    """The devices to open: those that were named, or those of an emulator of our own."""
+    if kind is not HardwareKind.SERVOS or ports is not None:
+        yield ports or {}
         return
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         link = Path(folder) / "bus"
-        with emulator_process(link, "--urdf", str(files.urdf_path), "--robot", str(files.robot_path)):
-            yield str(link)
+        arguments = ("--urdf", str(files.urdf_path), "--robot", str(files.robot_path))
+        buses = files.robot.file.lines()
+        with emulator_process(link, *arguments, buses=buses):
+            yield {name: str(path) for name, path in links(link, buses).items()}
 
 
 def _serve(below: Below, files: Files, signals: Signals, ready: Callable[[str], None]) -> int:
@@ -95,7 +96,7 @@ def _run(loop: ControlLoop, below: Below, files: Files, signals: Signals, ready:
     from nodes.stack import Stack
     from nodes.surface import Surface
 
-    servo_ids = {joint.name: joint.servo_id for joint in files.robot.joints}
+    servo_ids = {joint.name: joint.address for joint in files.robot.joints}
     surface = Surface(
         Stack(
             loop,

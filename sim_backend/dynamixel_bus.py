@@ -40,14 +40,15 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
     ) -> "VirtualDynamixelBus":
         """A bus with a servo (its model by its ID) for each coupling of ``plant``.
 
-        They are set up as for an arm: 1 Mbit/s and no return delay. The supply is theirs.
+        They are set up as for an arm: 1 Mbit/s and no return delay. Without ``supply``, those of one rated
+        voltage share a supply of it, as where a converter feeds the 5 V servos of a 12 V arm.
         """
         servos = [VirtualXServo(models[coupling.servo_id], coupling.servo_id) for coupling in plant.couplings]
         for servo in servos:
             servo.memory.put(x_series.baud_rate, _MEGABAUD)
             servo.memory.put(x_series.return_delay, 0)
-        voltage_v = min(servo.model.rated_voltage_v for servo in servos)
-        return cls(Rig(servos, plant, supply or Supply(voltage_v)), paced=paced)
+        rated = {voltage_v: Supply(voltage_v) for voltage_v in {s.model.rated_voltage_v for s in servos}}
+        return cls(Rig(servos, plant, supply or [rated[s.model.rated_voltage_v] for s in servos]), paced=paced)
 
     def _obey(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[VirtualXServo]

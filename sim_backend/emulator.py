@@ -1,4 +1,4 @@
-"""Serves a virtual bus on a pseudo-terminal, in real time, in the caller's one thread.
+"""Serves virtual buses, each on a pseudo-terminal, in real time, in the caller's one thread.
 
 Between events it sleeps. Physics is brought up to date before every reply and at least every 5 ms.
 Replies that come within a millisecond of one another reach the client together at the time of the
@@ -6,7 +6,8 @@ last: a USB adapter hands over once a frame, and it spares both sides the wake-u
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from select import select
 from typing import Any, Final
@@ -35,14 +36,28 @@ def serve(
     block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where ``link`` is
     taken. A signal handler need only make ``stop()`` true.
     """
+    serve_all({link: bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
+
+
+def serve_all(
+    buses: Mapping[Path, ServoLine[Any]],
+    *,
+    stop: Callable[[], bool],
+    on_tick: Callable[[float], None] | None = None,
+    on_ready: Callable[[], None] | None = None,
+    clock: Clock | None = None,
+) -> None:
+    """``serve`` for several buses, each at a path of its own, in turns."""
     clock = clock or MonotonicClock()
-    with PtyLink(link) as line:
-        emulator = Emulator(bus, line, clock)
+    with ExitStack() as stack:
+        lines = [stack.enter_context(PtyLink(link)) for link in buses]
+        emulators = [Emulator(bus, line, clock) for bus, line in zip(buses.values(), lines, strict=True)]
         if on_ready is not None:
             on_ready()
         while not stop():
-            select([line], [], [], emulator.patience_s())
-            emulator.turn()
+            select(lines, [], [], min(emulator.patience_s() for emulator in emulators))
+            for emulator in emulators:
+                emulator.turn()
             if on_tick is not None:
                 on_tick(clock.now())
 

@@ -56,6 +56,10 @@ class VirtualPort:
         self._collect()
         self._arrived.clear()
 
+    def set_baud(self, baud: int) -> None:
+        self._alive()
+        self._baud = baud
+
     def close(self) -> None:
         self._gone = self._gone or "was closed"
         self._coming.clear()

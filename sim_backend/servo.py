@@ -1,16 +1,18 @@
-"""One virtual STS servo: the control table, the firmware, and what the instructions do to them.
+"""One virtual servo: the control table, the firmware, and what the instructions do to them.
+
+An STS servo; those with other tables on the same packets derive from it.
 
 Assumed where Feetech's manual is silent: a write of the ID or the baud is answered as the servo was
 called; instructions that are malformed or unknown are not answered; a rebooting servo is deaf.
 """
 
-from typing import Final
+from typing import ClassVar, Final
 
 from drivers.feetech import sts
 from drivers.registers import Register, ServoModel
 from sim_backend.firmware import Firmware
 from sim_backend.motor import MotorConstants
-from sim_backend.sts_memory import EEPROM_END, Memory
+from sim_backend.sts_memory import Memory
 from sim_backend.sts_wire import Code, Instruction, status_packet
 
 SET_MIDDLE: Final = 128
@@ -22,10 +24,17 @@ REBOOT_S: Final = 0.8
 class VirtualServo:
     """A servo below the wire. The bus hands it instructions and steps it."""
 
+    MEMORY: ClassVar[type[Memory]] = Memory
+    FIRMWARE: ClassVar[type[Firmware]] = Firmware
+    GROUP_READ: ClassVar[Code | None] = Code.SYNC_READ
+    """The instruction that asks it together with others."""
+    REBOOTS: ClassVar[bool] = True
+    """Whether it knows that instruction."""
+
     def __init__(self, model: ServoModel, servo_id: int, motor: MotorConstants | None = None) -> None:
         self.model = model
-        self.memory = Memory(model, servo_id)
-        self.firmware = Firmware(self.memory, model, motor or MotorConstants.of(model))
+        self.memory = self.MEMORY(model, servo_id)
+        self.firmware = self.FIRMWARE(self.memory, model, motor or MotorConstants.of(model))
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -37,7 +46,7 @@ class VirtualServo:
     @property
     def baud(self) -> int:
         """The bits per second that it listens and talks at."""
-        return sts.BAUD_RATES[self.memory.get(sts.baud_rate)]
+        return self.memory.baud
 
     @property
     def return_delay_s(self) -> float:
@@ -57,13 +66,13 @@ class VirtualServo:
 
     def answer(self, instruction: Instruction) -> bytes | None:
         """Do what one instruction says; the reply, if this servo makes one to it."""
-        servo_id, quiet = self.servo_id, self.memory.get(sts.status_level) == 0
+        servo_id, answers = self.servo_id, self.memory.answers
         parameters = instruction.parameters
         match instruction.code:
             case Code.PING:
                 return self._status(servo_id)
             case Code.READ if len(parameters) == 2:
-                return self._status(servo_id, self.read(*parameters))
+                return self._status(servo_id, self.read(*parameters)) if answers else None
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])
             case Code.REG_WRITE if len(parameters) >= 2:
@@ -74,13 +83,13 @@ class VirtualServo:
             case Code.RESET:
                 self.memory.restore_factory()
                 self.firmware.load_settings()
-            case Code.REBOOT:
+            case Code.REBOOT if self.REBOOTS:
                 self.power_cycle()
                 self._deaf_s = REBOOT_S
                 return None
             case _:
                 return None
-        return None if quiet else self._status(servo_id)
+        return self._status(servo_id) if answers == 2 else None
 
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes of the table from ``address``, the state as of now."""
@@ -95,15 +104,15 @@ class VirtualServo:
         """A write from the wire and all that follows from it."""
         torque = self.memory.get(sts.torque_enable)
         self.memory.write(address, data)
-        if address < EEPROM_END:
+        if address < self.memory.EEPROM_END:
             self.firmware.load_settings()
         if self.memory.get(sts.torque_enable) == SET_MIDDLE:
             self.memory.put(sts.torque_enable, torque)
             self.set_middle()
         self.firmware.load_goal()
-        if _covers(address, data, sts.goal_position):
+        if self._covers(address, data, sts.goal_position):
             self.firmware.goal_written()
-        if _covers(address, data, sts.torque_enable):
+        if self._covers(address, data, sts.torque_enable):
             self.firmware.torque_written()
 
     def set_middle(self) -> None:
@@ -134,7 +143,7 @@ class VirtualServo:
     def _status(self, servo_id: int, data: bytes = b"") -> bytes:
         return status_packet(servo_id, self.firmware.protection.status, data)
 
-
-def _covers(address: int, data: bytes, register: Register) -> bool:
-    """Whether a write of ``data`` at ``address`` touches ``register``."""
-    return address < register.address + register.size and register.address < address + len(data)
+    def _covers(self, address: int, data: bytes, register: Register) -> bool:
+        """Whether a write of ``data`` at ``address`` touches ``register``."""
+        own = self.memory.own(register)
+        return own is not None and address < own.address + own.size and own.address < address + len(data)

@@ -8,7 +8,8 @@ The lock (register 55), as the table puts it: 0 "save EEPROM changes", 1 "do not
 to EEPROM always takes effect at once; with the lock closed it is gone after power-off.
 """
 
-from typing import Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 from drivers.feetech import sts
 from drivers.registers import Access, Register, ServoModel
@@ -49,26 +50,49 @@ FACTORY: Final[dict[Register, int]] = {
 }
 """Every register that is not here is 0."""
 
-_WRITABLE: Final = frozenset(
-    register.address + i
-    for register in sts.REGISTERS
-    if register.access is Access.READ_WRITE
-    for i in range(register.size)
-)
-
 
 class Memory:
-    """The bytes that the wire sees, and the EEPROM's bytes behind them."""
+    """The bytes that the wire sees, and the EEPROM's bytes behind them.
+
+    Firmware and protection ask for the STS table's registers; a servo with another table answers in its
+    own words (``own``, ``get``, ``put``).
+    """
+
+    REGISTERS: ClassVar[tuple[Register, ...]] = sts.REGISTERS
+    FACTORY: ClassVar[Mapping[Register, int]] = FACTORY
+    EEPROM_END: ClassVar[int] = EEPROM_END
+    BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
+    """As many values as ``baud_rate`` may have."""
 
     def __init__(self, model: ServoModel, servo_id: int) -> None:
+        self._writable = frozenset(
+            register.address + i
+            for register in self.REGISTERS
+            if register.access is Access.READ_WRITE
+            for i in range(register.size)
+        )
         self._order = model.byte_order
         self._model = model
         self._bytes = bytearray(SIZE)
-        self._saved = bytearray(EEPROM_END)
+        self._saved = bytearray(self.EEPROM_END)
         self.put(sts.servo_id, servo_id)
         self._save()
         self.restore_factory()
         self.power_up()
+
+    @property
+    def baud(self) -> int:
+        """The bits per second that ``baud_rate`` stands for."""
+        return sts.BAUD_RATES[self.get(sts.baud_rate)]
+
+    @property
+    def answers(self) -> int:
+        """What is answered: 0 pings, 1 reads too, 2 all."""
+        return 2 if self.get(sts.status_level) else 1
+
+    def own(self, register: Register) -> Register | None:
+        """What this table calls a register of the STS table; None where it has nothing like it."""
+        return register
 
     def get(self, register: Register) -> int:
         """A register's value, decoded."""
@@ -88,10 +112,13 @@ class Memory:
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire. Read-only bytes and senseless IDs and bauds stay as they are."""
         for at, value in enumerate(data, address):
-            if at in _WRITABLE and not _senseless(at, value):
-                self._bytes[at] = value
-                if at < EEPROM_END and not self._bytes[sts.lock.address]:
-                    self._saved[at] = value
+            if at in self._writable and not self._senseless(at, value):
+                self._write_byte(at, value)
+
+    def _write_byte(self, at: int, value: int) -> None:
+        self._bytes[at] = value
+        if at < self.EEPROM_END and not self.get(sts.lock):
+            self._saved[at] = value
 
     def save(self, register: Register, value: int) -> None:
         """Put a persistent register so that it survives power-off, whatever the lock says."""
@@ -101,16 +128,18 @@ class Memory:
 
     def power_up(self) -> None:
         """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""
-        self._bytes[EEPROM_END:] = bytes(SIZE - EEPROM_END)
-        self._bytes[:EEPROM_END] = self._saved
-        self.put(sts.lock, FACTORY[sts.lock])
+        self._bytes[self.EEPROM_END :] = bytes(SIZE - self.EEPROM_END)
+        self._bytes[: self.EEPROM_END] = self._saved
+        for register, value in self.FACTORY.items():
+            if not register.persistent:
+                self.put(register, value)
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def restore_factory(self) -> None:
         """Instruction 0x06: EEPROM to factory values, saved, except for the ID."""
         servo_id = self.get(sts.servo_id)
-        self._bytes[:EEPROM_END] = bytes(EEPROM_END)
-        for register, value in FACTORY.items():
+        self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
+        for register, value in self.FACTORY.items():
             if register.persistent:
                 self.put(register, value)
         self.put(sts.model_number, self._model.number)
@@ -118,11 +147,11 @@ class Memory:
         self._save()
 
     def _save(self) -> None:
-        self._saved[:] = self._bytes[:EEPROM_END]
+        self._saved[:] = self._bytes[: self.EEPROM_END]
 
-
-def _senseless(address: int, value: int) -> bool:
-    """Whether a servo would be lost to its bus with this value (that it refuses it is assumed)."""
-    if address == sts.servo_id.address:
-        return value > 0xFD
-    return address == sts.baud_rate.address and value >= len(sts.BAUD_RATES)
+    def _senseless(self, address: int, value: int) -> bool:
+        """Whether a servo would be lost to its bus with this value (that it refuses it is assumed)."""
+        register = next((r for r in self.REGISTERS if r.address == address), None)
+        if register is None:
+            return False
+        return value > 0xFD if register.name == "id" else register.name == "baud_rate" and value >= self.BAUDS

@@ -1,8 +1,8 @@
-"""The servo's side of the Feetech protocol 0: instruction packets in, status packets out. Pure.
+"""The servo's side of the Feetech protocols and of Dynamixel 1.0: instructions in, status packets out. Pure.
 
-Source: Feetech's "FT-SCS protocol" manual. An instruction is ``FF FF id length code parameters
-checksum``, a status is ``FF FF id length error data checksum``; length counts what follows it, the
-checksum is the inverted sum of everything between header and itself.
+Source: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is
+``FF FF id length code parameters checksum``, a status is ``FF FF id length error data checksum``;
+length counts what follows it, the checksum is the inverted sum of everything between header and itself.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ STATUS_OVERHEAD: Final = 6
 
 
 class Code(IntEnum):
-    """Instructions that an STS servo knows."""
+    """Instructions; which a servo knows depends on its series."""
 
     PING = 0x01
     READ = 0x02
@@ -28,6 +28,7 @@ class Code(IntEnum):
     REBOOT = 0x08  # never answered
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
+    BULK_READ = 0x92
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """The checksum of Dynamixel protocol 2.0: CRC-16, polynomial 0x8005, from zero, nothing reflected."""
 
+from struct import unpack
 from typing import Final
 
 _POLYNOMIAL: Final = 0x8005
@@ -13,11 +14,14 @@ def _entry(byte: int) -> int:
 
 
 _TABLE: Final = tuple(_entry(byte) for byte in range(256))
+WORDS: Final = tuple((first << 8 & 0xFF00) ^ _TABLE[first >> 8 ^ low] for first in _TABLE for low in range(256))
+"""What two bytes at once, high byte first, make of a checksum: half the steps of a table by bytes."""
 
 
 def crc16(data: bytes) -> int:
     """The checksum of ``data``; it goes over the wire low byte first."""
-    value = 0
-    for byte in data:
-        value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ byte]
+    odd = len(data) & 1
+    value = _TABLE[data[0]] if odd else 0
+    for word in unpack(f">{len(data) // 2}H", data[odd:]):
+        value = WORDS[value ^ word]
     return value

@@ -4,7 +4,10 @@ The SDK does all single-servo instructions. Its own PortHandler spins at 100 % C
 this one waits on the port.
 """
 
+import math
+
 from drivers.clock import Clock
+from drivers.feetech.echo import Echo
 from drivers.port import Port
 
 _GRACE_S = 0.034
@@ -14,10 +17,15 @@ _GRACE_S = 0.034
 class SdkPort:
     """What dynamixel_sdk expects of a PortHandler. The method names are the SDK's."""
 
-    def __init__(self, port: Port, clock: Clock) -> None:
+    def __init__(self, port: Port, clock: Clock, echo: Echo | None = None) -> None:
         self._port = port
         self._clock = clock
+        self._echo = echo or Echo()
+        self._sent = b""
+        self._doubtful = b""
         self._deadline_s = 0.0
+        self.latest_s = math.inf
+        """When to give up whatever the SDK would grant: a cycle has its own deadline."""
 
     @property
     def is_using(self) -> bool:
@@ -34,16 +42,31 @@ class SdkPort:
         self._port.discard_input()
 
     def writePort(self, packet: list[int]) -> int:
-        self._port.write(bytes(packet))
+        self._sent, self._doubtful = bytes(packet), b""
+        self._port.write(self._sent)
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
         # Of a frame that claims to be shorter than any, the SDK asks for less than nothing.
-        return self._port.read(length, self._deadline_s) if length > 0 else b""
+        if length <= 0:
+            return b""
+        data = self._doubtful + self._port.read(length, self._deadline_s)
+        if self._echo.present is False or not self._sent:
+            return data
+        return self._without_echo(data)
+
+    def _without_echo(self, data: bytes) -> bytes:
+        """The SDK would take our own request for an answer. Held back until it is told apart."""
+        sent = self._sent
+        if len(data) < len(sent) and sent.startswith(data):
+            self._doubtful = data
+            return b""
+        self._sent, self._doubtful = b"", b""
+        return data[len(sent) :] if data.startswith(sent) else data
 
     def setPacketTimeout(self, packet_length: int) -> None:
         wire_s = packet_length * 10.0 / self._port.baud
-        self._deadline_s = self._clock.now() + wire_s + _GRACE_S
+        self._deadline_s = min(self._clock.now() + wire_s + _GRACE_S, self.latest_s)
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
         self._deadline_s = self._clock.now() + msec / 1000.0

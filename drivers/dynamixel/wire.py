@@ -36,7 +36,7 @@ ERRORS = {
 }
 """Meaning of the error byte's other bits, which are one number."""
 
-_PATTERN = b"\xff\xff\xfd"
+PATTERN = b"\xff\xff\xfd"
 _STUFFED = b"\xff\xff\xfd\xfd"
 _HEAD = 7
 """Bytes before the instruction."""
@@ -49,18 +49,20 @@ class Reply:
     servo_id: int
     error: int
     data: bytes
+    garbage: int = field(default=0, compare=False)
+    """Bytes before it that belong to no reply."""
 
 
 def packet(servo_id: int, instruction: int, parameters: bytes) -> bytes:
     """An instruction packet, stuffed, with its checksum."""
-    body = (bytes((instruction,)) + parameters).replace(_PATTERN, _STUFFED)
+    body = (bytes((instruction,)) + parameters).replace(PATTERN, _STUFFED)
     head = HEADER + bytes((servo_id,)) + (len(body) + 2).to_bytes(2, "little")
     return head + body + crc16(head + body).to_bytes(2, "little")
 
 
 def unstuffed(body: bytes) -> bytes:
     """What was stuffed, without the stuffing."""
-    return body.replace(_STUFFED, _PATTERN)
+    return body.replace(_STUFFED, PATTERN)
 
 
 def span(address: int, size: int) -> bytes:
@@ -84,51 +86,80 @@ class ReplyDecoder:
     """Finds replies with ``data_size`` bytes of data in a stream of any pieces and any garbage.
 
     The size is known from the request; a frame of another size is passed over, so that noise that
-    looks like a long frame cannot swallow the replies behind it.
-    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong.
+    looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
+    of earlier requests) are found too.
+    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
+    counts the bytes since the last reply that belong to none.
     """
 
     data_size: int
+    other_sizes: frozenset[int] = frozenset()
     corrupt_ids: list[int] = field(default_factory=list)
+    garbage: int = 0
     _pending: bytes = b""
+
+    @property
+    def waiting(self) -> int:
+        """Bytes of a reply whose end has not come."""
+        return len(self._pending)
 
     def feed(self, data: bytes) -> list[Reply]:
         """The replies that end in ``data``."""
         pending = self._pending + data
         replies: list[Reply] = []
         while (start := pending.find(HEADER)) >= 0:
+            self.garbage += start
             pending = pending[start:]
             taken = self._take(pending, replies)
             if taken is None:
                 self._pending = pending
                 return replies
             pending = pending[taken:]
-        self._pending = pending[-(len(HEADER) - 1) :]
+        begun = next(size for size in (3, 2, 1, 0) if pending.endswith(HEADER[:size]))
+        self.garbage += len(pending) - begun
+        self._pending = HEADER[:begun]
+        return replies
+
+    def finish(self) -> list[Reply]:
+        """Nothing more comes: the replies behind a false header that waited for its end."""
+        replies: list[Reply] = []
+        while self._pending:
+            rest, self._pending = self._pending[1:], b""
+            self.garbage += 1
+            replies += self.feed(rest)
         return replies
 
     def _take(self, pending: bytes, replies: list[Reply]) -> int | None:
         """Judge what begins here; returns how many bytes are done with, None if more are needed."""
         if len(pending) > 4 and pending[4] > LARGEST_ID:
-            return 1
+            return self._pass(1)
         if len(pending) <= _HEAD:
             return None
         end = int.from_bytes(pending[5:7], "little") + _HEAD
         if pending[_HEAD] != STATUS or not self._plausible(end):
-            return 1
+            return self._pass(1)
         if len(pending) < end:
             return None
         return self._judge(pending[:end], replies)
 
+    def _pass(self, size: int) -> int:
+        """These bytes belong to no reply."""
+        self.garbage += size
+        return size
+
     def _plausible(self, size: int) -> bool:
-        """Whether a reply of the right size, stuffed or not, may be so long."""
+        """Whether a reply of a right size, stuffed or not, may be so long."""
         data = size - OVERHEAD
-        return self.data_size <= data <= self.data_size + (self.data_size + 1) // 3
+        return any(wanted <= data <= wanted + (wanted + 1) // 3 for wanted in (self.data_size, *self.other_sizes))
 
     def _judge(self, frame: bytes, replies: list[Reply]) -> int:
         if crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
             self.corrupt_ids.append(frame[4])
-            return 1  # a true frame may begin inside the false one
+            return self._pass(1)  # a true frame may begin inside the false one
         body = unstuffed(frame[_HEAD:-2])
-        if len(body) == self.data_size + 2:
-            replies.append(Reply(frame[4], body[1], body[2:]))
+        size = len(body) - 2
+        if size != self.data_size and size not in self.other_sizes:
+            return self._pass(len(frame))
+        replies.append(Reply(frame[4], body[1], body[2:], self.garbage))
+        self.garbage = 0
         return len(frame)

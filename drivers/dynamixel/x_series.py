@@ -1,10 +1,9 @@
-"""Control table of the Dynamixel X series, protocol 2.0, and the models that have it.
+"""Control table of the Dynamixel X series and the MX-28, protocol 2.0, and the models that have it.
 
-Source: ROBOTIS e-manual, the pages of XL330-M077-T, XL330-M288-T, XC330-T288-T, XL430-W250-T and
-XM430-W350. Model numbers agree with ROBOTIS' dynamixel_hardware_interface (param/dxl_model); its
-addresses and sizes were compared for XL430, XM430 and XL330-M288. It is one table with differences at
-38, 62, 102 and 126 (see below), and in where the indirect registers lie. Numbers are little endian,
-negative ones two's complement.
+Source: ROBOTIS e-manual, the models' pages. Numbers, addresses and sizes agree with the models' files in
+the official SDK (dynamixel_easy_sdk 4.1, control_table); docs/servos.md says what each line was compared
+with. It is one table with differences at 38, 40, 62, 102 and 126 (see below), and in where the indirect
+registers lie. Numbers are little endian, negative ones two's complement.
 """
 
 import math
@@ -72,12 +71,13 @@ REGISTERS: Final[tuple[Register, ...]] = tuple(
 )
 """What all models have."""
 
-# Not in all of them: XL430 estimates its load, the others measure the current.
+# Not in all of them: XL430, XC430 and MX-28 estimate their load, the others measure the current.
 present_load = Register("present_load", 126, 2, READ, signed=True)  # 0.1 %
 present_current = Register("present_current", 126, 2, READ, signed=True)  # CURRENT_UNIT_A
 current_limit = Register("current_limit", 38, 2, persistent=True)  # CURRENT_UNIT_A
 goal_current = Register("goal_current", 102, 2, signed=True)  # CURRENT_UNIT_A
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True)  # XL330, XC330
+acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # MX-28; 214.577 rev/min^2
 
 STATE_BLOCK_ADDRESS: Final = present_pwm.address
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
@@ -115,16 +115,25 @@ def _model(name: str, number: int, volts: float, stall_nm: float, no_load_rpm: f
 
 XL330_M077 = _model("xl330-m077", 1190, 5.0, 0.215, 383.0)
 XL330_M288 = _model("xl330-m288", 1200, 5.0, 0.52, 103.0)
+XC330_M181 = _model("xc330-m181", 1230, 5.0, 0.60, 129.0)
+XC330_M288 = _model("xc330-m288", 1240, 5.0, 0.93, 81.0)
+XC330_T181 = _model("xc330-t181", 1210, 12.0, 0.80, 113.0)
 XC330_T288 = _model("xc330-t288", 1220, 12.0, 1.0, 71.0)
 XL430_W250 = _model("xl430-w250", 1060, 12.0, 1.5, 61.0)
+XC430_W150 = _model("xc430-w150", 1070, 12.0, 1.6, 106.0)
+XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 70.0)
+XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 77.0)
 XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 46.0)
+MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 55.0)
+"""An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
 
-MODELS: Final = {model.name: model for model in (XL330_M077, XL330_M288, XC330_T288, XL430_W250, XM430_W350)}
+_X330: Final = (XL330_M077, XL330_M288, XC330_M181, XC330_M288, XC330_T181, XC330_T288)
+_X430: Final = (XL430_W250, XC430_W150, XC430_W240, XM430_W210, XM430_W350)
+MODELS: Final = {model.name: model for model in (*_X330, *_X430, MX_28_2)}
 
 CURRENT_UNIT_A: Final = {
-    XL330_M077.name: 0.001,
-    XL330_M288.name: 0.001,
-    XC330_T288.name: 0.001,
+    **{model.name: 0.001 for model in _X330},
+    XM430_W210.name: 0.00269,
     XM430_W350.name: 0.00269,
 }
 """Models that measure their current, and in which unit."""
@@ -134,9 +143,10 @@ def registers(model: ServoModel) -> tuple[Register, ...]:
     """The whole table of a model, by address; the indirect registers left out."""
     if model.name not in CURRENT_UNIT_A:
         own: tuple[Register, ...] = (present_load,)
+        own += (acceleration_limit,) if model == MX_28_2 else ()
     else:
         own = (current_limit, goal_current, present_current)
-        own += () if model is XM430_W350 else (pwm_slope,)
+        own += (pwm_slope,) if model in _X330 else ()
     return tuple(sorted(REGISTERS + own, key=lambda register: register.address))
 
 

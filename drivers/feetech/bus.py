@@ -1,12 +1,13 @@
 """Feetech STS servos on one port: single-servo calls by the SDK, group transactions by us."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Final, cast
 
 from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
 
-from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
+from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
@@ -192,6 +193,16 @@ class FeetechBus:
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         self.write(servo_id, sts.torque_limit, round(share / sts.TORQUE_UNIT))
+
+    @contextmanager
+    def at_baud(self, baud: int) -> Iterator[ServoBus]:
+        former = self._port.baud
+        self._port.set_baud(baud)
+        try:
+            yield FeetechBus(self._port, self._clock)
+        finally:
+            self._port.set_baud(former)
+            self._burst.clean = False
 
     def close(self) -> None:
         self._port.close()

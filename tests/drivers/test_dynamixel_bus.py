@@ -10,8 +10,11 @@ from hypothesis import strategies as st
 
 from drivers.bus import ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.dynamixel import x_series as x
-from drivers.dynamixel.bus import ASKED_ALWAYS, FIRST_REPLY_S, PROBE_S, DynamixelBus, profile_units
+from drivers.dynamixel.burst import FIRST_REPLY_S
+from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.state import profile_units
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
+from drivers.feetech.absent import LONGEST_PAUSE_S
 from drivers.registers import Register
 from hal.errors import ActivationError
 from hal.joint import Joint
@@ -39,9 +42,9 @@ class Line:
         self.sent: list[Instruction] = []
         self._parser = InstructionParser()
         self.port = VirtualPort(self.servos, self.clock)
-        self.bus = DynamixelBus(self, self.clock, {1: 1234})
         self.name, self.baud = "line", 1_000_000
         self.discard_input, self.read, self.close = self.port.discard_input, self.port.read, self.port.close
+        self.bus = DynamixelBus(self, self.clock, {1: 1234})
 
     def write(self, data: bytes) -> None:
         self.sent += self._parser.feed(data)
@@ -103,16 +106,16 @@ def test_in_a_cycle_the_others_are_back_at_once_even_if_they_waited_in_vain(sile
 def test_a_cycle_does_not_wait_for_a_servo_known_to_be_silent_and_finds_it_again() -> None:
     line = Line()
     line.servos.faults.silence(2)
-    for _ in range(ASKED_ALWAYS + 1):
-        line.bus.read_states(IDS, line.clock.now() + 0.012)
+    line.bus.read_states(IDS, line.clock.now() + 0.012)
+    assert line.bus.counters.of(2).retries == 2
     assert line.bus.counters.of(2).skipped == 0
     begin_s = line.clock.now()
     assert isinstance(line.bus.read_states(IDS, begin_s + 0.012)[2], ServoFault)
     assert line.clock.now() - begin_s < 0.0015
     assert line.bus.counters.of(2).skipped == 1
     line.servos.faults.restore(2)
-    line.clock.sleep_until(begin_s + PROBE_S)
-    assert isinstance(line.bus.read_states(IDS, line.clock.now())[2], ServoState)
+    line.clock.sleep_until(begin_s + LONGEST_PAUSE_S)
+    assert isinstance(line.bus.read_states(IDS, line.clock.now() + 0.012)[2], ServoState)
 
 
 def test_all_are_asked_again_after_a_stall() -> None:

@@ -17,7 +17,8 @@ import serial
 from drivers import serial_port
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
-from drivers.serial_port import SerialPort, port_owners
+from drivers.port_owners import port_owners
+from drivers.serial_port import SerialPort
 
 HOLD = """
 import sys

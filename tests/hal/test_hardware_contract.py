@@ -111,7 +111,9 @@ def test_the_life_cycle_there_and_back(arm: Arm) -> None:
 CALLS: dict[str, Callable[[Hardware], object]] = {
     "configure": lambda hardware: hardware.configure(),
     "activate": lambda hardware: hardware.activate(),
+    "cleanup": lambda hardware: hardware.cleanup(),
     "deactivate": lambda hardware: hardware.deactivate(relax=True),
+    "read": lambda hardware: hardware.read(),
     "write": lambda hardware: hardware.write(JointCommand(np.zeros(len(JOINTS)), PERIOD_S)),
 }
 
@@ -122,6 +124,8 @@ CALLS: dict[str, Callable[[Hardware], object]] = {
         ((), "activate"),
         ((), "deactivate"),
         ((), "write"),
+        ((), "read"),
+        (("configure", "activate", "cleanup"), "read"),
         (("configure",), "configure"),
         (("configure",), "deactivate"),
         (("configure",), "write"),

@@ -8,7 +8,7 @@ from drivers.dynamixel.x_series import XL430_W250
 from drivers.feetech.sts import STS3215
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import RobotFileError
-from hal.robot import Robot, RobotFile, assemble, load_robot_file
+from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file
 from hal.types import JointLimits
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "robot_arm.yaml"
@@ -55,7 +55,7 @@ def complaints(folder: Path, text: str) -> list[str]:
 
 def test_what_the_file_says(tmp_path: Path) -> None:
     file = loaded(tmp_path, GOOD)
-    assert file.bus.baud == 500_000
+    assert file.lines()[""].baud == 500_000
     elbow, finger = file.joints["elbow"], file.joints["finger"]
     assert (elbow.servo_id, elbow.sign, elbow.zero_counts, elbow.metres_per_radian) == (1, -1, 2000, None)
     assert (finger.metres_per_radian, finger.torque_limit, finger.jerk) == (0.03, 0.5, 20.0)
@@ -68,7 +68,7 @@ def test_what_the_file_need_not_say(tmp_path: Path) -> None:
     file = loaded(tmp_path, "joints: {elbow: {servo_id: 1, model: sts3215, acceleration: 12, jerk: 120}}")
     elbow = file.joints["elbow"]
     assert (elbow.sign, elbow.zero_counts, elbow.torque_limit) == (1, 2048, 1.0)
-    assert (file.bus.protocol, file.bus.baud) == ("feetech", 1_000_000)
+    assert file.lines() == {"": BusFile(protocol="feetech", baud=1_000_000)}
     assert (file.on_exit.virtual, file.on_exit.real, file.park) == ("hold", "relax", None)
 
 
@@ -200,7 +200,7 @@ DYNAMIXEL = GOOD.replace("sts3215", "xl430-w250").replace("baud: 500000", "proto
 
 def test_a_dynamixel_arm(tmp_path: Path) -> None:
     file = loaded(tmp_path, DYNAMIXEL.replace("servo_id: 1,", "servo_id: 1, position_p: 2400,"))
-    assert file.bus.protocol == "dynamixel"
+    assert file.lines()[""].protocol == "dynamixel"
     assert [joint.position_p for joint in file.joints.values()] == [2400, None]
     assert {joint.model for joint in joined(tmp_path, ELBOW, FINGER, text=DYNAMIXEL).joints} == {XL430_W250}
 
@@ -283,3 +283,50 @@ def test_everything_that_does_not_fit_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError) as caught:
         joined(tmp_path, changed(ELBOW, velocity=0.0), wrist)
     assert len(str(caught.value).splitlines()) == 3
+
+
+# Several buses
+
+TWO = """buses:
+  arm: {protocol: feetech}
+  hand: {protocol: dynamixel, baud: 57600}
+joints:
+  a: {bus: arm, servo_id: 1, model: sts3215, acceleration: 1.0, jerk: 1.0}
+  b: {bus: hand, servo_id: 1, model: xl430-w250, position_p: 900, acceleration: 1.0, jerk: 1.0}
+"""
+
+
+def test_several_buses_of_two_makes_with_the_same_ids(tmp_path: Path) -> None:
+    file = loaded(tmp_path, TWO)
+    assert file.lines() == {"arm": BusFile(), "hand": BusFile(protocol="dynamixel", baud=57600)}
+    assert list(file.joints_on("arm")) == ["a"] and list(file.joints_on("hand")) == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("buses:", "bus: {}\nbuses:", "robot.yaml:2: buses: the file has bus and buses: list every bus under buses"),
+        ("bus: arm, ", "", "robot.yaml:4: joints: a needs bus: one of arm, hand; no joint is on bus arm"),
+        ("bus: hand, ", "bus: foot, ", "b names bus foot, which is not among arm, hand; no joint is on bus hand"),
+        ("bus: hand, ", "bus: arm, ", "a and b both have servo_id 1 on bus arm; b has model xl430-w250, which does"),
+        ("  hand: {", "  ha/nd: {", "robot.yaml:3: buses.ha/nd"),
+        ("  hand: {", "  world: {", "no bus may be called world"),
+        ("protocol: feetech", "protocol: morse", "robot.yaml:2: buses.arm.protocol"),
+    ],
+)
+def test_mistakes_with_several_buses_are_said_with_their_place(tmp_path: Path, old: str, new: str, says: str) -> None:
+    assert old in TWO
+    with pytest.raises(RobotFileError) as caught:
+        loaded(tmp_path, TWO.replace(old, new))
+    assert says in str(caught.value)
+
+
+def test_a_joint_of_a_file_with_one_bus_names_none(tmp_path: Path) -> None:
+    text = TWO[TWO.index("joints:") :].replace("  b: {bus: hand", "  b: {servo_id: 2, bus: hand", 1)
+    with pytest.raises(RobotFileError, match="a names bus arm, but the file has no buses"):
+        loaded(
+            tmp_path,
+            text.replace("servo_id: 2, bus: hand, servo_id: 1", "servo_id: 2")
+            .replace("xl430-w250", "sts3215")
+            .replace(", position_p: 900", ""),
+        )

@@ -379,7 +379,7 @@ def write(hardware: ServoHardware) -> None:
     [
         ((), activate, "cannot activate while unconfigured: it must be inactive"),
         ((), deactivate, "cannot deactivate while unconfigured: it must be active"),
-        ((), read, "cannot use the servos while unconfigured: it must be inactive"),
+        ((), read, "cannot read while unconfigured: it must be inactive or active"),
         ((), write, "cannot write while unconfigured: it must be active"),
         ((configure,), configure, "cannot configure while inactive: it must be unconfigured"),
         ((configure,), deactivate, "cannot deactivate while inactive: it must be active"),

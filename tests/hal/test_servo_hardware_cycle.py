@@ -1,6 +1,7 @@
 """The arm in operation: goals and their speeds, silent servos, and how it is let go."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -203,6 +204,58 @@ def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
     bench.cycle(position)
     assert bench.held(1, sts.goal_position) - begin > 300
     assert bench.measured(1) - begin < 30
+
+
+def missed_goals(*, interpolate: bool) -> Bench:
+    """The shoulder was silent for ten cycles, is back, and its next goal is where the last one was."""
+    bench = Bench().active()
+    bench.hardware.interpolate = interpolate
+    bench.servos.faults.silence(1)
+    for share in np.linspace(0.05, 0.5, 10):
+        bench.cycle(HERE + at(share, 0.0, 0.0))
+    bench.servos.faults.restore(1)
+    return bench
+
+
+@pytest.mark.parametrize("interpolate", [True, False])
+def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: bool) -> None:
+    """A resting goal needs no speed; where the servo is does. It must neither creep nor leap."""
+    bench = missed_goals(interpolate=interpolate)
+    bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
+    for _ in range(40):
+        before = bench.measured(1)
+        state = bench.cycle(HERE + at(0.5, 0.0, 0.0))
+        assert abs(bench.measured(1) - before) <= bound * PERIOD_S * 1.1
+        if abs(state.position[0] - 0.5) > 0.1:
+            assert 0 < bench.held(1, sts.goal_velocity) <= bound + 1
+    assert state.position[0] == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("interpolate", [True, False])
+def test_a_servo_that_was_held_fast_is_not_let_loose(interpolate: bool) -> None:
+    """It answered all the time, so nothing but its position says that it lies behind."""
+    bench = Bench().active()
+    bench.hardware.interpolate = interpolate
+    for share in np.linspace(0.05, 0.5, 10):
+        bench.place((2048, 2000, 1500))
+        bench.cycle(HERE + at(share, 0.0, 0.0))
+    bench.place((2048, 2000, 1500))
+    bench.wait()
+    bench.place((2048, 2000, 1500))
+    bench.hardware.write(JointCommand(HERE + at(0.5, 0.0, 0.0), PERIOD_S))
+    behind = JOINTS[0].counts(0.5) - 2048
+    assert behind / 0.7 < bench.held(1, sts.goal_velocity) < behind / 0.3
+
+
+def test_a_catching_up_servo_keeps_to_its_joints_velocity() -> None:
+    slow = [replace(JOINTS[0], limits=replace(JOINTS[0].limits, velocity=0.2)), *JOINTS[1:]]
+    bench = Bench(joints=slow).active()
+    bench.place((2048 - 600, 2000, 1500))
+    bench.cycle(HERE)
+    bench.place((2048 - 600, 2000, 1500))
+    bench.hardware.read()
+    bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    assert bench.held(1, sts.goal_velocity) == round(0.2 / JOINTS[0].units_per_count)
 
 
 def test_a_dead_bus_names_every_joint() -> None:

@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,11 @@ pytestmark = pytest.mark.ros
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/vision_pick_place_controller.yaml"
+TWO_BUSES = "--robot config/robot_arm_two_buses.yaml"
 SERVERS = {
     "servoloop up": "ready: robot_arm",
     "servoloop up --port /dev/ttyACM0": "ready: robot_arm",
+    f"servoloop up {TWO_BUSES} --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0": "ready: robot_arm",
     "servoloop up --hardware mujoco": "ready: robot_arm",
     "servoloop up --hardware mock": "ready: robot_arm",
     "servoloop up --port ./bus": "ready: robot_arm",
@@ -30,6 +33,7 @@ SERVERS = {
 """Commands that run until they are ended, and what they say when they are ready."""
 TOGETHER = {". .venv/bin/activate", NODE, "servoloop pick B"}
 ONCE = {
+    f"servoloop demo {TWO_BUSES}": f"servoloop demo {TWO_BUSES} --grades B --out {{tmp}}",
     "make demo": "make demo DEMO_ARGS='--grades B --out {tmp}'",
     "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
 }
@@ -75,12 +79,19 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize("command", sorted(SERVERS))
 def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
-    """Where a port is named, the emulator's stands in for it: this machine has no arm."""
+    """Where a port is named, an emulator's stands in for it: this machine has no arm."""
     here = str(tmp_path / "mine") if "emulate" in command else str(link)
-    command = command.replace("/dev/ttyACM0", here).replace("./bus", here)
-    served = Served(command, tmp_path / "log", environment)
-    served.wait_for(SERVERS.get(command, "ready: "))
-    assert served.end() == 0
+    words = SERVERS[command]
+    with ExitStack() as stack:
+        if TWO_BUSES in command:
+            emulator = Served(f"servoloop emulate {tmp_path}/two {TWO_BUSES}", tmp_path / "two.log", environment)
+            stack.callback(emulator.end)
+            emulator.wait_for("ready: 7 servos")
+        command = command.replace("arm=/dev/ttyACM0", f"arm={tmp_path}/two.arm")
+        command = command.replace("hand=/dev/ttyUSB0", f"hand={tmp_path}/two.hand")
+        served = Served(command.replace("/dev/ttyACM0", here).replace("./bus", here), tmp_path / "log", environment)
+        served.wait_for(words)
+        assert served.end() == 0
 
 
 def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environment: dict[str, str]) -> None:

@@ -81,6 +81,14 @@ def test_a_missing_port_is_named(capsys: pytest.CaptureFixture[str], monkeypatch
     assert "there is no /dev/ttyACM77" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
 
 
+def test_of_several_buses_each_needs_its_port(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = str(CONFIG / "robot_arm_two_buses.yaml")
+    words = complaint(capsys, monkeypatch, "up", "--robot", robot, "--port", "arm=/dev/ttyACM77")
+    assert "no --port for bus hand. The robot file has the buses arm, hand: say --port arm=PATH --port hand=" in words
+
+
 def test_a_port_without_servos_is_told_from_a_missing_one(
     line: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -188,3 +188,14 @@ def test_a_baud_that_is_not_the_servos_is_not_understood() -> None:
     bench = Bench()
     port = SdkPort(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock)
     assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
+
+
+def test_servos_of_two_rated_voltages_have_a_supply_each() -> None:
+    bus = VirtualDynamixelBus.of(BenchPlant((1, 2, 3)), {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350})
+    bus.rig.step()
+    assert [servo.firmware.voltage_v for servo in bus.servos] == [12.0, 5.0, 12.0]
+    bus.servo(1).firmware.duty = bus.servo(1).firmware.current_a = 1.0
+    bus.rig.step()
+    assert bus.servo(2).firmware.voltage_v == 5.0
+    assert bus.servo(3).firmware.voltage_v < 12.0
+    assert bus.servo(2).firmware.protection.status == 0

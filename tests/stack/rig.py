@@ -12,9 +12,10 @@ from controller.interface import Controller
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
+from drivers.bus import ServoBus
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
-from servoloop.emulator import couplings, virtual_bus
+from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
 from servoloop.following import reference_at
 from servoloop.hardware import servo_bus
@@ -112,13 +113,16 @@ class StackRig:
         self.trace = Trace()
         self._feeder = Feeder()
         plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
-        self.bus = virtual_bus(self.files.robot, plant)
-        self.virtual_port = VirtualPort(self.bus, self.clock)
-        self.port = RecordingPort(self.virtual_port, self.clock)
         robot = self.files.robot
-        self.hardware = ServoHardware(
-            "arm", robot.joints, lambda: servo_bus(robot.file, self.port, self.clock), self.clock
-        )
+        self.lines = virtual_lines(robot, plant)
+        self.ports = {
+            name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
+            for name, line in self.lines.items()
+        }
+        # Most tests have one line.
+        self.bus, self.port = next(iter(self.lines.values())), next(iter(self.ports.values()))
+        self.virtual_port = self.port.port
+        self.hardware = ServoHardware("arm", robot.joints, self._open_buses, self.clock)
         self.hardware.interpolate = interpolate
         limits = robot.limits()
         self.manager = ControllerManager(self.hardware.joints)
@@ -138,6 +142,9 @@ class StackRig:
         self.hardware.configure()
         self.loop.activate()
         return self
+
+    def _open_buses(self) -> dict[str, ServoBus]:
+        return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Cycles for so long, or until ``until``."""

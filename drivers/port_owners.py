@@ -1,0 +1,42 @@
+"""Who holds a serial device: a program that does not lock it is seen only in the process table."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def port_owners(path: Path) -> Iterator[str]:
+    """Names of the other processes that hold the device open, as far as we may look."""
+    device = path.resolve()
+    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
+        if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
+            yield f"{_command(process)} (process {process.name})"
+
+
+def _holds(process: Path, device: Path) -> bool:
+    try:
+        return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
+    except OSError:  # ended meanwhile, or another user's
+        return False
+
+
+def _serves(process: Path, device: Path) -> bool:
+    """Whether the process is the far end of this pseudo-terminal: an emulator keeps both ends open."""
+    if device.parent != Path("/dev/pts"):
+        return False
+    try:
+        infos = [(process / "fdinfo" / fd.name).read_text() for fd in _masters(process)]
+    except OSError:
+        return False
+    return any(line.split() == ["tty-index:", device.name] for info in infos for line in info.splitlines())
+
+
+def _masters(process: Path) -> list[Path]:
+    return [fd for fd in (process / "fd").iterdir() if os.readlink(fd).endswith("/ptmx")]
+
+
+def _command(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:
+        return "a program"

@@ -1,0 +1,1 @@
+"""Servos that no group read reaches: each is asked by itself."""

@@ -1,0 +1,238 @@
+"""Servos without a sync read on one port: each is asked by itself, goals go out together."""
+
+import logging
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
+from drivers.clock import Clock
+from drivers.counters import BusCounters
+from drivers.errors import ServoError, ServoRefused
+from drivers.feetech import wire
+from drivers.feetech.absent import AbsenceWatch
+from drivers.feetech.echo import Echo
+from drivers.port import Port
+from drivers.read_each.identify import identify
+from drivers.read_each.line import BITS_PER_BYTE, RETRY_GAP_S, Line, Outcome
+from drivers.read_each.sdk import SdkPort, SingleServo
+from drivers.read_each.series import series_of
+from drivers.registers import Register, ServoModel
+from drivers.turns import Steps, finish
+
+LOG = logging.getLogger("servoloop.drivers")
+
+RETRIES: Final = 2
+"""How often a servo is asked again within one cycle, if there is time."""
+
+_TEXTS: Final = {
+    "silent": "does not answer",
+    "corrupt": "answered with a wrong checksum",
+    "late": "answers too late",
+}
+
+
+class ReadEachBus:
+    """A ServoBus of Feetech SCS servos, or of Dynamixels of protocol 1.0 (AX, MX).
+
+    Where all are MX, one bulk read asks them all. ``models``: which servo is on the line, by ID;
+    ValueError where they cannot share it.
+    """
+
+    def __init__(
+        self, port: Port, clock: Clock, models: Mapping[int, ServoModel], *, say_how_long: bool = True
+    ) -> None:
+        self._series = series = series_of(tuple(models.values()))
+        self._models = dict(models)
+        self._port = port
+        self._clock = clock
+        self._counters = BusCounters()
+        echo = Echo()
+        state_of = {servo_id: series.state_of(model) for servo_id, model in models.items()}
+        self._line = Line(port, clock, echo, self._counters, series, state_of)
+        self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
+        self._absent = AbsenceWatch()
+        self._single = SingleServo(series, SdkPort(port, clock, echo))
+        self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
+        self._unasked: set[int] = set()
+        """Whom the last cycle had no time for: the next begins with them."""
+        if say_how_long and not self._bulk:
+            self._say_that_it_takes_longer(tuple(models))
+
+    def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
+        each_s = self._question_and_replies(servo_ids) * BITS_PER_BYTE / self._port.baud
+        more_s = (len(servo_ids) - 1) * len(self._line.question((1,), 1)) * BITS_PER_BYTE / self._port.baud
+        LOG.info(
+            "%s: these %s servos have no group read, so the %d of them are asked one by one: %.2f ms of every cycle "
+            "at %d baud, %.2f ms more than together, and the adapter's delay %d times instead of once",
+            self.name, self._series.name, len(servo_ids), each_s * 1e3, self._port.baud, more_s * 1e3, len(servo_ids),
+        )  # fmt: skip
+
+    @property
+    def name(self) -> str:
+        return self._port.name
+
+    @property
+    def counters(self) -> BusCounters:
+        return self._counters
+
+    def identify(self, servo_id: int, model: ServoModel) -> None:
+        self._line.clean = False
+        identify(self._single, self._series, servo_id, model)
+
+    def read(self, servo_id: int, register: Register) -> int:
+        self._line.clean = False
+        begin_s = self._clock.now()
+        value = self._single.read(servo_id, register)
+        on_wire_s = (len(self._line.question((servo_id,), 1)) + wire.OVERHEAD + register.size) * self._line.byte_s
+        self._line.patience.heard(max(0.0, self._clock.now() - begin_s - on_wire_s))
+        return value
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        self._line.clean = False
+        self._single.write(servo_id, register, value)
+
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+        if deadline_s is not None:
+            return finish(self.state_steps(servo_ids, deadline_s))
+        asked = tuple(servo_ids)
+        outcome = finish(self._each(asked))
+        self._absent.note(outcome, self._clock.now())
+        return self._readings(asked, outcome)
+
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+        return self._cycle(tuple(servo_ids), deadline_s, b"")
+
+    def exchange(
+        self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+    ) -> dict[int, Reading]:
+        """The goals go out in one piece with the first question."""
+        return finish(self._cycle(tuple(servo_ids), deadline_s, self._goals_packet(goals)))
+
+    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+        ids = tuple(servo_ids)
+        goals = wire.sync_write(self._series.goal_address, self._series.goal_size, {})
+        return len(goals) + (self._series.goal_size + 1) * len(ids) + self._question_and_replies(ids)
+
+    def _question_and_replies(self, servo_ids: tuple[int, ...]) -> int:
+        """Bytes on the wire for the states of all."""
+        reply_size = self._series.state_sizes[0] + wire.OVERHEAD
+        questions = sum(len(self._line.question(group, 1)) for group in self._groups(servo_ids))
+        return questions + reply_size * len(servo_ids)
+
+    def _groups(self, servo_ids: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Who is asked together."""
+        return [servo_ids] if self._bulk and servo_ids else [(servo_id,) for servo_id in servo_ids]
+
+    def _each(self, servo_ids: tuple[int, ...]) -> Steps[dict[int, Outcome]]:
+        """Without haste: every servo by itself, however long it takes."""
+        self._line.patience.begin()
+        outcome: dict[int, Outcome] = {}
+        for servo_id in servo_ids:
+            outcome |= yield from self._line.steps((servo_id,), True, math.inf)
+        return outcome
+
+    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Steps[dict[int, Reading]]:
+        firm, tried = self._absent.split(asked, self._clock.now())
+        firm = tuple(sorted(firm, key=lambda i: i not in self._unasked))
+        outcome: dict[int, Outcome] = {}
+        self._line.patience.begin()
+        groups = [*self._groups(firm), *((i,) for i in tried)]
+        for index, group in enumerate(groups, 1):
+            if self._line.has_time(group, deadline_s):
+                # Whoever a silent one hides in a bulk read is asked again, alone.
+                others = groups[index:] + ([(i,) for i in group] if len(group) > 1 else [])
+                until_s = self._line.leaving_time_for(others, group, deadline_s)
+                outcome |= yield from self._line.steps(group, group[0] in firm, until_s, goals)
+                goals = b""
+        if goals:
+            self._line.send(goals)
+        self._unasked = {i for i in firm if i not in outcome}
+        missing = self._absent.note(outcome, self._clock.now())
+        yield from self._ask_again([i for i in missing if i in firm], outcome, deadline_s)
+        for servo_id in asked:
+            if servo_id not in outcome:
+                self._counters.of(servo_id).skipped += 1
+        return self._readings(asked, outcome)
+
+    def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> Steps[None]:
+        """Only what is missing, and only while there is time."""
+        for _ in range(RETRIES):
+            again: dict[int, Outcome] = {}
+            for servo_id in missing:
+                if self._line.has_time((servo_id,), deadline_s, RETRY_GAP_S):
+                    self._counters.of(servo_id).retries += 1
+                    again |= yield from self._line.steps((servo_id,), False, deadline_s)
+            outcome |= again
+            missing = self._absent.note(again, self._clock.now())
+
+    def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
+        """In the order of the question; who was not asked this time is silent."""
+        readings: dict[int, Reading] = {}
+        for servo_id in asked:
+            what = outcome.get(servo_id, "silent")
+            if isinstance(what, ServoState):
+                readings[servo_id] = what
+            else:
+                text = "was not asked: the cycle was over" if servo_id in self._unasked else _TEXTS[what]
+                readings[servo_id] = ServoFault(what, f"servo {servo_id} {text}")
+        return readings
+
+    def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
+        if goals:
+            self._line.send(self._goals_packet(goals))
+
+    def _goals_packet(self, goals: Mapping[int, ServoGoal]) -> bytes:
+        """One sync write; ValueError where a goal does not fit. No ramp: the trajectory above is smooth already."""
+        data = {servo_id: self._goal_of[servo_id](goal) for servo_id, goal in goals.items()}
+        return wire.sync_write(self._series.goal_address, self._series.goal_size, data) if data else b""
+
+    def goal(self, servo_id: int) -> int:
+        return self.read(servo_id, self._series.goal_position)
+
+    def torque_is_on(self, servo_id: int) -> bool:
+        return self.read(servo_id, self._series.torque_enable) == 1
+
+    def torque_on(self, servo_id: int) -> None:
+        self.write(servo_id, self._series.torque_enable, 1)
+
+    def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
+        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
+        register = self._series.torque_enable
+        off = {servo_id: register.encode(0, self._series.byte_order) for servo_id in servo_ids}
+        self._line.send(wire.sync_write(register.address, register.size, off))
+        failed: list[ServoError] = []
+        for servo_id in servo_ids:
+            try:
+                self.write(servo_id, register, 0)
+            except ServoError as error:
+                failed.append(error)
+        return failed
+
+    def limit_torque(self, servo_id: int, share: float) -> None:
+        series = self._series
+        wanted = round(share * series.full_torque)
+        if series.torque_limit is not None:
+            # What lasts stays the upper bound.
+            lasting = self.read(servo_id, series.max_torque)
+            self.write(servo_id, series.torque_limit, min(wanted, lasting))
+        elif share < 1.0:
+            raise ServoRefused(
+                servo_id,
+                f"has no torque limit that ends with the power: write {wanted} to {series.max_torque.name} (register "
+                f"{series.max_torque.address}, EEPROM) and set torque_limit: 1.0 in the robot file",
+            )
+
+    @contextmanager
+    def at_baud(self, baud: int) -> Iterator[ServoBus]:
+        former = self._port.baud
+        self._port.set_baud(baud)
+        try:
+            yield ReadEachBus(self._port, self._clock, self._models)
+        finally:
+            self._port.set_baud(former)
+            self._line.clean = False
+
+    def close(self) -> None:
+        self._port.close()

@@ -1,0 +1,47 @@
+"""Whether a servo is what the robot file says, and set up so that we can drive it."""
+
+from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
+from drivers.read_each.sdk import SingleServo
+from drivers.read_each.series import Series
+from drivers.registers import ServoModel
+
+
+def identify(single: SingleServo, series: Series, servo_id: int, model: ServoModel) -> None:
+    """Raise ServoSilent or ServoRefused with a text that says what to do."""
+    number = _model_number(single, series, servo_id)
+    if number != model.number:
+        raise ServoRefused(
+            servo_id,
+            f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
+            "correct the model in the robot file or swap the servo",
+        )
+    if single.read(servo_id, series.status_level) != series.answers_all:
+        raise ServoRefused(servo_id, f"acknowledges no writes: {_set_level(series)}")
+    misfit = series.misfit(model, lambda register: single.read(servo_id, register))
+    if misfit:
+        raise ServoRefused(servo_id, misfit)
+
+
+def _model_number(single: SingleServo, series: Series, servo_id: int) -> int:
+    try:
+        return single.read(servo_id, series.model_number)
+    except ServoSilent:
+        try:
+            single.ping(servo_id)
+        except (ServoSilent, ServoCorrupt):
+            pass
+        else:
+            raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}") from None
+        raise
+
+
+def _set_level(series: Series) -> str:
+    level = series.status_level
+    return f"set its {level.name} (register {level.address}) to {series.answers_all}"
+
+
+def known_as(number: int, series: Series) -> str:
+    """The model of any series of this make that says ``number``, whatever its byte order."""
+    said = number.to_bytes(2, series.byte_order)
+    names = [m.name for m in series.relatives.values() if m.number == int.from_bytes(said, m.byte_order)]
+    return " or ".join(names) or "unknown"

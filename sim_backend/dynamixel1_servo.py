@@ -1,0 +1,210 @@
+"""Virtual AX-12A and MX-28 of protocol 1.0: their tables below the same firmware as the STS servo's.
+
+From the e-manual: the tables and their factory values, the units, the modes that the angle limits
+choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
+lock ends with the power. Assumed: the position loop is as stiff as an STS servo's, whatever compliance
+or gains say; overload is nearly full drive for two seconds and takes the drive away until the torque
+switch is written; a packet with a wrong checksum is not answered; a goal outside the limits is cut.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from drivers.dynamixel1 import tables as dxl
+from drivers.feetech import sts
+from drivers.registers import Register, ServoModel
+from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
+from sim_backend.motor import MotorConstants
+from sim_backend.servo import VirtualServo
+from sim_backend.sts_memory import Memory
+from sim_backend.sts_wire import Code, Instruction, status_packet
+
+INSTRUCTION_ERROR: Final = 1 << 6
+STALL_CURRENT_A: Final = {dxl.AX_12A.name: 1.5, dxl.MX_28.name: 1.4}
+_BASE_BAUD: Final = 2_000_000
+_FAST_BAUDS: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+
+_OWN: Final = {
+    sts.firmware_major.name: dxl.firmware_version,
+    sts.servo_id.name: dxl.servo_id,
+    sts.min_position.name: dxl.cw_angle_limit,
+    sts.max_position.name: dxl.ccw_angle_limit,
+    sts.max_temperature.name: dxl.temperature_limit,
+    sts.max_voltage.name: dxl.max_voltage_limit,
+    sts.min_voltage.name: dxl.min_voltage_limit,
+    sts.unloading_condition.name: dxl.shutdown,
+    sts.status_level.name: dxl.status_return_level,
+    sts.goal_velocity.name: dxl.moving_speed,
+    sts.present_velocity.name: dxl.present_speed,
+    sts.async_write_flag.name: dxl.registered_instruction,
+    **{register.name: register for register in dxl.COMMON},
+}
+"""Registers of the STS table, by name, in these tables. Bits 0, 2 and 5 of both status bytes say the same."""
+_ABSENT: Final = {
+    sts.protection_current.name: sts.protection_current.largest,  # not measured
+    sts.position_p.name: 32,
+    sts.position_d.name: 32,
+    sts.overload_torque.name: 98,
+    sts.protection_time.name: 200,
+    sts.protective_torque.name: 0,
+}
+"""What the firmware is told where the table has no such register; 0 for the others."""
+
+_COMMON_FACTORY: Final[dict[Register, int]] = {
+    dxl.firmware_version: 24,  # assumed
+    dxl.baud_rate: 1,
+    dxl.return_delay: 250,
+    dxl.min_voltage_limit: 60,
+    dxl.max_torque: dxl.FULL_TORQUE,
+    dxl.status_return_level: dxl.ANSWERS_ALL,
+    dxl.alarm_led: 36,
+    dxl.shutdown: 36,
+}
+
+
+class Dynamixel1Memory(Memory):
+    """A table of protocol 1.0. The STS table's registers are found by name, their values in its units."""
+
+    EEPROM_END = dxl.torque_enable.address
+    BAUDS = 255
+
+    @property
+    def baud(self) -> int:
+        index = self.get(dxl.baud_rate)
+        return _FAST_BAUDS.get(index, _BASE_BAUD // (index + 1))
+
+    @property
+    def answers(self) -> int:
+        return self.get(dxl.status_return_level)
+
+    def own(self, register: Register) -> Register | None:
+        if register in self.REGISTERS:
+            return register
+        return _OWN.get(register.name)
+
+    def _scale(self, register: Register) -> float:
+        """How many units of the STS table one unit of this one is."""
+        if register in (sts.goal_velocity, sts.present_velocity):
+            return dxl.SPEED_UNIT_COUNTS_S[self._model.name]
+        if register in (sts.max_torque, sts.torque_limit, sts.present_load):
+            return 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
+        return 1.0
+
+    def get(self, register: Register) -> int:
+        own = self.own(register)
+        if own is None:
+            return self._told(register)
+        value = super().get(own)
+        return value if own == register else round(value * self._scale(register))
+
+    def _told(self, register: Register) -> int:
+        if register == sts.operating_mode:
+            return int(self.limits == (0, 0))
+        if register == sts.phase:
+            return MULTI_TURN_PHASE if self._unwrapped() else 0
+        return _ABSENT.get(register.name, 0)
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Both angle limits, which choose the mode."""
+        return self.get(dxl.cw_angle_limit), self.get(dxl.ccw_angle_limit)
+
+    def _unwrapped(self) -> bool:
+        """Whether positions go on beyond a turn."""
+        return self.limits == (dxl.MULTI_TURN_LIMIT, dxl.MULTI_TURN_LIMIT)
+
+    def put(self, register: Register, value: int) -> None:
+        own = self.own(register)
+        if own is not None:
+            super().put(own, value if own == register else round(value / self._scale(register)))
+
+    def _write_byte(self, at: int, value: int) -> None:
+        """EEPROM is saved with every write, unless it is locked: then it stays as it is."""
+        if at >= self.EEPROM_END:
+            self._bytes[at] = value | (self._bytes[at] if at == dxl.lock.address else 0)
+        elif not self.get(dxl.lock):
+            self._bytes[at] = self._saved[at] = value
+
+
+class AxMemory(Dynamixel1Memory):
+    """An AX-12A: a potentiometer, whose readings end at 0 and 1023."""
+
+    REGISTERS = dxl.registers(dxl.AX_12A)
+    FACTORY: ClassVar[Mapping[Register, int]] = {
+        **_COMMON_FACTORY,
+        dxl.ccw_angle_limit: dxl.AX_POSITIONS - 1,
+        dxl.temperature_limit: 70,
+        dxl.max_voltage_limit: 140,
+        dxl.cw_compliance_margin: 1,
+        dxl.ccw_compliance_margin: 1,
+        dxl.cw_compliance_slope: 32,
+        dxl.ccw_compliance_slope: 32,
+        dxl.punch: 32,
+    }
+
+    def _unwrapped(self) -> bool:
+        return True
+
+    def put(self, register: Register, value: int) -> None:
+        if register.name == dxl.present_position.name:
+            value = max(0, min(dxl.AX_POSITIONS - 1, value))
+        super().put(register, value)
+
+
+class MxMemory(Dynamixel1Memory):
+    """An MX-28: a magnetic encoder, 4096 counts a turn."""
+
+    REGISTERS = dxl.registers(dxl.MX_28)
+    FACTORY: ClassVar[Mapping[Register, int]] = {
+        **_COMMON_FACTORY,
+        dxl.ccw_angle_limit: 4095,
+        dxl.temperature_limit: 80,
+        dxl.max_voltage_limit: 160,
+        dxl.resolution_divider: 1,
+        dxl.p_gain: 32,
+    }
+
+    def _told(self, register: Register) -> int:
+        if register == sts.acceleration:
+            ramp = super().get(dxl.goal_acceleration) * dxl.ACCELERATION_UNIT_COUNTS_S2
+            return round(ramp / sts.ACCELERATION_UNIT_COUNTS_S2)
+        return super()._told(register)
+
+
+class Dynamixel1Firmware(Firmware):
+    """The control loop, on the model's own counts."""
+
+    def load_settings(self) -> None:
+        super().load_settings()
+        self._gain *= sts.STS3215.counts_per_turn / self._turn
+
+
+class VirtualAxServo(VirtualServo):
+    """An AX-12A below the wire: no group read."""
+
+    MEMORY: ClassVar[type[Memory]] = AxMemory
+    FIRMWARE = Dynamixel1Firmware
+    GROUP_READ: ClassVar[Code | None] = None
+    REBOOTS = False
+
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        current_a = STALL_CURRENT_A[model.name]
+        motor = MotorConstants(model.stall_torque_nm, model.no_load_speed_rad_s, model.rated_voltage_v, current_a)
+        super().__init__(model, servo_id, motor)
+
+    def set_middle(self) -> None:
+        """There is no offset to choose."""
+
+    def answer(self, instruction: Instruction) -> bytes | None:
+        known = {Code.PING, Code.READ, Code.WRITE, Code.REG_WRITE, Code.ACTION, Code.RESET}
+        if instruction.code in known:
+            return super().answer(instruction)
+        error = self.firmware.protection.status | INSTRUCTION_ERROR
+        return status_packet(self.servo_id, error) if self.memory.answers == dxl.ANSWERS_ALL else None
+
+
+class VirtualMxServo(VirtualAxServo):
+    """An MX-28 with protocol 1.0 firmware below the wire: answers bulk reads."""
+
+    MEMORY = MxMemory
+    GROUP_READ = Code.BULK_READ

@@ -1,0 +1,93 @@
+"""One virtual SCS servo: another table below the same firmware, and a potentiometer for a sensor.
+
+Factory values are those of Feetech's SCS memory table as far as it gives them, else assumed. Assumed
+besides: the position loop is as stiff as an STS servo's, in newton metres per radian of its full drive.
+"""
+
+from typing import ClassVar, Final
+
+from drivers.feetech import scs, sts
+from drivers.registers import Register
+from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
+from sim_backend.servo import VirtualServo
+from sim_backend.sts_memory import Memory
+from sim_backend.sts_wire import Code
+
+_OWN: Final = {register.name: register for register in scs.REGISTERS}
+_ABSENT: Final = {
+    sts.phase.name: MULTI_TURN_PHASE,  # readings end where the potentiometer ends, they do not wrap
+    sts.protection_current.name: sts.protection_current.largest,  # it measures none
+}
+"""What the firmware is told where the table has no such register; 0 for the others."""
+_TIME_UNITS: Final = 4
+"""Units of the STS servo's protection time (10 ms) in one of an SCS servo's (40 ms)."""
+
+FACTORY: Final[dict[Register, int]] = {
+    scs.firmware_major: 3,
+    scs.baud_rate: 0,
+    scs.return_delay: 0,
+    scs.status_level: 1,
+    scs.max_position: scs.POSITIONS - 1,
+    scs.max_temperature: 80,
+    scs.max_voltage: 90,
+    scs.min_voltage: 40,
+    scs.max_torque: 1000,
+    scs.unloading_condition: 36,  # temperature, overload
+    scs.led_alarm_condition: 37,
+    scs.position_p: 32,
+    scs.position_d: 32,
+    scs.cw_dead_zone: 1,
+    scs.ccw_dead_zone: 1,
+    scs.protective_torque: 20,
+    scs.protection_time: 50,
+    scs.overload_torque: 80,
+    scs.lock: 1,
+}
+"""Every register that is not here is 0."""
+
+
+class ScsMemory(Memory):
+    """The SCS table. Registers of the STS table are found by name."""
+
+    REGISTERS: ClassVar[tuple[Register, ...]] = scs.REGISTERS
+    FACTORY = FACTORY
+
+    def own(self, register: Register) -> Register | None:
+        return _OWN.get(register.name)
+
+    def get(self, register: Register) -> int:
+        own = self.own(register)
+        if own is not None:
+            return super().get(own) * (_TIME_UNITS if register == sts.protection_time else 1)
+        if register == sts.torque_limit:
+            return super().get(scs.max_torque)
+        if register == sts.operating_mode:
+            return int(super().get(scs.min_position) == super().get(scs.max_position) == 0)
+        return _ABSENT.get(register.name, 0)
+
+    def put(self, register: Register, value: int) -> None:
+        own = self.own(register)
+        if own is None:
+            return
+        if own == scs.present_position:
+            value = max(0, min(scs.POSITIONS - 1, value))
+        super().put(own, value)
+
+
+class ScsFirmware(Firmware):
+    """The control loop, on coarser counts."""
+
+    def load_settings(self) -> None:
+        super().load_settings()
+        self._gain *= sts.STS3215.counts_per_turn / self._turn
+
+
+class VirtualScsServo(VirtualServo):
+    """An SCS servo below the wire: no sync read, no homing offset, readings that end at 0 and 1023."""
+
+    MEMORY = ScsMemory
+    FIRMWARE = ScsFirmware
+    GROUP_READ: ClassVar[Code | None] = None
+
+    def set_middle(self) -> None:
+        """There is no offset to choose."""

@@ -1,0 +1,110 @@
+"""A bus simulator as others write them: plain, single-threaded, sharing no line of code with the driver.
+
+``python foreign_bus.py LINK MANNER``, MANNER one of: whole, each, dribble, slow, echo. Seven STS3215
+or, with manners that begin with "x_", XL430 that know no fast sync read.
+"""
+
+import os
+import sys
+import time
+import tty
+
+IDS = range(1, 8)
+STS_STATE = bytes([0, 8, 0, 0, 0, 0, 120, 30])
+
+
+def sts_packet(servo_id: int, data: bytes) -> bytes:
+    body = bytes([servo_id, len(data) + 2, 0]) + data
+    return b"\xff\xff" + body + bytes([255 - sum(body) % 256])
+
+
+def sts_replies(packet: bytes) -> list[bytes]:
+    code, data = packet[4], packet[5:-1]
+    if code == 0x82:
+        address, size = data[0], data[1]
+        memory = bytearray(128)
+        memory[56:64] = STS_STATE
+        return [sts_packet(i, bytes(memory[address : address + size])) for i in data[2:] if i in IDS]
+    if code in (1, 2, 3) and packet[2] in IDS:
+        return [sts_packet(packet[2], bytes(data[1]) if code == 2 else b"")]
+    return []
+
+
+def crc(data: bytes) -> bytes:
+    value = 0
+    for byte in data:
+        value ^= byte << 8
+        for _ in range(8):
+            value = (value << 1 ^ 0x8005) & 0xFFFF if value & 0x8000 else value << 1
+    return bytes([value & 255, value >> 8])
+
+
+def x_packet(servo_id: int, data: bytes) -> bytes:
+    head = b"\xff\xff\xfd\x00" + bytes([servo_id, len(data) + 4, 0, 0x55, 0]) + data
+    return head + crc(head)
+
+
+def x_memory() -> bytearray:
+    memory = bytearray(256)
+    memory[0:2] = (1060).to_bytes(2, "little")
+    memory[11] = 3
+    memory[132:136] = (2048).to_bytes(4, "little")
+    memory[144:147] = bytes([120, 0, 30])
+    return memory
+
+
+def x_replies(packet: bytes) -> list[bytes]:
+    code, data = packet[7], packet[8:-2]
+    if code not in (1, 2, 3, 0x82):
+        return []
+    memory = x_memory()
+    address, size = (int.from_bytes(data[at : at + 2], "little") for at in (0, 2))
+    if code == 0x82:
+        return [x_packet(i, bytes(memory[address : address + size])) for i in data[4:] if i in IDS]
+    if packet[4] not in IDS:
+        return []
+    if code == 1:
+        return [x_packet(packet[4], bytes([36, 4, 40]))]
+    return [x_packet(packet[4], bytes(memory[address : address + size]) if code == 2 else b"")]
+
+
+def packet_size(data: bytes, x: bool) -> int:
+    return 7 + int.from_bytes(data[5:7], "little") if x else data[3] + 4
+
+
+def send(master: int, replies: list[bytes], manner: str) -> None:
+    if manner == "each":
+        for reply in replies:
+            os.write(master, reply)
+    elif manner == "dribble":
+        for byte in b"".join(replies):
+            os.write(master, bytes([byte]))
+    elif replies:
+        os.write(master, b"".join(replies))
+
+
+def main() -> None:
+    link, manner = sys.argv[1:]
+    x = manner.startswith("x_")
+    manner = manner.removeprefix("x_")
+    master, slave = os.openpty()  # both ends stay open in this process
+    tty.setraw(slave)
+    os.symlink(os.ttyname(slave), link)
+    print("ready", flush=True)
+    data = b""
+    while True:
+        data += os.read(master, 4096)
+        if manner == "echo":
+            os.write(master, data)
+        while len(data) > 7 or (data and not x and len(data) > 5):
+            size = packet_size(data, x)
+            if len(data) < size:
+                break
+            packet, data = data[:size], data[size:]
+            send(master, x_replies(packet) if x else sts_replies(packet), manner)
+            if manner == "slow":
+                time.sleep(0.001)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""``servoloop bench bus`` against simulators that are not ours: each writes its replies in its own manner."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from servoloop.cli import app
+
+CYCLES = 60
+
+
+@pytest.fixture
+def device(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    link = str(tmp_path / "bus")
+    command = [sys.executable, str(Path(__file__).with_name("foreign_bus.py")), link, request.param]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.readline()
+    yield link
+    process.kill()
+    process.communicate()
+
+
+def measure(device: str, model: str, ids: str) -> dict[str, float]:
+    options = ["--port", device, "--ids", ids, "--model", model, "--cycles", str(CYCLES), "--json"]
+    result = CliRunner().invoke(app, ["bench", "bus", *options])
+    assert result.exit_code == 0, result.output
+    figures = json.loads(result.stdout.splitlines()[-1])
+    return {"hz": figures["hz"], "wire_us": figures["wire_us"], **figures["faults"]}
+
+
+@pytest.mark.parametrize("device", ["whole", "each", "dribble", "slow", "echo"], indirect=True)
+def test_feetech_servos_behind_any_simulator(device: str) -> None:
+    figures = measure(device, "sts3215", "1-7")
+    assert figures["hz"] > 0.0
+    # A machine under load may hold a reply back now and then: what arrives must arrive whole.
+    assert figures["corrupt"] == figures["noise"] == 0
+    assert figures["silent"] + figures["late"] < 7 * CYCLES / 4
+
+
+@pytest.mark.parametrize("device", ["whole", "echo"], indirect=True)
+def test_a_servo_too_many_is_silent_and_the_others_are_not(device: str) -> None:
+    figures = measure(device, "sts3215", "1-8")
+    assert CYCLES <= figures["silent"] < CYCLES + 7 * CYCLES / 4
+    assert figures["corrupt"] == 0
+
+
+@pytest.mark.parametrize("device", ["x_whole", "x_each", "x_dribble", "x_echo"], indirect=True)
+def test_dynamixels_behind_any_simulator(device: str) -> None:
+    figures = measure(device, "xl430-w250", "1-7")
+    assert figures["corrupt"] == figures["noise"] == 0
+    assert figures["silent"] + figures["late"] < 7 * CYCLES / 4

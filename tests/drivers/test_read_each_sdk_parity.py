@@ -1,0 +1,111 @@
+"""Our group packets are the makers' SDKs' group packets, byte by byte, for every model."""
+
+import importlib
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoGoal
+from drivers.clock import MonotonicClock
+from drivers.dynamixel1 import tables as dxl
+from drivers.feetech import scs
+from drivers.read_each.bus import ReadEachBus
+from drivers.read_each.line import bulk_packet, read_packet
+from drivers.registers import ServoModel
+from tests.drivers.tape import Tape
+
+# By name, because they have no types.
+feetech: Any = importlib.import_module("scservo_sdk")
+dynamixel: Any = importlib.import_module("dynamixel_sdk")
+
+HANDLERS = {
+    "scs": (feetech, lambda: feetech.PacketHandler(1)),
+    "dynamixel 1": (dynamixel, dynamixel.Protocol1PacketHandler),
+}
+ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
+every_sdk = pytest.mark.parametrize("sdk", HANDLERS)
+
+
+def sdk_sync_write(sdk: str, address: int, size: int, data: dict[int, bytes]) -> bytes:
+    module, handler = HANDLERS[sdk]
+    tape = Tape()
+    group = module.GroupSyncWrite(tape, handler(), address, size)
+    for servo_id, content in data.items():
+        assert group.addParam(servo_id, list(content))
+    assert group.txPacket() == module.COMM_SUCCESS
+    return tape.sent
+
+
+def bus_of(models: dict[int, ServoModel]) -> tuple[ReadEachBus, Tape]:
+    tape = Tape()
+    return ReadEachBus(tape, MonotonicClock(), models, say_how_long=False), tape
+
+
+@pytest.mark.parametrize("model", scs.MODELS.values(), ids=lambda m: m.name)
+@given(goals=st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 1023), st.integers(0, 32767)), min_size=1))
+def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None:
+    goals = dict(list(goals.items())[:20])  # the SDK's longest packet
+    bus, tape = bus_of(dict.fromkeys(goals, model))
+    bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
+    feetech.SCS_SETEND(1)
+    low, high = feetech.SCS_LOBYTE, feetech.SCS_HIBYTE
+    data = {i: bytes((low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}
+    assert tape.sent == sdk_sync_write("scs", scs.goal_position.address, 6, data)
+
+
+@pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda m: m.name)
+@given(goals=st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 1023), st.integers(0, 9000)), min_size=1))
+def test_dynamixel_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None:
+    goals = dict(list(goals.items())[:20])
+    bus, tape = bus_of(dict.fromkeys(goals, model))
+    bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
+    low, high = dynamixel.DXL_LOBYTE, dynamixel.DXL_HIBYTE
+    rpm = {"ax-12a": 0.111, "mx-28": 0.114}[model.name]
+    data = {}
+    for servo_id, (position, velocity) in goals.items():
+        speed = min(1023, math.ceil(velocity / (rpm * model.counts_per_turn / 60.0)))
+        data[servo_id] = bytes((low(position), high(position), low(speed), high(speed)))
+    assert tape.sent == sdk_sync_write("dynamixel 1", dxl.goal_position.address, 4, data)
+
+
+@every_sdk
+@given(servo_ids=ids)
+def test_torque_off(sdk: str, servo_ids: list[int]) -> None:
+    model, address = (scs.SCS0009, 40) if sdk == "scs" else (dxl.AX_12A, 24)
+    bus, tape = bus_of(dict.fromkeys(servo_ids, model))
+    bus._single.write = lambda *_: None  # type: ignore[method-assign]
+    bus.torque_off(servo_ids)
+    assert tape.sent == sdk_sync_write(sdk, address, 1, dict.fromkeys(servo_ids, b"\0"))
+
+
+@given(ids, st.integers(0, 0xFF), st.integers(1, 100))
+def test_bulk_read(servo_ids: list[int], address: int, size: int) -> None:
+    tape = Tape()
+    handler = dynamixel.Protocol1PacketHandler()
+    parameters = [number for servo_id in servo_ids for number in (size, servo_id, address)]
+    # Not GroupBulkRead: it passes an argument that this handler does not take.
+    assert handler.bulkReadTx(tape, parameters, len(parameters)) == dynamixel.COMM_SUCCESS
+    assert tape.sent == bulk_packet(tuple(servo_ids), address, size)
+
+
+@given(ids)
+def test_states_of_mx_are_asked_for_by_bulk_read(servo_ids: list[int]) -> None:
+    bus, tape = bus_of(dict.fromkeys(servo_ids, dxl.MX_28))
+    steps = bus.state_steps(servo_ids, math.inf)
+    next(steps)
+    steps.close()
+    assert tape.sent == (
+        bulk_packet(tuple(servo_ids), 36, 8) if len(servo_ids) > 1 else read_packet(servo_ids[0], 36, 8)
+    )
+
+
+@every_sdk
+@given(st.integers(0, 0xFD), st.integers(0, 0xFF), st.integers(1, 100))
+def test_read(sdk: str, servo_id: int, address: int, size: int) -> None:
+    module, handler = HANDLERS[sdk]
+    tape = Tape()
+    assert handler().readTx(tape, servo_id, address, size) == module.COMM_SUCCESS
+    assert tape.sent == read_packet(servo_id, address, size)

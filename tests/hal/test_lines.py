@@ -1,0 +1,270 @@
+"""Three joints on two ports, with the same IDs on both: what one line suffers, the other does not."""
+
+import math
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from drivers.bus import Reading, ServoBus
+from drivers.errors import DriverError, PortLost
+from drivers.feetech import sts
+from drivers.feetech.bus import FeetechBus
+from hal.errors import ActivationError
+from hal.joint import Joint
+from hal.lifecycle import LifecycleState
+from hal.lines import Lines
+from hal.servo_hardware import ServoHardware
+from hal.types import JointCommand
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.sts_wire import Instruction
+from tests.hal.bench import JOINTS, PERIOD_S, WatchedPort, at, switches_torque_on
+
+SHOULDER, ELBOW, FINGER = (
+    replace(JOINTS[0], bus="arm"),
+    replace(JOINTS[1], bus="arm"),
+    replace(JOINTS[2], bus="hand", servo_id=1),
+)
+IDS: dict[str, tuple[int, ...]] = {"arm": (1, 2), "hand": (1,)}
+COUNTS = {"arm": (2048, 2000), "hand": (1500,)}
+
+
+class Ports:
+    """``hardware`` over two virtual lines."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock(1000.0)
+        self.servos: dict[str, VirtualBus] = {}
+        self.ports: dict[str, WatchedPort] = {}
+        for name, ids in IDS.items():
+            plant = BenchPlant(ids)
+            plant.place([(c + 0.5) * 2.0 * math.pi / 4096 for c in COUNTS[name]])
+            self.servos[name] = VirtualBus.of(plant)
+            self.ports[name] = WatchedPort(VirtualPort(self.servos[name], self.clock, name=f"/dev/{name}"))
+        self.hardware = ServoHardware("arm", (SHOULDER, FINGER, ELBOW), self.open, self.clock)
+
+    def open(self) -> Mapping[str, ServoBus]:
+        return {name: FeetechBus(port, self.clock) for name, port in self.ports.items()}
+
+    def active(self) -> "Ports":
+        self.hardware.configure()
+        self.hardware.activate()
+        return self
+
+    def torque(self) -> dict[str, list[int]]:
+        return {
+            name: [s.servo_id for s in line.servos if s.memory.get(sts.torque_enable)]
+            for name, line in self.servos.items()
+        }
+
+    def goals(self) -> list[int]:
+        """In the hardware's joint order."""
+        arm, hand = self.servos["arm"], self.servos["hand"]
+        return [s.memory.get(sts.goal_position) for s in (arm.servo(1), hand.servo(1), arm.servo(2))]
+
+
+ALL = {"arm": [1, 2], "hand": [1]}
+NONE: dict[str, list[int]] = {"arm": [], "hand": []}
+
+
+def test_states_and_goals_find_their_joints_though_ids_repeat() -> None:
+    bench = Ports().active()
+    assert bench.torque() == ALL
+    assert bench.goals() == [2048, 1500, 2000]
+    np.testing.assert_allclose(bench.hardware.read().position, [0.0, FINGER.position(1500), 0.0])
+    bench.hardware.write(JointCommand(at(0.1, 0.02, 0.05), PERIOD_S))
+    assert bench.goals() == [j.counts(p) for j, p in ((SHOULDER, 0.1), (FINGER, 0.02), (ELBOW, 0.05))]
+
+
+def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    order: list[str] = []
+
+    def watch(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction):
+            order.append("torque")
+        elif instruction.code == 2 and instruction.parameters[0] == sts.goal_position.address:
+            order.append("goal")
+
+    for port in bench.ports.values():
+        port.before_write = watch
+    bench.hardware.activate()
+    assert order == ["goal"] * 3 + ["torque"] * 3
+
+
+@pytest.mark.parametrize("lost", ["arm", "hand"])
+@pytest.mark.parametrize("after", range(8))
+def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, after: int) -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    port = bench.ports[lost]
+    begin = len(port.sent)
+    port.before_write = lambda number, _: port.port.unplug() if number == begin + after else None
+    try:
+        bench.hardware.activate()
+    except PortLost as error:
+        assert str(error).startswith(f"bus {lost}: /dev/{lost} was unplugged")
+        other = "hand" if lost == "arm" else "arm"
+        if bench.hardware.state is LifecycleState.INACTIVE:
+            assert bench.torque()[other] == []
+    else:
+        assert bench.hardware.state is LifecycleState.ACTIVE
+
+
+def test_a_servo_silent_while_activating_leaves_no_torque_on_either_line() -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    seen: list[int] = []
+
+    def silence(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction):
+            seen.append(instruction.servo_id)
+            bench.servos["arm"].faults.silence(2)
+
+    bench.ports["arm"].before_write = silence
+    with pytest.raises(DriverError, match=r"servo 2: does not answer.*\(elbow, bus arm\)"):
+        bench.hardware.activate()
+    assert seen and bench.torque() == NONE
+
+
+def test_a_silent_servo_is_named_with_its_bus_and_hides_nobody() -> None:
+    bench = Ports().active()
+    bench.servos["arm"].faults.silence(1)
+    state = bench.hardware.read()
+    assert state.faults == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
+    bench.servos["arm"].faults.restore(1)
+    bench.clock.sleep_until(bench.clock.now() + 1.0)  # one that was silent is not asked in every cycle
+    assert bench.hardware.read().faults == {}
+    bench.servos["hand"].faults.silence(1)
+    assert bench.hardware.read().faults == {"finger": "finger (bus hand): servo 1 does not answer"}
+
+
+def test_refusals_name_joint_servo_and_bus() -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    bench.servos["hand"].faults.silence(1)
+    with pytest.raises(ActivationError, match=r"not activated: finger \(bus hand\): servo 1 does not answer"):
+        bench.hardware.activate()
+    assert bench.torque() == NONE
+
+
+def test_a_line_on_which_nobody_answers_is_told_from_one_silent_servo() -> None:
+    bench = Ports()
+    bench.servos["hand"].faults.silence(1)
+    bench.servos["arm"].faults.silence(2)
+    with pytest.raises(DriverError) as caught:
+        bench.hardware.configure()
+    arm, hand = str(caught.value).splitlines()
+    assert arm.startswith("elbow (bus arm): servo 2: does not answer")
+    assert hand == "no servo answers on /dev/hand (bus hand): check the servos' power and the baud rate"
+
+
+@pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])
+def test_a_lost_port_is_named_with_its_joints_and_the_other_line_still_gets_its_goals(lost: str, kept: str) -> None:
+    bench = Ports().active()
+    bench.ports[lost].port.unplug()
+    joints = {"arm": r"shoulder \(servo 1\), elbow \(servo 2\)", "hand": r"finger \(servo 1\)"}[lost]
+    with pytest.raises(PortLost, match=rf"bus {lost}: /dev/{lost} was unplugged.*Out of reach: {joints}$"):
+        bench.hardware.read()
+    sent = len(bench.ports[kept].sent)
+    with pytest.raises(PortLost, match=f"bus {lost}"):
+        bench.hardware.write(JointCommand(at(0.1, 0.02, 0.05), PERIOD_S))
+    (packet,) = bench.ports[kept].sent[sent:]
+    assert packet.code == 0x83
+
+
+@pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])
+def test_with_a_lost_port_relaxing_lets_go_on_the_other(lost: str, kept: str) -> None:
+    bench = Ports().active()
+    bench.ports[lost].port.unplug()
+    (problem,) = bench.hardware.deactivate(relax=True)
+    assert f"bus {lost}" in problem
+    assert bench.torque()[kept] == []
+    bench.hardware.cleanup()
+    assert bench.hardware.state is LifecycleState.UNCONFIGURED
+
+
+def test_every_servo_that_could_not_be_let_go_is_named_with_its_joint() -> None:
+    bench = Ports().active()
+    bench.servos["arm"].faults.silence(1)
+    bench.servos["hand"].faults.silence(1)
+    arm, hand = bench.hardware.deactivate(relax=True)
+    assert arm.startswith("shoulder (bus arm): servo 1: does not answer")
+    assert hand.startswith("finger (bus hand): servo 1: does not answer")
+
+
+def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
+    log: list[str] = []
+
+    class Line:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Generator[None, None, dict[int, Reading]]:
+            log.append(f"ask {self.name}")
+            yield
+            log.append(f"wait {self.name}")
+            return {i: cast(Reading, self.name) for i in servo_ids}
+
+    joints: list[Joint] = [SHOULDER, FINGER, ELBOW]
+    lines = Lines(joints, cast(Mapping[str, ServoBus], {"arm": Line("arm"), "hand": Line("hand")}))
+    assert lines.read(1.0) == {"shoulder": "arm", "finger": "hand", "elbow": "arm"}
+    assert log == ["ask arm", "ask hand", "wait arm", "wait hand"]
+
+
+# One lost packet
+
+
+def loses(bench: Ports, wanted: Callable[[Instruction], bool], packets: int) -> list[Instruction]:
+    """The next so many packets of a kind find no listener on the arm's line."""
+    lost: list[Instruction] = []
+
+    def watch(number: int, instruction: Instruction) -> None:
+        faults = bench.servos["arm"].faults
+        faults.restore(1)
+        if wanted(instruction) and instruction.servo_id == 1 and len(lost) < packets:
+            lost.append(instruction)
+            faults.silence(1)
+
+    bench.ports["arm"].before_write = watch
+    return lost
+
+
+def touches(code: int, address: int) -> Callable[[Instruction], bool]:
+    return lambda instruction: instruction.code == code and instruction.parameters[0] == address
+
+
+SINGLE = {
+    "torque_is_on": touches(2, sts.torque_enable.address),
+    "goal": touches(2, sts.goal_position.address),
+    "limit_torque": touches(3, sts.torque_limit.address),
+    "torque_on": touches(3, sts.torque_enable.address),
+}
+
+
+@pytest.mark.parametrize("packets", [1, 2])
+@pytest.mark.parametrize("which", SINGLE)
+def test_one_or_two_lost_packets_do_not_fail_an_activation(which: str, packets: int) -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    lost = loses(bench, SINGLE[which], packets)
+    bench.hardware.activate()
+    assert len(lost) == packets
+    assert bench.torque() == ALL
+
+
+@pytest.mark.parametrize("which", SINGLE)
+def test_three_lost_packets_fail_it_with_no_torque_left(which: str) -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    lost = loses(bench, SINGLE[which], 3)
+    with pytest.raises(DriverError, match="servo 1: does not answer"):
+        bench.hardware.activate()
+    assert len(lost) == 3
+    assert bench.torque() == NONE

@@ -1,0 +1,66 @@
+"""Which device is which bus."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import DriverError
+from servoloop.ports import links, parse_ports, port_options, world_feed
+from sim_backend.world_feed import WorldFeed, feed_path
+
+TWO = ("arm", "hand")
+
+
+@pytest.mark.parametrize("values", [[], ["virtual"]])
+def test_without_a_port_the_servos_are_virtual(values: list[str]) -> None:
+    assert parse_ports(values, [""]) is None
+    assert parse_ports(values, TWO) is None
+
+
+def test_one_bus_takes_the_path_as_it_is() -> None:
+    assert parse_ports(["/dev/a=b"], [""]) == {"": "/dev/a=b"}
+    assert parse_ports(["/dev/a"], ["arm"]) == parse_ports(["arm=/dev/a"], ["arm"]) == {"arm": "/dev/a"}
+
+
+def test_several_buses_in_any_order() -> None:
+    assert parse_ports(["hand=/dev/b", "arm=/dev/a"], TWO) == {"arm": "/dev/a", "hand": "/dev/b"}
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        (["/dev/a"], "--port /dev/a names none of the buses; no --port for bus arm; no --port for bus hand"),
+        (["arm=/dev/a"], "no --port for bus hand. The robot file has the buses arm, hand: say --port arm=PATH --port"),
+        (["arm=/dev/a", "foot=/dev/b"], "--port foot=/dev/b names none of the buses; no --port for bus hand"),
+        (["arm=/dev/a", "arm=/dev/b", "hand=/dev/c"], "--port arm= is there twice"),
+        (["arm=/dev/a", "hand=/dev/a"], "two buses cannot share /dev/a"),
+        (["arm=", "hand=/dev/a"], "--port arm= names none"),
+    ],
+)
+def test_what_is_missing_unknown_or_double_is_said_with_the_buses(values: list[str], says: str) -> None:
+    with pytest.raises(DriverError) as caught:
+        parse_ports(values, TWO)
+    assert says in str(caught.value)
+
+
+def test_two_ports_for_one_bus() -> None:
+    with pytest.raises(DriverError, match="the robot has one bus: name one --port"):
+        parse_ports(["/dev/a", "/dev/b"], [""])
+
+
+def test_an_emulators_places_are_the_stacks_ports(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    assert links(link, [""]) == {"": link}
+    assert port_options(link, [""]) == ["--port", str(link)]
+    assert links(link, TWO) == {"arm": tmp_path / "bus.arm", "hand": tmp_path / "bus.hand"}
+    options = port_options(link, TWO)
+    assert parse_ports(options[1::2], TWO) == {name: str(path) for name, path in links(link, TWO).items()}
+
+
+@pytest.mark.parametrize("buses", [("",), TWO])
+def test_the_world_of_an_emulator_is_found_from_its_lines(tmp_path: Path, buses: tuple[str, ...]) -> None:
+    link = tmp_path / "bus"
+    devices = {name: str(path) for name, path in links(link, buses).items()}
+    assert world_feed(devices) is None
+    with WorldFeed(feed_path(link)):
+        assert world_feed(devices) == feed_path(link)

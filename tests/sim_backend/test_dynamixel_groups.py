@@ -1,0 +1,196 @@
+"""Group instructions of several virtual X series servos, asked by the official SDK's group classes."""
+
+import importlib
+from typing import Any
+
+import pytest
+
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel.crc import crc16
+from drivers.dynamixel.sdk import SdkPort
+from drivers.dynamixel.wire import BROADCAST_ID, SYNC_READ, packet, span
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_wire import Code, fast_block, fast_head, status_packet
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("dynamixel_sdk")
+handler = sdk.Protocol2PacketHandler()
+MODELS = {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350}
+ADDRESS = x.present_position.address
+
+
+class Group:
+    """Three servos of three models on one line."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock()
+        self.bus = VirtualDynamixelBus.of(BenchPlant(tuple(MODELS)), MODELS)
+        self.port = SdkPort(VirtualPort(self.bus, self.clock), self.clock)
+
+    def reader(self, address: int = ADDRESS, size: int = 4) -> Any:
+        reader = sdk.GroupSyncRead(self.port, handler, address, size)
+        assert all(reader.addParam(i) for i in MODELS)
+        return reader
+
+    def bulk_reader(self) -> Any:
+        reader = sdk.GroupBulkRead(self.port, handler)
+        for i, register in zip(MODELS, (x.present_position, x.present_voltage, x.present_temperature), strict=True):
+            assert reader.addParam(i, register.address, register.size)
+        return reader
+
+    def sent(self, code: int, parameters: bytes) -> list[tuple[float, bytes]]:
+        """When the replies to a broadcast come, from the instruction's end on, in us; and what."""
+        request = packet(BROADCAST_ID, code, parameters)
+        replies = self.bus.receive(request, now_s=1.0)
+        return [(round((r.due_s - 1.0) * 1e6) - 10 * len(request), r.data) for r in replies]
+
+
+def test_the_manuals_example_of_a_fast_sync_read() -> None:
+    wire = b""
+    for servo_id, position in ((3, 166), (7, 2079), (4, 1023)):
+        wire += fast_head((4, 4, 4)) if not wire else b""
+        wire += fast_block(wire, servo_id, 0, position.to_bytes(4, "little"))
+    assert wire == bytes.fromhex(
+        "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08  00 07 1f 08 00 00 16 ca  00 04 ff 03 00 00 d1 9e"
+    )
+
+
+def test_the_manuals_example_of_a_fast_bulk_read() -> None:
+    wire = fast_head((4, 2, 1))
+    for servo_id, data in ((3, "a6000000"), (7, "a501"), (4, "1f")):
+        wire += fast_block(wire, servo_id, 0, bytes.fromhex(data))
+    assert wire == bytes.fromhex(
+        "ff ff fd 00 fe 14 00 55 00 03 a6 00 00 00 67 a4  00 07 a5 01 24 74  00 04 1f d9 c1"
+    )
+
+
+def test_the_sdk_reads_fast() -> None:
+    reader = Group().reader()
+    assert reader.fastSyncRead() == sdk.COMM_SUCCESS
+    assert [reader.getData(i, ADDRESS, 4) for i in MODELS] == [2048] * 3
+
+
+def test_data_that_look_like_a_header_are_not_stuffed_in_a_fast_reply() -> None:
+    group = Group()
+    servo = group.bus.servo(2)
+    servo.memory.put(x.homing_offset, 0x00FDFFFF - 0x01000000)
+    data = servo.memory.read(x.homing_offset.address, 4)
+    assert data.startswith(b"\xff\xff\xfd")
+    reader = group.reader(x.homing_offset.address)
+    assert reader.fastSyncRead() == sdk.COMM_SUCCESS
+    assert reader.getData(2, x.homing_offset.address, 4) == int.from_bytes(data, "little")
+
+
+def test_a_fast_read_is_one_packet_that_comes_in_pieces_without_pauses() -> None:
+    group = Group()
+    for servo in group.bus.servos:
+        servo.memory.put(x.return_delay, 50)
+    pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
+    assert [us for us, _ in pieces] == [260, 340, 420]  # 100 us once, then 16, 8 and 8 bytes
+    wire = b"".join(data for _, data in pieces)
+    assert len(wire) == 32
+    assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
+
+
+@pytest.mark.parametrize(("silent", "lengths"), [(1, []), (2, [16]), (3, [16, 8])])
+def test_a_silent_servo_ends_a_fast_reply(silent: int, lengths: list[int]) -> None:
+    group = Group()
+    group.bus.faults.silence(silent)
+    pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
+    assert [len(data) for _, data in pieces] == lengths
+    if pieces:
+        assert pieces[0][1][5:7] == bytes((25, 0))  # the length says what it would have been
+    assert group.reader().fastSyncRead() != sdk.COMM_SUCCESS
+
+
+def test_who_hears_a_broken_block_adds_nothing() -> None:
+    group = Group()
+    group.bus.faults.corrupt_next(2)
+    pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
+    assert [len(data) for _, data in pieces] == [16, 8]
+    assert len(group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))) == 3
+
+
+@pytest.mark.parametrize(("servo_id", "oldest"), [(1, 45), (2, 46), (3, 45)])
+def test_an_older_firmware_does_not_know_fast_reads(servo_id: int, oldest: int) -> None:
+    group = Group()
+    memory = group.bus.servo(servo_id).memory
+    memory.put(x.firmware_version, oldest)
+    assert group.reader().fastSyncRead() == sdk.COMM_SUCCESS
+    memory.put(x.firmware_version, oldest - 1)
+    assert group.reader().fastSyncRead() != sdk.COMM_SUCCESS
+    assert group.reader().txRxPacket() == sdk.COMM_SUCCESS
+
+
+def test_a_fast_read_beyond_the_table_reports_the_error_and_keeps_its_length() -> None:
+    wire = b"".join(data for _, data in Group().sent(Code.FAST_SYNC_READ, span(660, 4) + bytes((1, 2))))
+    assert wire[8:14] == bytes((7, 1, 0, 0, 0, 0))
+    assert wire[16:22] == bytes((7, 2, 0, 0, 0, 0))
+
+
+def test_the_sdk_reads_in_bulk_and_fast_in_bulk() -> None:
+    group = Group()
+    group.sent(Code.PING, b"")
+    for fast in (False, True):
+        reader = group.bulk_reader()
+        assert (reader.fastBulkRead() if fast else reader.txRxPacket()) == sdk.COMM_SUCCESS
+        assert reader.getData(1, x.present_position.address, 4) == 2048
+        assert reader.getData(2, x.present_voltage.address, 2) == 50
+        assert reader.getData(3, x.present_temperature.address, 1) == 25
+
+
+@pytest.mark.parametrize("chained", [False, True])
+def test_a_bulk_read_has_turns_as_a_sync_read_has(chained: bool) -> None:
+    group = Group()
+    group.bus.chained = chained
+    group.bus.faults.silence(2)
+    wanted = b"".join(bytes((i,)) + span(ADDRESS, size) for i, size in ((1, 4), (2, 2), (3, 1)))
+    late = [] if chained else [(150 + 130 + 120 + 4, 12)]  # the gap is as long as the missing reply
+    assert [(us, len(data)) for us, data in group.sent(Code.BULK_READ, wanted)] == [(152, 15), *late]
+    assert [len(data) for _, data in group.sent(SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))] == [15] * (2 - chained)
+
+
+def test_who_answers_pings_only_has_no_turn() -> None:
+    group = Group()
+    group.bus.servo(3).memory.put(x.status_return_level, 0)
+    assert len(group.sent(SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))) == 2
+    assert len(group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))) == 2
+
+
+def test_the_sdk_writes_in_bulk() -> None:
+    group = Group()
+    writer = sdk.GroupBulkWrite(group.port, handler)
+    assert writer.addParam(1, x.led.address, 1, [1])
+    assert writer.addParam(2, x.profile_velocity.address, 4, [7, 0, 0, 0])
+    assert writer.addParam(3, x.position_p_gain.address, 2, [0, 2])
+    assert writer.txPacket() == sdk.COMM_SUCCESS
+    get = [group.bus.servo(i).memory.get for i in MODELS]
+    assert (get[0](x.led), get[1](x.profile_velocity), get[2](x.position_p_gain)) == (1, 7, 512)
+    assert get[2](x.led) == 0
+
+
+@pytest.mark.parametrize("cut", [1, 5, 6, 8])
+def test_half_an_entry_of_a_bulk_write_is_ignored(cut: int) -> None:
+    group = Group()
+    whole = bytes((1,)) + span(x.led.address, 1) + b"\x01"
+    half = bytes((2,)) + span(x.profile_velocity.address, 4) + b"\x07\0\0\0"
+    assert group.sent(Code.BULK_WRITE, whole + half[:-cut]) == []
+    assert group.bus.servo(1).memory.get(x.led) == 1
+    assert group.bus.servo(2).memory.get(x.profile_velocity) == 0
+
+
+@pytest.mark.parametrize("code", [Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.BULK_WRITE])
+@pytest.mark.parametrize("parameters", [b"", b"\x01", bytes((1, 132, 0, 4)), bytes((132, 0, 4, 0))])
+def test_a_group_instruction_that_names_nobody_is_ignored(code: Code, parameters: bytes) -> None:
+    assert Group().sent(code, parameters) == []
+
+
+def test_two_servos_with_one_id_talk_at_once() -> None:
+    group = Group()
+    group.bus.servo(2).memory.put(x.servo_id, 1)
+    pieces = group.sent(Code.FAST_SYNC_READ, span(x.model_number.address, 2) + bytes((1, 3)))
+    assert len(pieces) == 1  # their blocks are and-ed, so the next one hears a wrong checksum
+    assert status_packet(1, 0) == packet(1, 0x55, b"\0")

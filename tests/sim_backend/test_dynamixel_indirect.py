@@ -1,0 +1,148 @@
+"""Indirect addresses of a virtual X series servo: other registers' bytes, side by side."""
+
+from typing import Any
+
+import pytest
+
+from drivers.dynamixel import x_series as x
+from drivers.registers import Register
+from sim_backend.dynamixel_indirect import WINDOWS
+from sim_backend.dynamixel_servo import VirtualXServo
+
+ALL = pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
+
+
+def a_servo(model: Any = x.XL430_W250) -> VirtualXServo:
+    servo = VirtualXServo(model, 1)
+    servo.firmware.observe(0.0)
+    return servo
+
+
+def read(servo: VirtualXServo, address: int, size: int) -> int:
+    return int.from_bytes(servo.memory.read(address, size), "little")
+
+
+def point(servo: VirtualXServo, number: int, *registers: Register, window: int = 0) -> int:
+    """Let the cells from ``number`` on (0 is the first) stand for these registers; the first cell's address."""
+    table = WINDOWS[servo.model.name][window]
+    targets = [register.address + i for register in registers for i in range(register.size)]
+    data = b"".join(target.to_bytes(2, "little") for target in targets)
+    assert servo.write(table.addresses + 2 * number, data) == 0
+    return table.data + number
+
+
+def test_where_they_lie() -> None:
+    places = {name: [(w.addresses, w.data, w.count) for w in windows] for name, windows in WINDOWS.items()}
+    long, short = [(168, 224, 28), (578, 634, 28)], [(168, 208, 20)]
+    assert places == {
+        "xl330-m077": short,
+        "xl330-m288": short,
+        "xc330-t288": short,
+        "xl430-w250": long,
+        "xm430-w350": long,
+    }
+
+
+@ALL
+def test_at_first_each_cell_stands_for_itself(model: Any) -> None:
+    servo = a_servo(model)
+    for window in WINDOWS[model.name]:
+        for i in range(window.count):
+            assert read(servo, window.addresses + 2 * i, 2) == window.data + i
+        assert servo.write(window.data, b"\x01\x02\x03") == 0
+        assert servo.memory.read(window.data, 4) == b"\x01\x02\x03\0"
+
+
+@ALL
+def test_reads_and_writes_reach_the_target(model: Any) -> None:
+    servo = a_servo(model)
+    for window in range(len(WINDOWS[model.name])):
+        at = point(servo, 2, x.led, x.goal_position, window=window)
+        assert servo.write(at, b"\x01" + (1234).to_bytes(4, "little")) == 0
+        assert (servo.memory.get(x.led), servo.memory.get(x.goal_position)) == (1, 1234)
+        servo.memory.put(x.led, 0)
+        assert read(servo, at, 1) == 0
+        assert read(servo, at + 1, 4) == 1234
+
+
+def test_the_firmware_hears_of_a_write_through_them() -> None:
+    servo = a_servo()
+    at = point(servo, 0, x.torque_enable, x.profile_velocity, x.goal_position)
+    assert servo.write(at, b"\x01" + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")) == 0
+    assert servo.firmware.profile.goal == 3000.0
+    assert servo.memory.get(x.torque_enable) == 1
+
+
+def test_states_far_apart_are_read_in_one_piece() -> None:
+    servo = a_servo()
+    at = point(servo, 0, x.present_position, x.present_temperature, x.hardware_error_status)
+    status = servo.read_status(at, 6)
+    assert status[9:15] == (2048).to_bytes(4, "little") + bytes((25, 0))
+
+
+@pytest.mark.parametrize(
+    ("register", "data", "error"),
+    [
+        (x.present_position, b"\0\0\0\0", 7),
+        (x.torque_enable, b"\x02", 4),
+        (x.goal_position, (4096).to_bytes(4, "little"), 6),
+        (x.goal_position, b"\x01\x02", 5),
+    ],
+)
+def test_the_targets_rules_hold(register: Register, data: bytes, error: int) -> None:
+    servo = a_servo()
+    before = servo.memory.get(register)
+    at = point(servo, 0, register)
+    assert servo.write(at, data) == error
+    assert servo.memory.get(register) == before
+
+
+def test_bytes_of_a_register_out_of_order_are_refused() -> None:
+    servo = a_servo()
+    window = WINDOWS[servo.model.name][0]
+    swapped = b"".join((x.goal_pwm.address + i).to_bytes(2, "little") for i in (1, 0))
+    assert servo.write(window.addresses, swapped) == 0
+    assert servo.write(window.data, b"\0\0") == 7
+
+
+def test_one_refused_target_refuses_all() -> None:
+    servo = a_servo()
+    at = point(servo, 0, x.led, x.moving)
+    assert servo.write(at, b"\x01\x01") == 7
+    assert servo.memory.get(x.led) == 0
+
+
+@ALL
+def test_only_ram_can_be_pointed_at(model: Any) -> None:
+    servo = a_servo(model)
+    window, last = WINDOWS[model.name][0], WINDOWS[model.name][-1]
+    for target, error in ((63, 4), (64, 0), (last.data + last.count - 1, 0), (last.data + last.count, 4)):
+        assert servo.write(window.addresses, target.to_bytes(2, "little")) == error
+
+
+def test_they_are_written_under_torque_and_forgotten_without_power() -> None:
+    servo = a_servo()
+    assert servo.write(x.torque_enable.address, b"\x01") == 0
+    at = point(servo, 0, x.led)
+    assert servo.write(at, b"\x01") == 0
+    servo.power_cycle()
+    window = WINDOWS[servo.model.name][0]
+    assert read(servo, window.addresses, 2) == window.data
+    assert read(servo, at, 1) == 0
+
+
+def test_a_cell_that_points_at_a_cell_is_that_cells_own_byte() -> None:
+    servo = a_servo()
+    point(servo, 1, x.led)
+    window = WINDOWS[servo.model.name][0]
+    assert servo.write(window.addresses, (window.data + 1).to_bytes(2, "little")) == 0
+    assert servo.write(window.data, b"\x01") == 0
+    assert (servo.memory.get(x.led), read(servo, window.data, 1)) == (0, 1)
+
+
+def test_after_a_shutdown_the_torque_stays_off_through_them_too() -> None:
+    servo = a_servo()
+    at = point(servo, 0, x.led, x.torque_enable)
+    servo.firmware.protection.released = True
+    assert servo.write(at, b"\x01\x01") == 1
+    assert (servo.memory.get(x.torque_enable), servo.memory.get(x.led)) == (0, 0)
