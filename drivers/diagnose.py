@@ -15,6 +15,7 @@ BAUD_RATES: Final = (
 )
 """What servos are delivered with or set to, the likely ones first."""
 TRIES: Final = 4
+NOWHERE: Final = "does not answer at any baud rate"
 
 
 def diagnose(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
@@ -27,7 +28,7 @@ def diagnose(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
     faults = {i: kinds for i in servo_ids if (kinds := [_kind(reading[i]) for reading in tries])}
     texts = {i: _judge(i, kinds) for i, kinds in faults.items() if None not in kinds}
     silent = [i for i in texts if set(faults[i]) == {"silent"}]
-    texts |= {i: f"servo {i} answers at {baud} baud: {_REMEDY}" for i, baud in _elsewhere(bus, silent).items()}
+    texts |= {i: f"servo {i}: answers at {baud} baud: {_REMEDY}" for i, baud in _elsewhere(bus, silent).items()}
     return texts
 
 
@@ -42,12 +43,12 @@ def _judge(servo_id: int, kinds: Sequence[FaultKind | None]) -> str:
     """Two servos with one ID answer at the same moment, and what arrives is a mixture: every time."""
     if "silent" not in kinds:
         return (
-            f"servo {servo_id} answers, but never in one piece: do two servos have ID {servo_id}? "
+            f"servo {servo_id}: answers, but never in one piece: do two servos have ID {servo_id}? "
             "Unplug one and give it another ID. If there is only one, check the cable's plugs"
         )
     if set(kinds) == {"silent"}:
-        return f"servo {servo_id} does not answer at any baud rate: check its power, its cable and its ID"
-    return f"servo {servo_id} answers now and then, and broken: check the cable's plugs and the supply"
+        return f"servo {servo_id}: {NOWHERE}: check its power, its cable and its ID"
+    return f"servo {servo_id}: answers now and then, and broken: check the cable's plugs and the supply"
 
 
 def _elsewhere(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, int]:

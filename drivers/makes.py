@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 from drivers.bus import ServoBus
 from drivers.clock import Clock
-from drivers.dynamixel import x_series
+from drivers.dynamixel import models as dynamixel2
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel1 import tables as dynamixel1
 from drivers.feetech import models as feetech
@@ -17,7 +17,7 @@ from drivers.registers import ServoModel
 Make = Literal["feetech", "dynamixel"]
 Language = Literal["Feetech STS", "Feetech SCS", "Dynamixel protocol 1.0", "Dynamixel protocol 2.0"]
 
-MODELS: Final[dict[str, ServoModel]] = {**feetech.MODELS, **x_series.MODELS, **dynamixel1.MODELS}
+MODELS: Final[dict[str, ServoModel]] = {**feetech.MODELS, **dynamixel2.MODELS, **dynamixel1.MODELS}
 """Every servo that can be driven, by the name it has in files."""
 
 
@@ -51,7 +51,7 @@ def bus_for(
         case "Feetech SCS" | "Dynamixel protocol 1.0":
             return ReadEachBus(port, clock, models)
         case "Dynamixel protocol 2.0":
-            return DynamixelBus(port, clock, position_p)
+            return DynamixelBus(port, clock, models, position_p=position_p)
 
 
 def _by_language(models: Mapping[int, ServoModel]) -> str:

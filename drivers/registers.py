@@ -77,3 +77,10 @@ class ServoModel:
     rated_voltage_v: float
     stall_torque_nm: float
     no_load_speed_rad_s: float
+    positions: int | None = None
+    """Readings and goals are below this where the sensor sees less than a turn; None: a whole turn."""
+
+    @property
+    def last_count(self) -> int:
+        """The largest position that it can be told to go to, and know."""
+        return (self.positions or self.counts_per_turn) - 1

@@ -6,7 +6,8 @@ from typing import TypeVar
 
 from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.counters import ServoCounters
-from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoSilent
+from drivers.diagnose import NOWHERE, diagnose
+from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.turns import Steps, overlapped
 from hal.joint import Joint
 
@@ -36,18 +37,20 @@ class Lines:
             raise DriverError("\n".join(problems))
 
     def _strangers(self, name: str, bus: ServoBus) -> list[str]:
-        problems: dict[str, ServoError] = {}
+        problems: dict[int, ServoError] = {}
         with self._named(name):
             for joint in self._on[name]:
                 try:
                     bus.identify(joint.servo_id, joint.model)
                 except ServoError as error:
-                    problems[self.label(joint)] = error
-        silent = [error for error in problems.values() if isinstance(error, ServoSilent)]
-        if silent and len(silent) == len(self._on[name]):
+                    problems[joint.servo_id] = error
+            unheard = [i for i, error in problems.items() if not isinstance(error, ServoRefused)]
+            causes = diagnose(bus, unheard) if unheard else {}
+        if len(causes) == len(self._on[name]) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses) > 1 else ""
-            return [f"no servo answers on {bus.name}{which}: check the servos' power and the baud rate"]
-        return [f"{label}: {error}" for label, error in problems.items()]
+            return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
+        labels = {joint.servo_id: self.label(joint) for joint in self._on[name]}
+        return [f"{labels[i]}: {causes.get(i, str(error))}" for i, error in problems.items()]
 
     def measure(self) -> dict[str, Reading]:
         """Every servo once, without a hurry, by joint name."""

@@ -7,24 +7,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from drivers.dynamixel import x_series
-from drivers.feetech import sts
-from drivers.registers import ServoModel
+from drivers.makes import MODELS, Make, language_of, make_of
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.types import JointLimits
 from hal.yaml_file import load
 
-Protocol = Literal["feetech", "dynamixel"]
 ExitPolicy = Literal["hold", "relax"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 BusName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
-MODELS: dict[Protocol, dict[str, ServoModel]] = {"feetech": sts.MODELS, "dynamixel": x_series.MODELS}
-"""What can be driven, by the protocol of its bus."""
-LARGEST_IDS: dict[Protocol, int] = {"feetech": 253, "dynamixel": 252}
+LARGEST_IDS: dict[Make, int] = {"feetech": 253, "dynamixel": 252}
 
 
 class _Strict(BaseModel):
@@ -34,7 +29,7 @@ class _Strict(BaseModel):
 class BusFile(_Strict):
     """The line to the servos. Which device it is, the command line says."""
 
-    protocol: Protocol = "feetech"
+    protocol: Make = "feetech"
     baud: int = Field(default=1_000_000, gt=0)
 
 
@@ -46,7 +41,8 @@ class JointFile(_Strict):
     servo_id: int = Field(ge=0, le=253)
     model: str
     sign: Literal[1, -1] = 1
-    zero_counts: int = Field(2048, ge=-32767, le=32767)
+    zero_counts: int | None = Field(None, ge=-32767, le=32767)
+    """Not said: the middle of the servo's range."""
     metres_per_radian: Positive | None = None
     torque_limit: float = Field(1.0, gt=0, le=1)
     position_p: int | None = Field(None, ge=0, le=16383)
@@ -57,9 +53,8 @@ class JointFile(_Strict):
     @field_validator("model")
     @classmethod
     def _known_model(cls, model: str) -> str:
-        known = [name for models in MODELS.values() for name in models]
-        if model not in known:
-            raise ValueError(f"unknown model {model}: known are {', '.join(known)}")
+        if model not in MODELS:
+            raise ValueError(f"unknown model {model}: known are {', '.join(MODELS)}")
         return model
 
 
@@ -113,7 +108,7 @@ class RobotFile(_Strict):
     @field_validator("joints")
     @classmethod
     def _fit_together(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
-        problems = _doubles(joints)
+        problems = _doubles(joints) + _babel(joints)
         if "bus" in info.data and "buses" in info.data:  # else their own mistakes come first
             problems += _misplaced(joints, info.data["bus"], info.data["buses"])
         if problems:
@@ -163,16 +158,31 @@ def _misplaced(
     return problems
 
 
-def _misfits(name: str, joint: JointFile, protocol: Protocol) -> list[str]:
+def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
     """What one joint's servo asks for that its bus does not have."""
     problems: list[str] = []
-    if joint.model not in MODELS[protocol]:
+    model = MODELS[joint.model]
+    if make_of(model) != protocol:
         problems.append(f"{name} has model {joint.model}, which does not speak the bus's protocol, {protocol}")
     if joint.servo_id > LARGEST_IDS[protocol]:
         problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
-    if joint.position_p is not None and protocol != "dynamixel":
-        problems.append(f"{name} has position_p, which only dynamixel servos take from here")
+    if joint.position_p is not None and language_of(model) != "Dynamixel protocol 2.0":
+        problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
     return problems
+
+
+def _babel(joints: Mapping[str, JointFile]) -> list[str]:
+    """Servos of one make that cannot share a bus, because they speak differently."""
+    spoken: dict[tuple[str | None, Make], dict[str, str]] = {}
+    for name, joint in joints.items():
+        model = MODELS[joint.model]
+        spoken.setdefault((joint.bus, make_of(model)), {}).setdefault(language_of(model), name)
+    return [
+        f"{' and '.join(first.values())} cannot share a bus, they speak {' and '.join(first)}: "
+        "give each a line of its own under buses"
+        for first in spoken.values()
+        if len(first) > 1
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +235,7 @@ def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
 def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     problems: list[str] = []
     lowest, highest = joint.counts_range()
-    last = joint.model.counts_per_turn - 1
+    last = joint.model.last_count
     if lowest < 0 or highest > last:  # past its last count a servo says 0: the joint would seem to leap
         problems.append(
             f"{joint.name}: its limits are the servo's counts {lowest} to {highest}, and the servo has 0 to {last}: "
@@ -240,14 +250,14 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
 
 def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
     file = robot.joints[name]
-    bus = robot.bus_of(file)
+    bus, model = robot.bus_of(file), MODELS[file.model]
     return Joint(
         name=name,
         servo_id=file.servo_id,
-        model=MODELS[robot.lines()[bus].protocol][file.model],
+        model=model,
         limits=JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk),
         sign=file.sign,
-        zero_counts=file.zero_counts,
+        zero_counts=(model.last_count + 1) // 2 if file.zero_counts is None else file.zero_counts,
         transmission=file.metres_per_radian or 1.0,
         torque_limit=file.torque_limit,
         bus=bus,

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from drivers.bus import ServoBus
 from drivers.clock import Clock
-from drivers.makes import bus_for
+from drivers.makes import MODELS, bus_for
 from drivers.port import Port
 from drivers.serial_port import SerialPort
 from hal.description import Vector
@@ -14,7 +14,7 @@ from hal.errors import DescriptionError
 from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
-from hal.robot import MODELS, RobotFile
+from hal.robot import RobotFile
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
 from servoloop.ports import world_feed
@@ -83,10 +83,9 @@ def _mujoco(files: Files, clock: Clock) -> Below:
 
 def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> ServoBus:
     """The bus of this name (empty where there is only one), driving the servos that are on it."""
-    models = MODELS[robot.lines()[bus].protocol]
     joints = robot.joints_on(bus).values()
     gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
-    return bus_for({joint.servo_id: models[joint.model] for joint in joints}, port, clock, gains)
+    return bus_for({joint.servo_id: MODELS[joint.model] for joint in joints}, port, clock, gains)
 
 
 def open_buses(robot: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, ServoBus]:

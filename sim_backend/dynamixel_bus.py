@@ -1,17 +1,35 @@
 """Virtual Dynamixel servos on one wire: bytes and a time in, bytes and their arrival out.
 
-From the e-manual: no reply to a broadcast other than a ping, which all answer in turn; a sync read is
-answered in the order in which it names the servos. What a servo does whose predecessor stays silent,
-the e-manual does not say: here its turn is a slot in time, or, with ``chained``, it waits in vain.
+From the e-manual: no reply to a broadcast other than a ping, which all answer in turn; a sync read and a
+bulk read are answered in the order in which they name the servos. What a servo does whose predecessor
+stays silent, the e-manual does not say: here its turn is a slot in time, or, with ``chained``, it waits
+in vain. A fast read is answered by one packet, to which each servo adds its block; with the checksums in
+it "integrity between Dynamixels" is confirmed. Assumed of it:
+- a servo adds its block when that before its own has come whole, else nothing; so after a silent servo,
+  or one whose firmware knows no fast reads, only the beginning of the packet is on the wire;
+- the first servo's return delay counts, the others add theirs at once;
+- nobody answers one whose length two bytes cannot say.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from operator import and_
 from typing import Final
 
 from drivers.dynamixel import x_series
 from drivers.registers import ServoModel
+from sim_backend.dynamixel_groups import Entry, Span, bulk_entries, bulk_spans, sync_entries, sync_spans
 from sim_backend.dynamixel_servo import VirtualXServo
-from sim_backend.dynamixel_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser
+from sim_backend.dynamixel_wire import (
+    BROADCAST,
+    LONGEST_REPLY,
+    STATUS_OVERHEAD,
+    Code,
+    InstructionParser,
+    ends_whole,
+    fast_head,
+    fast_length,
+)
 from sim_backend.line import Reply, ServoLine, Turn, named
 from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
@@ -54,36 +72,74 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[VirtualXServo]
     ) -> list[Reply]:
         parameters = instruction.parameters
-        if instruction.code == Code.SYNC_WRITE:
-            _sync_write(parameters, servos)
-            return []
-        if instruction.code == Code.SYNC_READ:
-            size = int.from_bytes(parameters[2:4], "little")
-            return self._in_turn(self._sync_read(parameters, servos), at_s, byte_s, (STATUS_OVERHEAD + size) * byte_s)
+        match instruction.code:
+            case Code.SYNC_WRITE:
+                return _write(sync_entries(parameters), servos)
+            case Code.BULK_WRITE:
+                return _write(bulk_entries(parameters), servos)
+            case Code.SYNC_READ:
+                return self._in_turn(self._reads(sync_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+            case Code.BULK_READ:
+                return self._in_turn(self._reads(bulk_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+            case Code.FAST_SYNC_READ:
+                return self._fast(sync_spans(parameters), servos, at_s, byte_s)
+            case Code.FAST_BULK_READ:
+                return self._fast(bulk_spans(parameters), servos, at_s, byte_s)
         broadcast = instruction.servo_id == BROADCAST
         turns = self._answers(instruction, servos if broadcast else named(instruction.servo_id, servos))
         if broadcast and instruction.code != Code.PING:
             return []
         return self._in_turn(turns, at_s, byte_s, 0.0)
 
-    def _sync_read(self, parameters: bytes, servos: Sequence[VirtualXServo]) -> list[Turn]:
-        """Address, size, and then the IDs: a turn for each of them, whether anybody is there or not."""
-        address, size = (int.from_bytes(parameters[at : at + 2], "little") for at in (0, 2))
+    def _reads(self, spans: Sequence[Span], servos: Sequence[VirtualXServo], byte_s: float) -> list[Turn]:
+        """A turn for each who is there; who is not leaves a gap as long as the reply would have been."""
         turns: list[Turn] = []
-        for servo_id in parameters[4:]:
-            asked = named(servo_id, servos)
-            if self.chained and not asked:
+        gap_s = 0.0
+        for servo_id, address, size in spans:
+            asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
+            if asked:
+                delay_s = gap_s + max(servo.return_delay_s for servo in asked)
+                turns.append((delay_s, [servo.read_status(address, size) for servo in asked]))
+                gap_s = 0.0
+            elif self.chained:
                 break
-            delay_s = max((servo.return_delay_s for servo in asked), default=0.0)
-            turns.append((delay_s, [servo.read_status(address, size) for servo in asked]))
+            else:
+                gap_s += (STATUS_OVERHEAD + size) * byte_s
         return turns
 
+    def _fast(self, spans: Sequence[Span], servos: Sequence[VirtualXServo], at_s: float, byte_s: float) -> list[Reply]:
+        """One packet, block by block, as far as each servo finds the block before its own in order."""
+        knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
+        wire, replies = b"", list[Reply]()
+        length = fast_length(size for _, _, size in spans)
+        if length > LONGEST_REPLY:
+            return []
+        for servo_id, address, size in spans:
+            asked = named(servo_id, knowing)
+            if not asked:
+                break
+            begun = wire or fast_head(length)
+            block = _overlaid([servo.read_block(address, size, begun) for servo in asked])
+            sent = block if wire else begun + block
+            at_s += len(sent) * byte_s
+            if not wire and self.paced:
+                at_s += max(servo.return_delay_s for servo in asked)
+            heard = self.faults.pass_reply(servo_id, sent)
+            replies.append(Reply(at_s, heard))
+            wire += heard
+            if not heard or not ends_whole(wire):
+                break
+        return replies
 
-def _sync_write(parameters: bytes, servos: Sequence[VirtualXServo]) -> None:
-    """Address, size, and then an ID and ``size`` bytes for each servo; half an entry is ignored."""
-    if len(parameters) < 4:
-        return
-    address, size = (int.from_bytes(parameters[at : at + 2], "little") for at in (0, 2))
-    for at in range(4, len(parameters) - size, size + 1):
-        for servo in named(parameters[at], servos):
-            servo.write(address, parameters[at + 1 : at + 1 + size])
+
+def _overlaid(blocks: Sequence[bytes]) -> bytes:
+    """Blocks of one length sent at once, by servos that share an ID."""
+    return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
+
+
+def _write(entries: Iterable[Entry], servos: Sequence[VirtualXServo]) -> list[Reply]:
+    """Each servo's share of a group write. There is no reply."""
+    for servo_id, address, data in entries:
+        for servo in named(servo_id, servos):
+            servo.write(address, data)
+    return []

@@ -13,6 +13,7 @@ from typing import Final
 
 from drivers.dynamixel import x_series as x
 from drivers.registers import ServoModel
+from sim_backend.dynamixel_models import STALL_CURRENT_A
 from sim_backend.firmware import Firmware, Memory
 from sim_backend.motion_profile import UNLIMITED
 from sim_backend.motor import MotorConstants
@@ -24,15 +25,6 @@ OVERLOAD_S: Final = 2.0
 VOLTAGE: Final = 1 << 0
 TEMPERATURE: Final = 1 << 2
 OVERLOAD: Final = 1 << 5
-
-STALL_CURRENT_A: Final = {
-    x.XL330_M077.name: 1.47,
-    x.XL330_M288.name: 1.47,
-    x.XC330_T288.name: 0.88,
-    x.XL430_W250.name: 1.4,
-    x.XM430_W350.name: 2.3,
-}
-"""At the model's rated voltage, from the e-manual."""
 
 
 def motor_of(model: ServoModel) -> MotorConstants:

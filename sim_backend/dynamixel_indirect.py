@@ -33,14 +33,21 @@ class Window:
         return self.addresses + 2 * (cell - self.data)
 
 
-_X430: Final = (Window(168, 224, 28), Window(578, 634, 28))
-_X330: Final = (Window(168, 208, 20),)
+_LONG: Final = (Window(168, 224, 28), Window(578, 634, 28))
+_SHORT: Final = (Window(168, 208, 20),)
 WINDOWS: Final[dict[str, tuple[Window, ...]]] = {
-    x.XL330_M077.name: _X330,
-    x.XL330_M288.name: _X330,
-    x.XC330_T288.name: _X330,
-    x.XL430_W250.name: _X430,
-    x.XM430_W350.name: _X430,
+    x.XL330_M077.name: _SHORT,
+    x.XL330_M288.name: _SHORT,
+    x.XC330_M181.name: _SHORT,
+    x.XC330_M288.name: _SHORT,
+    x.XC330_T181.name: _SHORT,
+    x.XC330_T288.name: _SHORT,
+    x.XL430_W250.name: _LONG,
+    x.XC430_W150.name: _LONG,
+    x.XC430_W240.name: _LONG,
+    x.XM430_W210.name: _LONG,
+    x.XM430_W350.name: _LONG,
+    x.MX_28_2.name: _LONG,
 }
 """By model name."""
 

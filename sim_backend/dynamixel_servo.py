@@ -11,7 +11,8 @@ from drivers.dynamixel.wire import ALERT
 from drivers.registers import ServoModel
 from sim_backend.dynamixel_firmware import XFirmware
 from sim_backend.dynamixel_memory import ACCESS, EEPROM_END, SIZE, XMemory
-from sim_backend.dynamixel_wire import Code, status_packet
+from sim_backend.dynamixel_models import FAST_READ_SINCE
+from sim_backend.dynamixel_wire import Code, fast_block, status_packet
 from sim_backend.sts_wire import Instruction
 
 REBOOT_S: Final = 0.3
@@ -50,6 +51,16 @@ class VirtualXServo:
         """Whether it is rebooting."""
         return self._deaf_s > 0.0
 
+    @property
+    def answers_reads(self) -> bool:
+        """Whether its status return level lets it answer more than pings."""
+        return self.memory.get(x.status_return_level) > 0
+
+    @property
+    def reads_fast(self) -> bool:
+        """Whether its firmware knows the fast reads."""
+        return self.memory.get(x.firmware_version) >= FAST_READ_SINCE[self.model.name]
+
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""
         if self._deaf_s > 0.0:
@@ -87,15 +98,18 @@ class VirtualXServo:
 
     def read_status(self, address: int, size: int) -> bytes:
         """The status packet with ``size`` bytes from ``address``, the state as of now."""
-        if address + size > SIZE:
-            return self._status(self.servo_id, ACCESS)
-        self.firmware.publish()
-        return self._status(self.servo_id, 0, self.memory.read(address, size))
+        error, data = self._read(address, size)
+        return self._status(self.servo_id, error, data)
+
+    def read_block(self, address: int, size: int, before: bytes) -> bytes:
+        """The same behind ``before`` in a fast reply; after an error zeros, to keep its length (assumed)."""
+        error, data = self._read(address, size)
+        return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
 
     def write(self, address: int, data: bytes) -> int:
         """A write from the wire and all that follows from it; returns the error number."""
-        switches_on = (address, data) == (x.torque_enable.address, b"\x01")
-        if switches_on and self.firmware.protection.released:
+        written = dict(zip(self.memory.resolved(address, len(data)), data, strict=True))
+        if written.get(x.torque_enable.address) == 1 and self.firmware.protection.released:
             return RESULT_FAIL
         error = self.memory.write(address, data)
         if error:
@@ -125,9 +139,19 @@ class VirtualXServo:
         self.memory.put(x.registered_instruction, 0)
         return self.write(address, data)
 
+    def _read(self, address: int, size: int) -> tuple[int, bytes]:
+        """The error number, and ``size`` bytes from ``address`` if there is none."""
+        if address + size > SIZE:
+            return ACCESS, b""
+        self.firmware.publish()
+        return 0, self.memory.read(address, size)
+
+    @property
+    def _alert(self) -> int:
+        return ALERT if self.firmware.protection.status else 0
+
     def _status(self, servo_id: int, error: int, data: bytes = b"") -> bytes:
-        alert = ALERT if self.firmware.protection.status else 0
-        return status_packet(servo_id, error | alert, data)
+        return status_packet(servo_id, error | self._alert, data)
 
 
 def _number(data: bytes) -> int:

@@ -3,7 +3,7 @@
 Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.dynamixel.wire``.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from typing import Final
 
@@ -14,9 +14,13 @@ from sim_backend.sts_wire import Instruction
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 11
 """Bytes of a status packet beside its data."""
+_BLOCK_OVERHEAD: Final = 4
+"""Bytes of a servo's block in a fast reply beside its data: error, ID, CRC."""
 _HEAD: Final = 7
 _SHORTEST: Final = 3
 _LONGEST: Final = 1024
+LONGEST_REPLY: Final = 0xFFFF
+"""What the length field can say."""
 
 
 class Code(IntEnum):
@@ -31,11 +35,36 @@ class Code(IntEnum):
     REBOOT = 0x08
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
     """A servo's reply; ``error`` as in ``drivers.dynamixel.wire``."""
     return packet(servo_id, STATUS, bytes((error,)) + data)
+
+
+def fast_length(sizes: Iterable[int]) -> int:
+    """What a fast reply says of its length: as if all who are asked added their blocks."""
+    return 1 + sum(size + _BLOCK_OVERHEAD for size in sizes)
+
+
+def fast_head(length: int) -> bytes:
+    """How a fast reply begins."""
+    return HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+
+
+def fast_block(before: bytes, servo_id: int, error: int, data: bytes) -> bytes:
+    """What a servo adds to a fast reply behind the bytes ``before``. Not stuffed; its CRC is of all so far."""
+    block = bytes((error, servo_id)) + data
+    return block + crc16(before + block).to_bytes(2, "little")
+
+
+def ends_whole(packet_so_far: bytes) -> bool:
+    """Whether the last two bytes are the CRC of those before."""
+    return crc16(packet_so_far[:-2]) == int.from_bytes(packet_so_far[-2:], "little")
 
 
 class InstructionParser:

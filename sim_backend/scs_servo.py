@@ -8,14 +8,13 @@ from typing import ClassVar, Final
 
 from drivers.feetech import scs, sts
 from drivers.registers import Register
-from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
+from sim_backend.firmware import Firmware
 from sim_backend.servo import VirtualServo
 from sim_backend.sts_memory import Memory
 from sim_backend.sts_wire import Code
 
 _OWN: Final = {register.name: register for register in scs.REGISTERS}
 _ABSENT: Final = {
-    sts.phase.name: MULTI_TURN_PHASE,  # readings end where the potentiometer ends, they do not wrap
     sts.protection_current.name: sts.protection_current.largest,  # it measures none
 }
 """What the firmware is told where the table has no such register; 0 for the others."""
@@ -75,10 +74,11 @@ class ScsMemory(Memory):
 
 
 class ScsFirmware(Firmware):
-    """The control loop, on coarser counts."""
+    """The control loop, on coarser counts that do not wrap: they end where the potentiometer ends."""
 
     def load_settings(self) -> None:
         super().load_settings()
+        self._multi_turn = True
         self._gain *= sts.STS3215.counts_per_turn / self._turn
 
 

@@ -1,17 +1,22 @@
-"""One sync read: ask several servos at once, wait for all their replies together, judge what came."""
+"""One group read: ask several servos at once, wait for all their replies together, judge what came."""
 
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Final
 
 from drivers.bus import FaultKind, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters, ServoCounters
-from drivers.dynamixel import state, wire, x_series
+from drivers.dynamixel import state, wire
+from drivers.dynamixel.models import Series
 from drivers.dynamixel.owed import OwedReplies
+from drivers.dynamixel.plan import Plan, fast_plan_for, plan_for
 from drivers.feetech.echo import Echo
 from drivers.port import Port
+
+LOG = logging.getLogger("servoloop.drivers")
 
 FIRST_REPLY_S: Final = 0.02
 """How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
@@ -20,21 +25,18 @@ GAP_S: Final = 0.002
 TRIED_GAP_S: Final = 0.0015
 """How long a servo is waited for that did not answer the last time."""
 
+FAST_TRIES: Final = 5
+"""After so many broken answers in a row there are no more fast sync reads."""
+
 Outcome = ServoState | FaultKind
 BITS_PER_BYTE: Final = 10.0
-
-
-@lru_cache(maxsize=256)
-def _request(servo_ids: tuple[int, ...], size: int) -> bytes:
-    return wire.sync_read(servo_ids, x_series.STATE_BLOCK_END - size, size)
 
 
 @dataclass(slots=True)
 class _Hearing:
     """What has come of one burst that did not come as a whole."""
 
-    servo_ids: tuple[int, ...]
-    size: int
+    plan: Plan
     decoder: wire.ReplyDecoder
     replies: list[wire.Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
@@ -42,47 +44,107 @@ class _Hearing:
     def take(self, replies: Sequence[wire.Reply]) -> None:
         """Note who has answered."""
         self.replies += replies
-        self.answered.update(r.servo_id for r in replies if len(r.data) == self.size)
+        self.answered.update(r.servo_id for r in replies if self.fits(r))
+
+    def fits(self, reply: wire.Reply) -> bool:
+        """Whether the reply is one to this question, by its size."""
+        return len(reply.data) == self.plan.sizes.get(reply.servo_id)
 
     def lacking(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes to wait for; 0 when the last of them has answered: nobody answers out of turn."""
         if not servo_ids or servo_ids[-1] in self.answered:
             return 0
-        missing = sum(i not in self.answered for i in servo_ids)
-        return max(1, missing * (self.size + wire.OVERHEAD) - self.decoder.waiting)
+        missing = tuple(i for i in servo_ids if i not in self.answered)
+        return max(1, self.plan.bytes_from(missing) - self.decoder.waiting)
 
 
 class BurstReader:
-    """Sync reads on one port. Counts what goes wrong; raises only PortLost."""
+    """Group reads on one port. Counts what goes wrong; raises only PortLost."""
 
-    def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
+    def __init__(
+        self, port: Port, clock: Clock, echo: Echo, counters: BusCounters, series: Mapping[int, Series]
+    ) -> None:
+        """``series`` by ID, of all servos that will be asked; the caller calls ``replan`` when it changes it."""
         self._port = port
         self._clock = clock
         self._echo = echo
         self._counters = counters
         self._owed = OwedReplies()
+        self._series = series
+        self._plans: dict[tuple[tuple[int, ...], int], Plan] = {}
         self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
-        self._size, self._sent, self._sent_s = state.STATE_SIZE, b"", 0.0
+        self._fast_plans: dict[tuple[int, ...], Plan | None] = {}
+        self._broken_in_a_row = 0
+        self._plan = plan_for((), {}, 0)
+        self._sent, self._sent_s = b"", 0.0
         self.clean = False
         """Whether the last answer was whole, so that nothing can be left to throw away."""
+        self.fast = False
+        """Whether the servos answer fast sync reads; ``try_fast`` finds out."""
+
+    def replan(self) -> None:
+        """What servos are has changed."""
+        self._plans.clear()
+        self._fast_plans.clear()
+
+    def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> Plan:
+        """How these servos are asked for their block number ``place``."""
+        plan = self._plans.get((servo_ids, place))
+        if plan is None:
+            plan = self._plans[servo_ids, place] = plan_for(servo_ids, self._series, place)
+        return plan
+
+    def fast_plan(self, servo_ids: tuple[int, ...]) -> Plan | None:
+        """How to ask them by a fast sync read; None where they are not of one series that may know it."""
+        if servo_ids not in self._fast_plans:
+            kinds = {self._series[i] for i in servo_ids}
+            kind = kinds.pop() if len(kinds) == 1 else None
+            self._fast_plans[servo_ids] = fast_plan_for(servo_ids, kind) if kind and kind.fast_sync_read else None
+        return self._fast_plans[servo_ids]
+
+    def try_fast(self, servo_ids: tuple[int, ...]) -> None:
+        """Ask servos that have just answered once more, fast, and remember whether they did.
+
+        Not for a cycle: whoever does not know the instruction costs the whole first wait. Nothing is counted.
+        """
+        plan = self.fast_plan(servo_ids)
+        if plan is None:
+            return
+        self._port.discard_input()
+        self._port.write(plan.request)
+        self.clean = False
+        sent_s = max(self._busy_until_s, self._clock.now()) + len(plan.request) * self._byte_s
+        expected = self._echo.expected(plan.request) + plan.reply_size
+        data = self._first_data(expected, sent_s, math.inf, True)
+        self.fast = plan.states(self._echo.strip(plan.request, data)) is not None
+        if not self.fast:
+            LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", self._port.name)
+
+    def _free_plan(self, servo_ids: tuple[int, ...], now_s: float) -> Plan:
+        """A question whose answers no late reply can be taken for."""
+        if not self._owed:
+            return self.plan(servo_ids)
+        self._owed.forget(now_s)
+        return self.plan(servo_ids, self._owed.free({i: self._series[i].state_sizes for i in servo_ids}))
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """``ask`` and ``hear``."""
         self.ask(firm, tried)
         return self.hear(firm, tried, deadline_s)
 
-    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"") -> None:
+    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"", *, fast: bool = False) -> None:
         """Send the question. ``before``, a packet that nobody answers, goes out in one piece with it.
 
         ``firm`` are expected to answer; ``tried`` did not the last time, are asked after them and
-        waited for shortly.
+        waited for shortly. ``fast`` allows a fast sync read, where one who is silent silences others too.
         """
         now_s = self._clock.now()
         begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
-        self._size = size = self._owed.free_size(firm + tried, begin_s) if self._owed else state.STATE_SIZE
-        self._sent = sent = before + _request(firm + tried, size)
+        plan = self._fast_or_none(firm, begin_s) if fast and self.fast else None
+        self._plan = plan = plan or self._free_plan(firm + tried, begin_s)
+        self._sent = sent = before + plan.request
         self._sent_s = begin_s + len(sent) * self._byte_s
         if not self.clean:
             self._port.discard_input()
@@ -91,16 +153,54 @@ class BurstReader:
 
     def hear(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """The state of each servo that was asked, or what kind of fault there was."""
-        servo_ids, size, sent = firm + tried, self._size, self._sent
-        expected = self._echo.expected(sent) + (size + wire.OVERHEAD) * len(firm or tried)
+        plan, sent = self._plan, self._sent
+        expected = self._echo.expected(sent) + (plan.bytes_from(firm) if firm and tried else plan.reply_size)
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
-        states = state.burst(data, servo_ids, size)
+        states = plan.states(data)
+        if plan.fast:
+            return self._hear_fast(plan, states, data, deadline_s)
         if states is None:
-            return self._listen_on(firm, tried, size, data, deadline_s)
+            return self._listen_on(firm, tried, plan, data, deadline_s)
         self.clean = True
-        return self._all_well(servo_ids, states)
+        return self._all_well(plan.servo_ids, states)
+
+    def _fast_or_none(self, servo_ids: tuple[int, ...], now_s: float) -> Plan | None:
+        """A fast sync read, unless a reply may still come late: only separate replies can be told apart."""
+        if self._owed:
+            self._owed.forget(now_s)
+        return None if self._owed else self.fast_plan(servo_ids)
+
+    def _hear_fast(
+        self, plan: Plan, states: Mapping[int, ServoState] | None, data: bytes, deadline_s: float
+    ) -> Mapping[int, Outcome]:
+        """The whole packet, or what can be believed of it; never again after too many that were broken."""
+        if states is not None:
+            self.clean, self._broken_in_a_row = True, 0
+            return self._all_well(plan.servo_ids, states)
+        self._broken_in_a_row += 1
+        if self._broken_in_a_row == FAST_TRIES:
+            self.fast = False
+            LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", self._port.name, FAST_TRIES)
+        return self._judge_fast(plan, data, deadline_s)
+
+    def _judge_fast(self, plan: Plan, data: bytes, deadline_s: float) -> dict[int, Outcome]:
+        """What can be believed of a packet that did not come as a whole; the caller asks for the rest again."""
+        size = plan.sizes[plan.servo_ids[0]]
+        piece = size + wire.FAST_OVERHEAD
+        begin = data.find(wire.fast_head(len(plan.servo_ids), size))
+        if begin > 0:  # behind noise, so as many bytes of it are still to come
+            data += self._port.read(begin, min(self._clock.now() + begin * self._byte_s + GAP_S, deadline_s))
+        outcome: dict[int, Outcome] = dict(plan.fast_states(data[begin:])) if begin >= 0 else {}
+        garbage = len(data) - max(begin, 0) - len(outcome) * piece - wire.FAST_HEAD_SIZE
+        for servo_id in plan.servo_ids[len(outcome) :]:
+            corrupt = garbage > piece - piece // 2
+            outcome[servo_id] = "corrupt" if corrupt else "silent"
+            garbage -= piece if corrupt else 0
+        self._counters.noise += (begin > 0) + (garbage > 0)
+        self._count(outcome, plan.sizes, set())
+        return outcome
 
     def send(self, packet: bytes) -> None:
         """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""
@@ -124,7 +224,7 @@ class BurstReader:
             expected - 1, min(self._clock.now() + expected * self._byte_s + GAP_S, deadline_s)
         )
 
-    def _all_well(self, servo_ids: tuple[int, ...], states: dict[int, ServoState]) -> Mapping[int, ServoState]:
+    def _all_well(self, servo_ids: tuple[int, ...], states: Mapping[int, ServoState]) -> Mapping[int, ServoState]:
         if self._echo.present is None:
             self._echo.present = False
         accounts = self._accounts.get(servo_ids)
@@ -138,11 +238,12 @@ class BurstReader:
         return states
 
     def _listen_on(
-        self, firm: tuple[int, ...], tried: tuple[int, ...], size: int, data: bytes, deadline_s: float
+        self, firm: tuple[int, ...], tried: tuple[int, ...], plan: Plan, data: bytes, deadline_s: float
     ) -> dict[int, Outcome]:
         """Something is missing or there is garbage: piece by piece until the line falls silent."""
-        decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
-        hearing = _Hearing(firm + tried, size, decoder)
+        size = min(plan.sizes.values())
+        decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
+        hearing = _Hearing(plan, decoder)
         hearing.take(decoder.feed(data))
         if data:
             self._wait_for(hearing, firm, TRIED_GAP_S, deadline_s)  # the long wait is over
@@ -165,25 +266,21 @@ class BurstReader:
         outcome: dict[int, Outcome] = {}
         belated = set()
         for reply in hearing.replies:
-            if (
-                len(reply.data) == hearing.size
-                and reply.servo_id in hearing.servo_ids
-                and not reply.error & ~wire.ALERT
-            ):
+            if hearing.fits(reply) and not reply.error & ~wire.ALERT:
                 self._counters.strange += reply.servo_id in outcome
-                outcome[reply.servo_id] = state.state(reply.error, reply.data)
+                outcome[reply.servo_id] = state.state(reply.error, reply.data, self._series[reply.servo_id])
             elif self._owed.settle(reply.servo_id, len(reply.data)):
                 belated.add(reply.servo_id)
             else:
                 self._counters.strange += 1
         corrupt = _corrupt(hearing, self._counters)
-        for servo_id in hearing.servo_ids:
+        for servo_id in hearing.plan.servo_ids:
             if servo_id not in outcome:
                 outcome[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in belated else "silent"
-        self._count(outcome, hearing.size, belated)
+        self._count(outcome, hearing.plan.sizes, belated)
         return outcome
 
-    def _count(self, outcome: dict[int, Outcome], size: int, belated: set[int]) -> None:
+    def _count(self, outcome: dict[int, Outcome], sizes: Mapping[int, int], belated: set[int]) -> None:
         now_s = self._clock.now()
         for servo_id, what in outcome.items():
             account = self._counters.of(servo_id)
@@ -194,7 +291,7 @@ class BurstReader:
                 account.corrupt += 1
             else:
                 account.silent += what == "silent"
-                self._owed.owe(servo_id, size, now_s)
+                self._owed.owe(servo_id, sizes[servo_id], now_s)
         for servo_id in belated:
             self._counters.of(servo_id).late += 1
 
@@ -205,27 +302,29 @@ def _corrupt(hearing: _Hearing, counters: BusCounters) -> set[int]:
     As many as fit into the garbage, those first whose ID can still be read. What is left over, or
     too little to be a reply, is noise.
     """
-    frame_size = hearing.size + wire.OVERHEAD
     corrupt: set[int] = set()
     for garbage, missing in _gaps(hearing):
-        likely = sorted(missing, key=lambda i: i not in hearing.decoder.corrupt_ids)
-        count = min(len(likely), (garbage + frame_size // 2 - 1) // frame_size)
-        corrupt.update(likely[:count])
-        counters.noise += garbage > count * frame_size
+        for servo_id in sorted(missing, key=lambda i: i not in hearing.decoder.corrupt_ids):
+            frame_size = hearing.plan.sizes[servo_id] + wire.OVERHEAD
+            if garbage <= frame_size - frame_size // 2:
+                break
+            corrupt.add(servo_id)
+            garbage -= frame_size
+        counters.noise += garbage > 0
     return corrupt
 
 
 def _gaps(hearing: _Hearing) -> list[tuple[int, list[int]]]:
     """Garbage and missing servos before each reply that was asked for, and after the last."""
     gaps = []
-    turn, garbage = 0, 0
+    turn, garbage, asked = 0, 0, hearing.plan.servo_ids
     for reply in hearing.replies:
         garbage += reply.garbage
-        if reply.servo_id not in hearing.servo_ids[turn:] or len(reply.data) != hearing.size:
+        if reply.servo_id not in asked[turn:] or not hearing.fits(reply):
             continue
-        its_turn = hearing.servo_ids.index(reply.servo_id)
-        gaps.append((garbage, [i for i in hearing.servo_ids[turn:its_turn] if i not in hearing.answered]))
+        its_turn = asked.index(reply.servo_id)
+        gaps.append((garbage, [i for i in asked[turn:its_turn] if i not in hearing.answered]))
         turn, garbage = its_turn + 1, 0
-    rest = [i for i in hearing.servo_ids[turn:] if i not in hearing.answered]
+    rest = [i for i in asked[turn:] if i not in hearing.answered]
     gaps.append((garbage + hearing.decoder.garbage, rest))
     return [gap for gap in gaps if gap[0]]

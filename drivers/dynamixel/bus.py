@@ -1,4 +1,4 @@
-"""Dynamixel X servos on one port: single-servo calls by the SDK, group transactions by us."""
+"""Dynamixel servos of protocol 2.0 on one port: single-servo calls by the SDK, group transactions by us."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,8 +10,9 @@ from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, Protocol2PacketHandler
 from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
-from drivers.dynamixel import state, wire, x_series
+from drivers.dynamixel import state, wire
 from drivers.dynamixel.burst import BITS_PER_BYTE, FIRST_REPLY_S, TRIED_GAP_S, BurstReader, Outcome
+from drivers.dynamixel.models import MODELS, SERIES, Series, X, series_of
 from drivers.dynamixel.sdk import SdkPort
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.feetech.absent import AbsenceWatch
@@ -31,20 +32,38 @@ _TEXTS: Final = {
 }
 
 
+class _SeriesById(dict[int, Series]):
+    """By a servo's ID; the X series for who is not known."""
+
+    def __missing__(self, servo_id: int) -> Series:
+        self[servo_id] = X
+        return X
+
+
 class DynamixelBus:
-    """A ServoBus of X series servos (protocol 2.0) in position mode."""
+    """A ServoBus of Dynamixels that speak protocol 2.0, in position mode."""
 
-    def __init__(self, port: Port, clock: Clock, position_p: Mapping[int, int] | None = None) -> None:
-        """``position_p``: the position P gain of servos (by ID) that are not to have the factory's.
+    def __init__(
+        self,
+        port: Port,
+        clock: Clock,
+        models: Mapping[int, ServoModel] | None = None,
+        *,
+        position_p: Mapping[int, int] | None = None,
+    ) -> None:
+        """``models`` by ID; who is not among them is taken to be of the X series until it is identified.
 
-        The gain lives in RAM: it is written whenever the torque goes on.
+        ``position_p``: the position P gain of servos (by ID) that are not to have the factory's. It lives
+        in RAM: it is written whenever the torque goes on.
         """
         self._port = port
         self._clock = clock
         self._position_p = dict(position_p or {})
         self._counters = BusCounters()
         self._echo = Echo()
-        self._burst = BurstReader(port, clock, self._echo, self._counters)
+        self._series = _SeriesById({i: series_of(model) for i, model in (models or {}).items()})
+        self._burst = BurstReader(port, clock, self._echo, self._counters, self._series)
+        self._fast_tried = False
         self._absent = AbsenceWatch()
         self._queue: list[int] = []  # of those that did not answer last time, in the order to try them
         self._sdk_port = SdkPort(port, clock, self._echo)
@@ -63,24 +82,22 @@ class DynamixelBus:
         number, result, _ = self._sdk.ping(self._sdk_port, servo_id)
         _raise_for(servo_id, result)
         if number != model.number:
-            known = next((m.name for m in x_series.MODELS.values() if m.number == number), "unknown")
+            known = next((m.name for m in MODELS.values() if m.number == number), "unknown")
             raise ServoRefused(
                 servo_id,
                 f"is model {number} ({known}), not {model.number} ({model.name}): "
                 "correct the model in the robot file or swap the servo",
             )
-        self._check_modes(servo_id)
+        self._take_for(servo_id, series_of(model))
+        misfit = self._series[servo_id].misfit(lambda register: self.read(servo_id, register))
+        if misfit:
+            raise ServoRefused(servo_id, misfit)
 
-    def _check_modes(self, servo_id: int) -> None:
-        """The settings that would give our goals another meaning."""
-        mode = self.read(servo_id, x_series.operating_mode)
-        if mode != x_series.POSITION_MODE:
-            raise ServoRefused(servo_id, f"is in operating mode {mode}: set it to {x_series.POSITION_MODE} (position)")
-        drive = self.read(servo_id, x_series.drive_mode)
-        if drive & x_series.TIME_BASED_PROFILE:
-            raise ServoRefused(servo_id, "has a time-based profile: clear bit 2 of its drive mode")
-        if drive & x_series.TORQUE_ON_BY_GOAL:
-            raise ServoRefused(servo_id, "switches its torque on by itself: clear bit 3 of its drive mode")
+    def _take_for(self, servo_id: int, series: Series) -> None:
+        """What the servo is has been seen."""
+        if self._series[servo_id] is not series:
+            self._series[servo_id] = series
+            self._burst.replan()
 
     def read(self, servo_id: int, register: Register) -> int:
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
@@ -118,7 +135,16 @@ class DynamixelBus:
             again = self._burst.read(behind, (), math.inf)
             self._note(again)
             outcome.update(again)
+        if asked and not self._fast_tried and not self._absent and self._burst.clean:
+            self._try_fast(asked)
         return self._readings(asked, outcome)
+
+    def _try_fast(self, servo_ids: tuple[int, ...]) -> None:
+        """Once a bus, when all have just answered, and outside of a cycle: can they be read fast?"""
+        if self._burst.fast_plan(servo_ids) is None:
+            return
+        self._fast_tried = True
+        self._burst.try_fast(servo_ids)
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
         asked = tuple(servo_ids)
@@ -130,24 +156,37 @@ class DynamixelBus:
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> dict[int, Reading]:
         asked = tuple(servo_ids)
-        firm, tried = self._ask(asked, state.goals_packet(goals) if goals else b"")
+        firm, tried = self._ask(asked, self._goals(goals) if goals else b"")
         return self._hear(asked, firm, tried, deadline_s)
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
-        question = wire.sync_read(ids, x_series.STATE_BLOCK_ADDRESS, state.STATE_SIZE)
-        goals = state.goals_packet({i: ServoGoal(0) for i in ids})
-        return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
+        plan = (self._burst.fast_plan(ids) if self._burst.fast else None) or self._burst.plan(ids)
+        return len(self._goals({i: ServoGoal(0) for i in ids})) + len(plan.request) + plan.reply_size
+
+    def _goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
+        """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""
+        kinds = {self._series[i] for i in goals}
+        if len(kinds) == 1:
+            return state.goals_packet(goals, kinds.pop())
+        packets = [
+            state.goals_packet({i: goal for i, goal in goals.items() if self._series[i] is kind}, kind)
+            for kind in SERIES
+            if kind in kinds
+        ]
+        return b"".join(packets)
 
     def _ask(self, asked: tuple[int, ...], goals: bytes) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Send the goals and the question; who surely answers, and who is only tried."""
         firm, tried = self._absent.split(asked, self._clock.now())
         tried = self._queued(tried)
+        # Not while somebody is missing: one who is silent would hide those behind it.
+        fast = bool(firm) and not tried
         if not firm:
             # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
             firm, tried = tried, ()
         if firm:
-            self._burst.ask(firm, tried, goals)
+            self._burst.ask(firm, tried, goals, fast=fast)
         elif goals:
             self._burst.send(goals)
         return firm, tried
@@ -178,6 +217,7 @@ class DynamixelBus:
 
     def _has_time(self, servo_ids: Sequence[int], deadline_s: float) -> bool:
         """Whether those can be asked again and waited for."""
+        # Also for the question, which is no longer than one more reply.
         size = (state.STATE_SIZE + 2 * wire.OVERHEAD) * (len(servo_ids) + 1)
         return self._clock.now() + size * BITS_PER_BYTE / self._port.baud + TRIED_GAP_S < deadline_s
 
@@ -211,7 +251,8 @@ class DynamixelBus:
             return reading
         self._sdk_port.latest_s = deadline_s
         try:
-            alarms = x_series.alarms(self.read(servo_id, x_series.hardware_error_status))
+            series = self._series[servo_id]
+            alarms = series.alarms(self.read(servo_id, series.hardware_error_status))
         except ServoError:
             return reading
         finally:
@@ -219,39 +260,42 @@ class DynamixelBus:
         return reading._replace(alarms=alarms or reading.alarms)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        self._burst.send(state.goals_packet(goals))
+        self._burst.send(self._goals(goals))
 
     def goal(self, servo_id: int) -> int:
-        return self.read(servo_id, x_series.goal_position)
+        return self.read(servo_id, self._series[servo_id].goal_position)
 
     def torque_is_on(self, servo_id: int) -> bool:
-        return self.read(servo_id, x_series.torque_enable) == 1
+        return self.read(servo_id, self._series[servo_id].torque_enable) == 1
 
     def torque_on(self, servo_id: int) -> None:
-        # No ramp of the servo's own: the trajectory above is smooth already, and a ramp would stop
-        # the servo at every goal.
-        self.write(servo_id, x_series.profile_acceleration, 0)
+        series = self._series[servo_id]
+        for register, value in series.before_torque:
+            self.write(servo_id, register, value)
         if servo_id in self._position_p:
-            self.write(servo_id, x_series.position_p_gain, self._position_p[servo_id])
-        self.write(servo_id, x_series.torque_enable, 1)
+            self.write(servo_id, series.position_p, self._position_p[servo_id])
+        self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
-        register = x_series.torque_enable
-        off = {servo_id: register.encode(0, _ORDER) for servo_id in servo_ids}
-        self._burst.send(wire.sync_write(register.address, register.size, off))
+        for kind in SERIES:
+            register = kind.torque_enable
+            off = {i: register.encode(0, _ORDER) for i in servo_ids if self._series[i] is kind}
+            if off:
+                self._burst.send(wire.sync_write(register.address, register.size, off))
         failed: list[ServoError] = []
         for servo_id in servo_ids:
             try:
-                self.write(servo_id, register, 0)
+                self.write(servo_id, self._series[servo_id].torque_enable, 0)
             except ServoError as error:
                 failed.append(error)
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        # Beyond its PWM limit the servo would refuse.
-        limit = self.read(servo_id, x_series.pwm_limit)
-        self.write(servo_id, x_series.goal_pwm, min(round(share * x_series.FULL_PWM), limit))
+        # Beyond its ceiling the servo would refuse.
+        series = self._series[servo_id]
+        limit = self.read(servo_id, series.torque_ceiling)
+        self.write(servo_id, series.torque_limit, min(round(share * series.full_torque), limit))
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
@@ -261,6 +305,7 @@ class DynamixelBus:
             yield DynamixelBus(self._port, self._clock)
         finally:
             self._port.set_baud(former)
+            self._burst.clean = False
 
     def close(self) -> None:
         self._port.close()

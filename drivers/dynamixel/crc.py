@@ -18,10 +18,11 @@ WORDS: Final = tuple((first << 8 & 0xFF00) ^ _TABLE[first >> 8 ^ low] for first 
 """What two bytes at once, high byte first, make of a checksum: half the steps of a table by bytes."""
 
 
-def crc16(data: bytes) -> int:
-    """The checksum of ``data``; it goes over the wire low byte first."""
+def crc16(data: bytes, value: int = 0) -> int:
+    """The checksum of ``data``, behind bytes whose checksum is ``value``; it goes over the wire low byte first."""
     odd = len(data) & 1
-    value = _TABLE[data[0]] if odd else 0
+    if odd:
+        value = (value << 8 & 0xFF00) ^ _TABLE[value >> 8 ^ data[0]]
     for word in unpack(f">{len(data) // 2}H", data[odd:]):
         value = WORDS[value ^ word]
     return value

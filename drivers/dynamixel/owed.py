@@ -1,19 +1,13 @@
 """Telling a late reply from a present one: a reply carries no number, but it has a length.
 
 Who still owes an answer is asked for a block that begins elsewhere; the answer to the old request is
-then known by its length, whenever it comes.
+then known by its length, whenever it comes. The checksum covers the length: no flipped bit turns one
+into another.
 """
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Final
 
-from drivers.dynamixel import x_series
-
-SIZES: Final = tuple(
-    x_series.STATE_BLOCK_END - register.address
-    for register in (x_series.present_pwm, x_series.moving, x_series.realtime_tick, x_series.goal_position)
-)
-"""All blocks end with the state. The checksum covers the length: no flipped bit turns one into another."""
 OWED_S: Final = 0.25
 """How long a reply may still come: adapters and schedulers hold bytes back, but not for ever."""
 
@@ -40,12 +34,18 @@ class OwedReplies:
         """The sizes of all replies that may still come."""
         return frozenset(size for _, size in self._until_s)
 
-    def free_size(self, servo_ids: Iterable[int], now_s: float) -> int:
-        """A size that none of them owes; where all are owed, the one that was owed first."""
+    def forget(self, now_s: float) -> None:
+        """What cannot come any more."""
         self._until_s = {key: until_s for key, until_s in self._until_s.items() if until_s > now_s}
-        asked = set(servo_ids)
-        owed = {
-            size: max((u for (i, s), u in self._until_s.items() if s == size and i in asked), default=0.0)
-            for size in SIZES
-        }
-        return min(SIZES, key=lambda size: owed[size])
+
+    def free(self, sizes: Mapping[int, tuple[int, ...]]) -> int:
+        """Which of its ``sizes`` to ask each servo for, by their place: one that none of them owes.
+
+        Where all are owed, the one that was owed first.
+        """
+        until_s = self._until_s
+
+        def owed(place: int) -> float:
+            return max((until_s.get((i, of[place]), 0.0) for i, of in sizes.items()), default=0.0)
+
+        return min(range(min(map(len, sizes.values()), default=1)), key=owed)

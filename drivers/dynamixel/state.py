@@ -3,77 +3,58 @@
 Offsets and formats are computed once; a cycle then unpacks whole bursts.
 """
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from struct import Struct
 from typing import Final
 
 from drivers.bus import ServoGoal, ServoState
-from drivers.dynamixel import wire, x_series
+from drivers.dynamixel import wire
 from drivers.dynamixel.crc import WORDS, crc16
-from drivers.registers import Register
+from drivers.dynamixel.models import Series, X, profile_units
 
-STATE_SIZE: Final = x_series.STATE_BLOCK_END - x_series.STATE_BLOCK_ADDRESS
-GOAL_ADDRESS: Final = x_series.GOAL_BLOCK[0].address
-GOAL_SIZE: Final = sum(register.size for register in x_series.GOAL_BLOCK)
-LARGEST_PROFILE: Final = 32767
+__all__ = ["STATE_SIZE", "burst", "fast_burst", "goals_packet", "profile_units", "state"]
 
-ALARMED: Final = ("hardware error",)
-"""What the alert bit says by itself. Which error it is stands in a register outside the block."""
+STATE_SIZE: Final = X.state_sizes[0]
 
-_STATE: Final = "h2xii8xHB"
-"""PWM, velocity, position, voltage, temperature; between them what is current in one model and load in another,
-and the trajectory."""
-_ONE: Final = Struct("<" + _STATE)
-assert _ONE.size == STATE_SIZE
-_VOLTAGES_V: Final = tuple(raw * x_series.VOLTAGE_UNIT_V for raw in range(256))
 _PER_FRAME: Final = 8
 """Numbers in one reply: its head as one, the error byte, the five registers, the checksum."""
 _HEAD_SIZE: Final = 8
 """Header, ID, length and instruction."""
-_new: Final = tuple.__new__
 
 
-def state(error: int, data: bytes) -> ServoState:
+def state(error: int, data: bytes, series: Series = X) -> ServoState:
     """The state at the end of one reply's data; a longer block begins earlier."""
-    return _state(error, *_ONE.unpack_from(data, len(data) - STATE_SIZE))
-
-
-def _state(error: int, pwm: int, velocity: int, position: int, voltage: int, temperature: int) -> ServoState:
-    fields = (
-        position,
-        round(velocity * x_series.VELOCITY_UNIT_COUNTS_S),
-        pwm / x_series.FULL_PWM,
-        _VOLTAGES_V[voltage] if voltage < 256 else voltage * x_series.VOLTAGE_UNIT_V,
-        float(temperature),
-        ALARMED if error & wire.ALERT else (),
-    )
-    return _new(ServoState, fields)
+    fields = series.fields
+    return series.state(error, *fields.unpack_from(data, len(data) - fields.size))
 
 
 _Layout = tuple[Struct, tuple[int, ...], Struct, list[tuple[int, int, int]]]
 
 
 @lru_cache(maxsize=64)
-def _layout(servo_ids: tuple[int, ...], size: int) -> _Layout:
-    """How a whole burst is taken apart, each reply's head, the words of one reply behind its head, and
-    for each reply where these begin, the checksum of its head, and where in the numbers its own is."""
-    burst = Struct("<" + f"QB{size - STATE_SIZE}x{_STATE}H" * len(servo_ids))
+def _layout(servo_ids: tuple[int, ...], size: int, series: Series) -> _Layout:
+    """How a whole burst is taken apart, each reply's head, the words of one reply that its checksum goes over,
+    and for each reply where these begin, the checksum of what is before them, and where in the numbers its own is."""
+    lead = size - series.fields.size
+    burst = Struct("<" + f"QB{lead}x{series.fields.format[1:]}H" * len(servo_ids))
     heads = [wire.HEADER + bytes((i,)) + (size + 4).to_bytes(2, "little") + bytes((wire.STATUS,)) for i in servo_ids]
-    words = Struct(f">{(size + 1) // 2}H")
+    # Words, so an even number of bytes: where the error byte and the data are an odd one, the head's last too.
+    behind = _HEAD_SIZE - (size + 1) % 2
+    words = Struct(f">{(size + 2) // 2}H")
     checks = [
-        (n * (size + wire.OVERHEAD) + _HEAD_SIZE, crc16(head), (n + 1) * _PER_FRAME - 1) for n, head in enumerate(heads)
+        (n * (size + wire.OVERHEAD) + behind, crc16(head[:behind]), (n + 1) * _PER_FRAME - 1)
+        for n, head in enumerate(heads)
     ]
     return burst, tuple(int.from_bytes(head, "little") for head in heads), words, checks
 
 
-def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, ServoState] | None:
+def burst(data: bytes, servo_ids: tuple[int, ...], size: int, series: Series = X) -> dict[int, ServoState] | None:
     """All states where ``data`` is exactly the replies of all servos in their order; None otherwise.
 
-    None too where a reply is stuffed, or has an error number. ``size`` is odd, as all blocks are.
+    None too where a reply is stuffed, or has an error number.
     """
-    layout, heads, words, checks = _layout(servo_ids, size)
+    layout, heads, words, checks = _layout(servo_ids, size, series)
     if len(data) != layout.size or data.count(wire.PATTERN) != len(servo_ids):
         return None
     numbers = layout.unpack(data)
@@ -89,30 +70,33 @@ def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, Servo
         if value != numbers[check]:
             return None
     columns = (numbers[column::_PER_FRAME] for column in range(1, _PER_FRAME - 1))
-    return dict(zip(servo_ids, map(_state, *columns), strict=True))
+    return dict(zip(servo_ids, map(series.state, *columns), strict=True))
 
 
-def profile_units(velocity_counts_s: int) -> int:
-    """A speed as profile_velocity, rounded up: the servo is never slower than asked. 0 stays 0."""
-    return min(math.ceil(velocity_counts_s / x_series.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
+def fast_burst(data: bytes, servo_ids: tuple[int, ...], size: int, series: Series = X) -> dict[int, ServoState]:
+    """The states of a fast sync read's one reply, up to the first servo that cannot be believed.
+
+    Each servo's piece ends in a checksum of all that was sent before, so a piece is as sure as a packet.
+    ``data`` begins with the reply's head. Nothing is stuffed in such a reply.
+    """
+    states: dict[int, ServoState] = {}
+    piece = size + wire.FAST_OVERHEAD
+    if not data.startswith(wire.fast_head(len(servo_ids), size)):
+        return states
+    value, done = 0, 0
+    for n, servo_id in enumerate(servo_ids):
+        at = wire.FAST_HEAD_SIZE + n * piece
+        end = at + piece
+        if len(data) < end or data[at + 1] != servo_id or data[at] & ~wire.ALERT:
+            return states
+        value = crc16(data[done : end - 2], value)
+        if value != int.from_bytes(data[end - 2 : end], "little"):
+            return states
+        done = end - 2
+        states[servo_id] = state(data[at], data[at + 2 : end - 2], series)
+    return states
 
 
-def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
+def goals_packet(goals: Mapping[int, ServoGoal], series: Series = X) -> bytes:
     """One sync write with a goal for each servo. Raises ValueError where one does not fit."""
-    return wire.sync_write(GOAL_ADDRESS, GOAL_SIZE, {i: _goal_bytes(goal) for i, goal in goals.items()})
-
-
-_GOAL: Final = Struct("<Ii")
-_MANY: Final = 1 << 31
-
-
-def _goal_bytes(goal: ServoGoal) -> bytes:
-    velocity, position = profile_units(goal.velocity_counts_s), goal.position_counts
-    if velocity >= 0 and -_MANY <= position < _MANY:
-        return _GOAL.pack(velocity, position)
-    return _refused(x_series.GOAL_BLOCK[0], velocity) + _refused(x_series.GOAL_BLOCK[1], position)
-
-
-def _refused(register: Register, value: int) -> bytes:
-    """The complaint that a value does not fit, in the register's own words."""
-    return register.encode(value, "little")
+    return wire.sync_write(series.goal_address, series.goal_size, {i: series.goal(g) for i, g in goals.items()})

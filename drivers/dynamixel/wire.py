@@ -22,6 +22,13 @@ WRITE = 0x03
 STATUS = 0x55
 SYNC_READ = 0x82
 SYNC_WRITE = 0x83
+FAST_SYNC_READ = 0x8A
+BULK_READ = 0x92
+
+FAST_HEAD_SIZE = 8
+"""Bytes of a fast sync read's reply before the first servo's piece: header, id, length, instruction."""
+FAST_OVERHEAD = 4
+"""Bytes of a servo's piece beside its data: error, id, CRC."""
 
 ALERT = 0x80
 """Bit of the error byte: the servo has a hardware error. It did what it was told all the same."""
@@ -73,6 +80,22 @@ def span(address: int, size: int) -> bytes:
 def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
     """Asks each servo in turn for ``size`` bytes at ``address``."""
     return packet(BROADCAST_ID, SYNC_READ, span(address, size) + bytes(servo_ids))
+
+
+def fast_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
+    """As ``sync_read``, but they answer with one packet in which each has its piece."""
+    return packet(BROADCAST_ID, FAST_SYNC_READ, span(address, size) + bytes(servo_ids))
+
+
+def fast_head(count: int, size: int) -> bytes:
+    """How the reply of ``count`` servos to a fast sync read begins; error, id, data and CRC of each follow."""
+    length = 1 + count * (size + FAST_OVERHEAD)
+    return HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((STATUS,))
+
+
+def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
+    """Asks each servo in turn for its own bytes: address and size, by ID."""
+    return packet(BROADCAST_ID, BULK_READ, b"".join(bytes((i,)) + span(*place) for i, place in spans.items()))
 
 
 def sync_write(address: int, size: int, data: Mapping[int, bytes]) -> bytes:

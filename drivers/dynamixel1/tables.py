@@ -100,6 +100,7 @@ AX_12A = ServoModel(
     rated_voltage_v=12.0,
     stall_torque_nm=1.5,
     no_load_speed_rad_s=59.0 * 2.0 * math.pi / 60.0,
+    positions=AX_POSITIONS,
 )
 MX_28 = ServoModel(  # protocol 1.0 firmware
     name="mx-28",

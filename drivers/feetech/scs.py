@@ -95,6 +95,7 @@ SCS15 = ServoModel(
     rated_voltage_v=7.4,
     stall_torque_nm=16.5 * KG_CM,
     no_load_speed_rad_s=65.0 * RPM,
+    positions=POSITIONS,
 )
 SCS0009 = ServoModel(
     name="scs0009",
@@ -104,6 +105,7 @@ SCS0009 = ServoModel(
     rated_voltage_v=6.0,
     stall_torque_nm=2.3 * KG_CM,
     no_load_speed_rad_s=100.0 * RPM,
+    positions=POSITIONS,
 )
 
 MODELS: Final = {model.name: model for model in (SCS15, SCS0009)}

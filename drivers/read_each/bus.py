@@ -160,10 +160,11 @@ class ReadEachBus:
         """Only what is missing, and only while there is time."""
         for _ in range(RETRIES):
             again: dict[int, Outcome] = {}
-            for servo_id in missing:
+            for index, servo_id in enumerate(missing, 1):
                 if self._line.has_time((servo_id,), deadline_s, RETRY_GAP_S):
                     self._counters.of(servo_id).retries += 1
-                    again |= yield from self._line.steps((servo_id,), False, deadline_s)
+                    until_s = self._line.leaving_time_for([(i,) for i in missing[index:]], (servo_id,), deadline_s)
+                    again |= yield from self._line.steps((servo_id,), False, until_s)
             outcome |= again
             missing = self._absent.note(again, self._clock.now())
 
@@ -229,7 +230,7 @@ class ReadEachBus:
         former = self._port.baud
         self._port.set_baud(baud)
         try:
-            yield ReadEachBus(self._port, self._clock, self._models)
+            yield ReadEachBus(self._port, self._clock, self._models, say_how_long=False)
         finally:
             self._port.set_baud(former)
             self._line.clean = False

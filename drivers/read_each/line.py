@@ -172,8 +172,8 @@ class Line:
         self, others: Sequence[tuple[int, ...]], servo_ids: tuple[int, ...], deadline_s: float
     ) -> float:
         """Until when to wait for ``servo_ids``, so that a silent one does not take the others' time."""
-        needed_s = sum(self._on_wire_s(group) + SPARE_S for group in others)
-        at_least_s = self._clock.now() + self._on_wire_s(servo_ids) + FIRM_S
+        needed_s = sum(self._on_wire_s(group) + FIRM_S for group in others)
+        at_least_s = self._clock.now() + self._on_wire_s(servo_ids) + SPARE_S
         return min(max(deadline_s - needed_s, at_least_s), deadline_s)
 
     def _on_wire_s(self, servo_ids: tuple[int, ...]) -> float:

@@ -1,13 +1,18 @@
 """Single-servo instructions by the makers' SDKs, and their results as errors."""
 
-from typing import Any
+from typing import Any, Final
 
-from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_PING, INST_READ
+import dynamixel_sdk
+import scservo_sdk
+from dynamixel_sdk import COMM_SUCCESS, INST_PING, INST_READ
 
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
 from drivers.feetech import sdk
 from drivers.read_each.series import Series
 from drivers.registers import Register
+
+_CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
+"""The other numbers are the same in both, or mean no answer."""
 
 
 class SdkPort(sdk.SdkPort):
@@ -19,7 +24,7 @@ class SdkPort(sdk.SdkPort):
 
 
 class SingleServo:
-    """Ping, read and write of one servo, acknowledged. Both SDKs have the same calls and result codes."""
+    """Ping, read and write of one servo, acknowledged. Both SDKs have the same calls."""
 
     def __init__(self, series: Series, port: SdkPort) -> None:
         self._series = series
@@ -59,7 +64,7 @@ class SingleServo:
 
 
 def _raise_for(servo_id: int, result: int) -> None:
-    if result == COMM_RX_CORRUPT:
+    if result in _CORRUPT:
         raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
     if result != COMM_SUCCESS:
         raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

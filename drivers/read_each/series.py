@@ -7,10 +7,10 @@ from struct import Struct
 from typing import Any, Final
 
 from dynamixel_sdk import Protocol1PacketHandler
-from scservo_sdk import PacketHandler as FeetechPacketHandler
+from scservo_sdk.protocol_packet_handler import protocol_packet_handler
 
 from drivers.bus import ServoGoal, ServoState
-from drivers.dynamixel import x_series
+from drivers.dynamixel.models import MODELS as DYNAMIXEL2_MODELS
 from drivers.dynamixel1 import tables as dxl
 from drivers.feetech import scs, sts
 from drivers.feetech.models import MODELS as FEETECH_MODELS
@@ -113,7 +113,8 @@ def _scs_misfit(model: ServoModel, read: Read) -> str | None:
 SCS: Final = Series(
     name="Feetech SCS",
     byte_order="big",
-    sdk=lambda: FeetechPacketHandler(1),
+    # Not the SDK's PacketHandler(1): that turns the words of every other user in this process round.
+    sdk=protocol_packet_handler,
     models=tuple(scs.MODELS.values()),
     bulk_models=(),
     model_number=scs.model_number,
@@ -201,7 +202,7 @@ DYNAMIXEL1: Final = Series(
     full_torque=dxl.FULL_TORQUE,
     refusals=dxl.REFUSALS,
     alarms=dxl.alarms,
-    relatives={**x_series.MODELS, **dxl.MODELS},
+    relatives={**DYNAMIXEL2_MODELS, **dxl.MODELS},
     state_of=_dxl_state_of,
     goal_of=_dxl_goal_of,
     misfit=_dxl_misfit,

@@ -49,7 +49,7 @@ def test_a_servo_at_another_rate_is_found_there(index: int) -> None:
     line = Line()
     line.servos.servos[1].memory.put(sts.baud_rate, index)
     rate = sts.BAUD_RATES[index]
-    assert f"servo 2 answers at {rate} baud" in line.said()[2]
+    assert f"servo 2: answers at {rate} baud" in line.said()[2]
     assert line.port.baud == 1_000_000
 
 

@@ -44,7 +44,7 @@ class Line:
         self.port = VirtualPort(self.servos, self.clock)
         self.name, self.baud = "line", 1_000_000
         self.discard_input, self.read, self.close = self.port.discard_input, self.port.read, self.port.close
-        self.bus = DynamixelBus(self, self.clock, {1: 1234})
+        self.bus = DynamixelBus(self, self.clock, MODELS, position_p={1: 1234})
 
     def write(self, data: bytes) -> None:
         self.sent += self._parser.feed(data)
@@ -72,7 +72,9 @@ def test_the_state_of_all_in_one_exchange() -> None:
     states = line.bus.read_states(IDS)
     assert [s.position_counts for s in states.values() if isinstance(s, ServoState)] == [1000, 2000, 3000]
     assert states[1] == ServoState(1000, 0, 0.0, 12.0, 27.0)
-    assert [(i.code, i.parameters) for i in line.sent] == [(Code.SYNC_READ, bytes((124, 0, 23, 0, 1, 2, 7)))]
+    asked = bytes((124, 0, 23, 0, 1, 2, 7))
+    # The second, once a bus, only finds out whether they can be read fast.
+    assert [(i.code, i.parameters) for i in line.sent] == [(Code.SYNC_READ, asked), (Code.FAST_SYNC_READ, asked)]
 
 
 @pytest.mark.parametrize("chained", [False, True])

@@ -286,7 +286,9 @@ def test_torque_goes_on_and_off_one_by_one(kind: Kind) -> None:
 def test_an_scs_has_no_torque_limit_and_says_what_to_do() -> None:
     line = Line(KINDS[0])
     line.bus.limit_torque(1, 1.0)
-    with pytest.raises(ServoRefused, match="write 400 to max_torque .register 16, EEPROM. and set torque_limit: 1.0"):
+    with pytest.raises(
+        ServoRefused, match=r"write 400 to max_torque \(register 16, EEPROM\) and set torque_limit: 1\.0"
+    ):
         line.bus.limit_torque(1, 0.4)
     assert line.held(1, scs.lock) == 1
 

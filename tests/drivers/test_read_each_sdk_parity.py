@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -29,6 +30,13 @@ ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
 every_sdk = pytest.mark.parametrize("sdk", HANDLERS)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def words_of_the_sdk() -> Iterator[None]:
+    """The Feetech SDK keeps the order of words for the whole process."""
+    yield
+    feetech.SCS_SETEND(0)
+
+
 def sdk_sync_write(sdk: str, address: int, size: int, data: dict[int, bytes]) -> bytes:
     module, handler = HANDLERS[sdk]
     tape = Tape()
@@ -48,8 +56,10 @@ def bus_of(models: dict[int, ServoModel]) -> tuple[ReadEachBus, Tape]:
 @given(goals=st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 1023), st.integers(0, 32767)), min_size=1))
 def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None:
     goals = dict(list(goals.items())[:20])  # the SDK's longest packet
+    feetech.SCS_SETEND(0)
     bus, tape = bus_of(dict.fromkeys(goals, model))
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
+    assert feetech.SCS_GETEND() == 0  # ours leaves it alone
     feetech.SCS_SETEND(1)
     low, high = feetech.SCS_LOBYTE, feetech.SCS_HIBYTE
     data = {i: bytes((low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}

@@ -72,6 +72,9 @@ class WatchedPort:
     def discard_input(self) -> None:
         self.port.discard_input()
 
+    def set_baud(self, baud: int) -> None:
+        self.port.set_baud(baud)
+
     def close(self) -> None:
         self.port.close()
 

@@ -162,7 +162,7 @@ def test_a_line_on_which_nobody_answers_is_told_from_one_silent_servo() -> None:
         bench.hardware.configure()
     arm, hand = str(caught.value).splitlines()
     assert arm.startswith("elbow (bus arm): servo 2: does not answer")
-    assert hand == "no servo answers on /dev/hand (bus hand): check the servos' power and the baud rate"
+    assert hand == "no servo answers on /dev/hand (bus hand) at any baud rate: check the servos' power and their IDs"
 
 
 @pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])

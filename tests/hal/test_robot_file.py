@@ -67,7 +67,7 @@ def test_what_the_file_says(tmp_path: Path) -> None:
 def test_what_the_file_need_not_say(tmp_path: Path) -> None:
     file = loaded(tmp_path, "joints: {elbow: {servo_id: 1, model: sts3215, acceleration: 12, jerk: 120}}")
     elbow = file.joints["elbow"]
-    assert (elbow.sign, elbow.zero_counts, elbow.torque_limit) == (1, 2048, 1.0)
+    assert (elbow.sign, elbow.zero_counts, elbow.torque_limit) == (1, None, 1.0)
     assert file.lines() == {"": BusFile(protocol="feetech", baud=1_000_000)}
     assert (file.on_exit.virtual, file.on_exit.real, file.park) == ("hold", "relax", None)
 

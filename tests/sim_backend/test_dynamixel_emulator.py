@@ -65,3 +65,5 @@ def test_the_sdk_pings_reads_writes_and_moves(port: Any) -> None:
         return all(abs(reader.getData(i, POSITION, 4) - 2048 - 100 * n) < 15 for n, i in enumerate(IDS))
 
     eventually(arrived)
+    eventually(lambda: reader.fastSyncRead() == sdk.COMM_SUCCESS)
+    assert all(abs(reader.getData(i, POSITION, 4) - 2048 - 100 * n) < 15 for n, i in enumerate(IDS))

@@ -1,6 +1,7 @@
 """Group instructions of several virtual X series servos, asked by the official SDK's group classes."""
 
 import importlib
+import random
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from drivers.dynamixel.sdk import SdkPort
 from drivers.dynamixel.wire import BROADCAST_ID, SYNC_READ, packet, span
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_wire import Code, fast_block, fast_head, status_packet
+from sim_backend.dynamixel_wire import BROADCAST, Code, fast_block, fast_head, fast_length
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 
@@ -51,7 +52,7 @@ class Group:
 def test_the_manuals_example_of_a_fast_sync_read() -> None:
     wire = b""
     for servo_id, position in ((3, 166), (7, 2079), (4, 1023)):
-        wire += fast_head((4, 4, 4)) if not wire else b""
+        wire = wire or fast_head(fast_length((4, 4, 4)))
         wire += fast_block(wire, servo_id, 0, position.to_bytes(4, "little"))
     assert wire == bytes.fromhex(
         "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08  00 07 1f 08 00 00 16 ca  00 04 ff 03 00 00 d1 9e"
@@ -59,12 +60,10 @@ def test_the_manuals_example_of_a_fast_sync_read() -> None:
 
 
 def test_the_manuals_example_of_a_fast_bulk_read() -> None:
-    wire = fast_head((4, 2, 1))
+    wire = fast_head(fast_length((4, 2, 1)))
     for servo_id, data in ((3, "a6000000"), (7, "a501"), (4, "1f")):
         wire += fast_block(wire, servo_id, 0, bytes.fromhex(data))
-    assert wire == bytes.fromhex(
-        "ff ff fd 00 fe 14 00 55 00 03 a6 00 00 00 67 a4  00 07 a5 01 24 74  00 04 1f d9 c1"
-    )
+    assert wire == bytes.fromhex("ff ff fd 00 fe 14 00 55 00 03 a6 00 00 00 67 a4  00 07 a5 01 24 74  00 04 1f d9 c1")
 
 
 def test_the_sdk_reads_fast() -> None:
@@ -133,13 +132,13 @@ def test_a_fast_read_beyond_the_table_reports_the_error_and_keeps_its_length() -
 
 def test_the_sdk_reads_in_bulk_and_fast_in_bulk() -> None:
     group = Group()
-    group.sent(Code.PING, b"")
     for fast in (False, True):
         reader = group.bulk_reader()
         assert (reader.fastBulkRead() if fast else reader.txRxPacket()) == sdk.COMM_SUCCESS
         assert reader.getData(1, x.present_position.address, 4) == 2048
-        assert reader.getData(2, x.present_voltage.address, 2) == 50
-        assert reader.getData(3, x.present_temperature.address, 1) == 25
+        assert reader.getData(2, x.present_voltage.address, 2) == 50  # 5 V
+        temperature = group.bus.servo(3).memory.get(x.present_temperature)
+        assert reader.getData(3, x.present_temperature.address, 1) == temperature > 0
 
 
 @pytest.mark.parametrize("chained", [False, True])
@@ -193,4 +192,16 @@ def test_two_servos_with_one_id_talk_at_once() -> None:
     group.bus.servo(2).memory.put(x.servo_id, 1)
     pieces = group.sent(Code.FAST_SYNC_READ, span(x.model_number.address, 2) + bytes((1, 3)))
     assert len(pieces) == 1  # their blocks are and-ed, so the next one hears a wrong checksum
-    assert status_packet(1, 0) == packet(1, 0x55, b"\0")
+    assert pieces[0][1][10:12] == bytes((1060 & 0xFF & 1200, (1060 & 1200) >> 8))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_group_instruction_breaks_the_bus(seed: int) -> None:
+    chance = random.Random(seed)
+    group = Group()
+    codes = [Code.SYNC_READ, Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.SYNC_WRITE, Code.BULK_WRITE]
+    for _ in range(20):
+        few = [0, 1, 2, 3, 4, 64, 132, 168, 224, 254, 255]
+        parameters = bytes(chance.choice(few) for _ in range(chance.randrange(40)))
+        group.bus.receive(packet(BROADCAST, chance.choice(codes), parameters), now_s=1.0)
+    group.bus.advance(1.01)

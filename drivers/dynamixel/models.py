@@ -1,0 +1,213 @@
+"""All Dynamixel models of protocol 2.0, and what a bus must know of the series that a model belongs to."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from struct import Struct
+from typing import Final
+
+from drivers.bus import ServoGoal, ServoState
+from drivers.dynamixel import x_series, xl320
+from drivers.dynamixel.wire import ALERT
+from drivers.registers import Register, ServoModel
+
+Read = Callable[[Register], int]
+
+ALARMED: Final = ("hardware error",)
+"""What the alert bit says by itself. Which error it is stands in a register outside the block."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Servos with one table.
+
+    All state blocks end at ``state_end``, with the state itself; ``state_sizes`` are how many bytes may
+    be asked for, the state alone first: a servo that owes an answer is asked for another size.
+    ``fields`` are the state's numbers for ``struct``, five of them, from which ``state`` makes values,
+    behind the reply's error byte. ``misfit`` reads a servo's settings: why they do not fit, if so.
+    """
+
+    name: str
+    models: tuple[ServoModel, ...]
+    state_end: int
+    state_sizes: tuple[int, ...]
+    fields: Struct
+    state: Callable[[int, int, int, int, int, int], ServoState]
+    goal_address: int
+    goal_size: int
+    goal: Callable[[ServoGoal], bytes]
+    torque_enable: Register
+    goal_position: Register
+    hardware_error_status: Register
+    alarms: Callable[[int], tuple[str, ...]]
+    before_torque: tuple[tuple[Register, int], ...]
+    position_p: Register
+    torque_limit: Register
+    torque_ceiling: Register
+    """What ``torque_limit`` must not exceed."""
+    full_torque: int
+    misfit: Callable[[Read], str | None]
+    fast_sync_read: bool
+    """Whether some firmware of the series answers a fast sync read."""
+
+
+def _block(start: tuple[Register, ...], end: int) -> tuple[int, ...]:
+    """Sizes of the blocks that begin with these registers."""
+    return tuple(end - register.address for register in start)
+
+
+def _refused(register: Register, value: int) -> bytes:
+    """The complaint that a value does not fit, in the register's own words."""
+    return register.encode(value, "little")
+
+
+# X series.
+
+LARGEST_PROFILE: Final = 32767
+_VOLTAGES_V: Final = tuple(raw * x_series.VOLTAGE_UNIT_V for raw in range(256))
+_X_GOAL: Final = Struct("<Ii")
+_MANY: Final = 1 << 31
+_new: Final = tuple.__new__
+
+
+def _x_state(error: int, pwm: int, velocity: int, position: int, voltage: int, temperature: int) -> ServoState:
+    fields = (
+        position,
+        round(velocity * x_series.VELOCITY_UNIT_COUNTS_S),
+        pwm / x_series.FULL_PWM,
+        _VOLTAGES_V[voltage] if voltage < 256 else voltage * x_series.VOLTAGE_UNIT_V,
+        float(temperature),
+        ALARMED if error & ALERT else (),
+    )
+    return _new(ServoState, fields)
+
+
+def profile_units(velocity_counts_s: int) -> int:
+    """A speed as profile_velocity, rounded up: the servo is never slower than asked. 0 stays 0."""
+    return min(math.ceil(velocity_counts_s / x_series.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
+
+
+def _x_goal(goal: ServoGoal) -> bytes:
+    velocity, position = profile_units(goal.velocity_counts_s), goal.position_counts
+    if velocity >= 0 and -_MANY <= position < _MANY:
+        return _X_GOAL.pack(velocity, position)
+    return _refused(x_series.GOAL_BLOCK[0], velocity) + _refused(x_series.GOAL_BLOCK[1], position)
+
+
+def _x_misfit(read: Read) -> str | None:
+    mode = read(x_series.operating_mode)
+    if mode != x_series.POSITION_MODE:
+        return f"is in operating mode {mode}: set it to {x_series.POSITION_MODE} (position)"
+    drive = read(x_series.drive_mode)
+    if drive & x_series.TIME_BASED_PROFILE:
+        return "has a time-based profile: clear bit 2 of its drive mode"
+    if drive & x_series.TORQUE_ON_BY_GOAL:
+        return "switches its torque on by itself: clear bit 3 of its drive mode"
+    return None
+
+
+X: Final = Series(
+    name="Dynamixel X",
+    models=tuple(x_series.MODELS.values()),
+    state_end=x_series.STATE_BLOCK_END,
+    state_sizes=_block(
+        (x_series.present_pwm, x_series.moving, x_series.realtime_tick, x_series.goal_position),
+        x_series.STATE_BLOCK_END,
+    ),
+    # PWM, velocity, position, voltage, temperature; between them what is current in one model and load in
+    # another, and the trajectory.
+    fields=Struct("<h2xii8xHB"),
+    state=_x_state,
+    goal_address=x_series.GOAL_BLOCK[0].address,
+    goal_size=sum(register.size for register in x_series.GOAL_BLOCK),
+    goal=_x_goal,
+    torque_enable=x_series.torque_enable,
+    goal_position=x_series.goal_position,
+    hardware_error_status=x_series.hardware_error_status,
+    alarms=x_series.alarms,
+    # No ramp of the servo's own: the trajectory above is smooth already, and a ramp would stop the servo
+    # at every goal.
+    before_torque=((x_series.profile_acceleration, 0),),
+    position_p=x_series.position_p_gain,
+    torque_limit=x_series.goal_pwm,
+    torque_ceiling=x_series.pwm_limit,
+    full_torque=x_series.FULL_PWM,
+    misfit=_x_misfit,
+    fast_sync_read=True,
+)
+
+
+# XL-320.
+
+_SIGN: Final = 1 << 10
+_XL_GOAL: Final = Struct("<HH")
+
+
+def _signed(raw: int) -> int:
+    """A sign-magnitude number whose sign is bit 10."""
+    return -(raw & _SIGN - 1) if raw & _SIGN else raw & _SIGN - 1
+
+
+def _xl_state(error: int, position: int, speed: int, load: int, voltage: int, temperature: int) -> ServoState:
+    return ServoState(
+        position,
+        round(_signed(speed) * xl320.SPEED_UNIT_COUNTS_S),
+        _signed(load) / xl320.FULL_TORQUE,
+        voltage * xl320.VOLTAGE_UNIT_V,
+        float(temperature),
+        ALARMED if error & ALERT else (),
+    )
+
+
+def _xl_goal(goal: ServoGoal) -> bytes:
+    position, last = goal.position_counts, xl320.POSITIONS - 1
+    if not 0 <= position <= last:
+        raise ValueError(f"goal_position takes 0 to {last}, not {position}: nothing written")
+    # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
+    speed = min(math.ceil(goal.velocity_counts_s / xl320.SPEED_UNIT_COUNTS_S), xl320.LARGEST_SPEED)
+    return _XL_GOAL.pack(position, speed) if speed >= 0 else _refused(xl320.moving_speed, speed)
+
+
+def _xl_misfit(read: Read) -> str | None:
+    mode = read(xl320.control_mode)
+    if mode != xl320.JOINT_MODE:
+        return f"is in control mode {mode}: set it to {xl320.JOINT_MODE} (joint)"
+    return None
+
+
+XL: Final = Series(
+    name="Dynamixel XL-320",
+    models=tuple(xl320.MODELS.values()),
+    state_end=xl320.STATE_BLOCK_END,
+    state_sizes=_block(
+        (xl320.present_position, xl320.torque_limit, xl320.moving_speed, xl320.goal_position), xl320.STATE_BLOCK_END
+    ),
+    fields=Struct("<HHH2xBB"),
+    state=_xl_state,
+    goal_address=xl320.GOAL_BLOCK[0].address,
+    goal_size=sum(register.size for register in xl320.GOAL_BLOCK),
+    goal=_xl_goal,
+    torque_enable=xl320.torque_enable,
+    goal_position=xl320.goal_position,
+    hardware_error_status=xl320.hardware_error_status,
+    alarms=xl320.alarms,
+    before_torque=(),
+    position_p=xl320.p_gain,
+    torque_limit=xl320.torque_limit,
+    torque_ceiling=xl320.max_torque,
+    full_torque=xl320.FULL_TORQUE,
+    misfit=_xl_misfit,
+    fast_sync_read=False,
+)
+SERIES: Final = (X, XL)
+
+MODELS: Final = {model.name: model for series in SERIES for model in series.models}
+"""Every Dynamixel model of protocol 2.0 by name."""
+
+
+def series_of(model: ServoModel) -> Series:
+    """The series of one of ``MODELS``; ValueError for another servo."""
+    for series in SERIES:
+        if model in series.models:
+            return series
+    raise ValueError(f"{model.name} is no Dynamixel of protocol 2.0: known are {', '.join(MODELS)}")

@@ -1,0 +1,93 @@
+"""What differs between the virtual X series models: factory values, motors, firmware. From the e-manual."""
+
+from typing import Final
+
+from drivers.dynamixel import x_series as x
+from drivers.registers import Register
+
+FACTORY: Final[dict[Register, int]] = {
+    x.firmware_version: 46,  # assumed
+    x.servo_id: 1,
+    x.baud_rate: 1,
+    x.return_delay: 250,
+    x.operating_mode: x.POSITION_MODE,
+    x.secondary_id: 255,
+    x.protocol_type: 2,
+    x.moving_threshold: 10,
+    x.pwm_limit: x.FULL_PWM,
+    x.max_position_limit: 4095,
+    x.status_return_level: 2,
+}
+"""What all models have; every register that is neither here nor in OWN is 0."""
+
+_OWN_REGISTERS: Final = (
+    x.temperature_limit,
+    x.max_voltage_limit,
+    x.min_voltage_limit,
+    x.velocity_limit,
+    x.shutdown,
+    x.velocity_i_gain,
+    x.velocity_p_gain,
+    x.position_d_gain,
+    x.position_i_gain,
+    x.position_p_gain,
+)
+_OWN_VALUES: Final = {
+    x.XL330_M077.name: (70, 70, 35, 1620, 53, 400, 40, 0, 400, 400),
+    x.XL330_M288.name: (70, 70, 35, 445, 53, 1600, 180, 0, 0, 400),
+    x.XC330_M181.name: (70, 70, 35, 545, 52, 1400, 100, 500, 0, 1200),
+    x.XC330_M288.name: (70, 70, 35, 350, 52, 1600, 50, 500, 0, 1100),
+    x.XC330_T181.name: (70, 140, 55, 510, 52, 1200, 40, 0, 0, 900),
+    x.XC330_T288.name: (70, 140, 55, 320, 52, 1200, 40, 0, 0, 900),
+    x.XL430_W250.name: (72, 140, 60, 265, 52, 1000, 100, 4000, 0, 640),
+    x.XC430_W150.name: (80, 160, 60, 460, 52, 1920, 100, 0, 0, 460),
+    x.XC430_W240.name: (80, 160, 60, 306, 52, 1920, 100, 0, 0, 700),
+    x.XM430_W210.name: (80, 160, 95, 330, 52, 1920, 100, 0, 0, 800),
+    x.XM430_W350.name: (80, 160, 95, 350, 52, 1920, 100, 0, 0, 800),
+    x.MX_28_2.name: (80, 160, 95, 380, 52, 1920, 100, 0, 0, 850),
+}
+OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
+CURRENT_LIMITS: Final = {
+    x.XL330_M077.name: 1750,
+    x.XL330_M288.name: 1750,
+    x.XC330_M181.name: 2352,
+    x.XC330_M288.name: 2352,
+    x.XC330_T181.name: 910,
+    x.XC330_T288.name: 910,
+    x.XM430_W210.name: 1193,
+    x.XM430_W350.name: 1193,
+}
+"""By model name, in the model's unit. The others have none."""
+
+STALL_CURRENT_A: Final = {
+    x.XL330_M077.name: 1.47,
+    x.XL330_M288.name: 1.47,
+    x.XC330_M181.name: 1.8,
+    x.XC330_M288.name: 1.8,
+    x.XC330_T181.name: 0.88,
+    x.XC330_T288.name: 0.88,
+    x.XL430_W250.name: 1.4,
+    x.XC430_W150.name: 1.4,
+    x.XC430_W240.name: 1.4,
+    x.XM430_W210.name: 2.3,
+    x.XM430_W350.name: 2.3,
+    x.MX_28_2.name: 1.4,
+}
+"""At the model's rated voltage."""
+
+_NEVER: Final = 256
+FAST_READ_SINCE: Final = {
+    x.XL330_M077.name: 46,
+    x.XL330_M288.name: 46,
+    x.XC330_M181.name: 46,
+    x.XC330_M288.name: 46,
+    x.XC330_T181.name: 46,
+    x.XC330_T288.name: 46,
+    x.XL430_W250.name: 45,
+    x.XC430_W150.name: 45,
+    x.XC430_W240.name: 45,
+    x.XM430_W210.name: 45,
+    x.XM430_W350.name: 45,
+    x.MX_28_2.name: _NEVER,  # not in the list of "Fast Sync Read"
+}
+"""The firmware version from which on a model knows the fast reads."""

@@ -1,0 +1,78 @@
+"""The tables of protocol 1.0: consistent in themselves, and equal to ROBOTIS' own lists."""
+
+from itertools import pairwise
+
+import pytest
+
+from drivers.dynamixel1 import tables as dxl
+from drivers.registers import Access, Register, ServoModel
+
+every_model = pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda model: model.name)
+
+ROBOTIS_COMMON = (
+    "0 2, 2 1, 3 1, 4 1, 5 1, 6 2, 8 2, 11 1, 12 1, 13 1, 14 2, 16 1, 17 1, 18 1, "
+    "24 1, 25 1, 30 2, 32 2, 34 2, 36 2, 38 2, 40 2, 42 1, 43 1, 44 1, 46 1, 47 1, 48 2"
+)
+ROBOTIS = {
+    "ax-12a": ROBOTIS_COMMON + ", 26 1, 27 1, 28 1, 29 1",
+    # The tick (50) stands in the e-manual alone.
+    "mx-28": ROBOTIS_COMMON + ", 20 2, 22 1, 26 1, 27 1, 28 1, 50 2, 73 1",
+}
+"""Addresses and sizes in dynamixel-workbench, ``dynamixel_item.cpp``: items_AX and items_MX."""
+
+
+@every_model
+def test_names_are_unique_and_nothing_overlaps(model: ServoModel) -> None:
+    table = dxl.registers(model)
+    assert len({register.name for register in table}) == len(table)
+    for before, after in pairwise(table):
+        assert before.address + before.size <= after.address, (before.name, after.name)
+
+
+@every_model
+def test_addresses_and_sizes_are_those_of_the_maker_s_own_list(model: ServoModel) -> None:
+    theirs = sorted(tuple(map(int, item.split())) for item in ROBOTIS[model.name].split(", "))
+    assert [(register.address, register.size) for register in dxl.registers(model)] == theirs
+
+
+@every_model
+def test_a_register_fits_the_table(model: ServoModel) -> None:
+    for register in dxl.registers(model):
+        assert register.persistent == (register.address < 24)
+        state = 36 <= register.address <= 46 or register in (dxl.realtime_tick, dxl.model_number, dxl.firmware_version)
+        assert (register.access is Access.READ) == state, register.name
+
+
+def test_no_register_of_the_module_is_in_no_table() -> None:
+    written = {value for value in vars(dxl).values() if isinstance(value, Register)}
+    assert written == {register for model in dxl.MODELS.values() for register in dxl.registers(model)}
+
+
+def test_blocks_have_no_holes() -> None:
+    assert [(r.address, r.size) for r in dxl.STATE_BLOCK] == [(36, 2), (38, 2), (40, 2), (42, 1), (43, 1)]
+    assert [(r.address, r.size) for r in dxl.GOAL_BLOCK] == [(30, 2), (32, 2)]
+
+
+def test_units() -> None:
+    """e-manual: 300 is 33.3 rpm of an AX-12A and 34.2 rpm of an MX-28; 1024 counts of an AX are 300 degrees."""
+    assert 300 * dxl.SPEED_UNIT_COUNTS_S["ax-12a"] * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
+    assert 300 * dxl.SPEED_UNIT_COUNTS_S["mx-28"] * 60.0 / 4096 == pytest.approx(34.2)
+    assert 1024 / dxl.AX_12A.counts_per_turn * 360.0 == pytest.approx(300.0, abs=0.1)
+
+
+def test_error_bits_are_the_sdk_s() -> None:
+    import importlib
+
+    handler = importlib.import_module("dynamixel_sdk.protocol1_packet_handler")
+    theirs = {
+        handler.ERRBIT_VOLTAGE: "voltage",
+        handler.ERRBIT_ANGLE: "angle limit",
+        handler.ERRBIT_OVERHEAT: "temperature",
+        handler.ERRBIT_RANGE: "range",
+        handler.ERRBIT_CHECKSUM: "checksum",
+        handler.ERRBIT_OVERLOAD: "overload",
+        handler.ERRBIT_INSTRUCTION: "instruction",
+    }
+    assert {1 << bit: name for bit, name in dxl.ERROR_BITS.items()} == theirs
+    assert dxl.alarms(0x25) == ("voltage", "temperature", "overload")
+    assert handler.ERRBIT_RANGE | handler.ERRBIT_CHECKSUM | handler.ERRBIT_INSTRUCTION == dxl.REFUSALS

@@ -1,0 +1,276 @@
+"""The tables of all Dynamixels of protocol 2.0 against the official SDK's, and lines of several series."""
+
+import importlib.resources
+import re
+from collections.abc import Mapping
+
+import pytest
+
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.dynamixel import models, wire, x_series, xl320
+from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.models import MODELS
+from drivers.errors import ServoRefused
+from drivers.makes import bus_for
+from drivers.registers import Register, ServoModel
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_wire import Code, InstructionParser, status_packet
+from sim_backend.sts_wire import Instruction
+
+TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
+FILES = {"mx-28-2.0": "mx_28"}
+NAMES = {
+    "return_delay": "return_delay_time",
+    "secondary_id": "secondary_shadow_id",
+    "present_voltage": "present_input_voltage",
+}
+
+
+def sdk_table(file: str) -> dict[str, tuple[int, int]]:
+    """Address and size by name, of one of the SDK's model files."""
+    _, _, lines = (TABLES / file).read_text(encoding="utf-8").partition("[control table]")
+    rows = re.findall(r"^(\d+)\t(\d+)\t(.+)$", lines, re.MULTILINE)
+    return {re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_"): (int(a), int(size)) for a, size, name in rows}
+
+
+def registers_of(model: ServoModel) -> tuple[Register, ...]:
+    return xl320.REGISTERS if model is xl320.XL320 else x_series.registers(model)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+def test_every_address_and_size_is_the_sdks(model: ServoModel) -> None:
+    name = FILES.get(model.name, model.name.replace("-", "_"))
+    numbers = re.findall(
+        r"^(\d+)\t(\S+)\.model", (TABLES / "dynamixel.model").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert (str(model.number), name) in numbers
+    table = sdk_table(f"{name}.model")
+    for register in registers_of(model):
+        said = table.get(register.name) or table[NAMES[register.name]]
+        assert (register.address, register.size) == said, register.name
+
+
+def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
+    for model in MODELS.values():
+        series = models.series_of(model)
+        assert model in series.models
+        assert len(set(series.state_sizes)) == len(series.state_sizes)
+        assert min(series.state_sizes) == series.state_sizes[0] == series.fields.size
+    with pytest.raises(ValueError, match="no Dynamixel of protocol 2"):
+        models.series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
+
+
+class Tables:
+    """A port with servos behind it that are nothing but their tables."""
+
+    name, baud = "tables", 1_000_000
+
+    def __init__(self, servos: Mapping[int, ServoModel]) -> None:
+        self.clock = SimulatedClock(1.0)
+        self.memory = {i: bytearray(256) for i in servos}
+        self.error = dict.fromkeys(servos, 0)
+        self.sent: list[Instruction] = []
+        self.silent: set[int] = set()
+        self._models = dict(servos)
+        self._parser = InstructionParser()
+        self._input = b""
+        for servo_id, model in servos.items():
+            self.put(servo_id, models.series_of(model).torque_ceiling, 600)
+            mode = xl320.control_mode if model is xl320.XL320 else x_series.operating_mode
+            self.put(servo_id, mode, 2 if model is xl320.XL320 else 3)
+
+    def put(self, servo_id: int, register: Register, value: int) -> None:
+        end = register.address + register.size
+        self.memory[servo_id][register.address : end] = register.encode(value, "little")
+
+    def held(self, servo_id: int, register: Register) -> int:
+        return register.decode(bytes(self.memory[servo_id][register.address :][: register.size]), "little")
+
+    def set_baud(self, baud: int) -> None:
+        self.baud = baud
+
+    def discard_input(self) -> None:
+        self._input = b""
+
+    def close(self) -> None: ...
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        data, self._input = self._input[:size], self._input[size:]
+        if len(data) < size:
+            self.clock.sleep_until(deadline_s)
+        return data
+
+    def write(self, data: bytes) -> None:
+        for instruction in self._parser.feed(data):
+            self.sent.append(instruction)
+            self._obey(instruction)
+
+    def _obey(self, instruction: Instruction) -> None:
+        p, number = instruction.parameters, lambda at: int.from_bytes(p[at : at + 2], "little")
+        match instruction.code:
+            case Code.PING:
+                self._reply(
+                    instruction.servo_id, self._models[instruction.servo_id].number.to_bytes(2, "little") + b"\1"
+                )
+            case Code.READ:
+                self._read(instruction.servo_id, number(0), number(2))
+            case Code.WRITE:
+                self.memory[instruction.servo_id][number(0) : number(0) + len(p) - 2] = p[2:]
+                self._reply(instruction.servo_id, b"")
+            case Code.SYNC_WRITE:
+                for at in range(4, len(p), number(2) + 1):
+                    self.memory[p[at]][number(0) : number(0) + number(2)] = p[at + 1 : at + 1 + number(2)]
+            case Code.SYNC_READ:
+                for servo_id in p[4:]:
+                    self._read(servo_id, number(0), number(2))
+            case Code.BULK_READ:
+                for at in range(0, len(p), 5):
+                    self._read(p[at], number(at + 1), number(at + 3))
+
+    def _read(self, servo_id: int, address: int, size: int) -> None:
+        self._reply(servo_id, bytes(self.memory[servo_id][address : address + size]))
+
+    def _reply(self, servo_id: int, data: bytes) -> None:
+        if servo_id not in self.silent:
+            self._input += status_packet(servo_id, self.error[servo_id], data)
+
+
+def place_xl320(port: Tables, servo_id: int) -> None:
+    port.put(servo_id, xl320.present_position, 700)
+    port.put(servo_id, xl320.present_speed, -100)
+    port.put(servo_id, xl320.present_load, -512)
+    port.put(servo_id, xl320.present_voltage, 74)
+    port.put(servo_id, xl320.present_temperature, 31)
+
+
+XL320_STATE = ServoState(
+    700,
+    round(-100 * xl320.SPEED_UNIT_COUNTS_S),
+    -512 / 1023,
+    pytest.approx(7.4),
+    31.0,  # type: ignore[arg-type]
+)
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
+    port = Tables({1: xl320.XL320, 2: xl320.XL320})
+    bus = bus_for({1: xl320.XL320, 2: xl320.XL320}, port, port.clock)
+    place_xl320(port, 2)
+    for _ in range(place):  # who owes an answer is asked for another block
+        port.silent = {1, 2}
+        bus.read_states((1, 2), port.clock.now() + 0.005)
+    port.silent, port.sent = set(), []
+    assert bus.read_states((1, 2), port.clock.now() + 0.02)[2] == XL320_STATE
+    assert {instruction.code for instruction in port.sent} == {Code.SYNC_READ}
+
+
+def test_the_xl320s_settings_goal_limit_and_torque() -> None:
+    port = Tables({3: xl320.XL320})
+    bus = DynamixelBus(port, port.clock, position_p={3: 40})
+    bus.identify(3, xl320.XL320)
+    bus.write_goals({3: ServoGoal(512, 100)})
+    assert bus.goal(3) == 512
+    assert port.held(3, xl320.moving_speed) == -(-100 // xl320.SPEED_UNIT_COUNTS_S)
+    with pytest.raises(ValueError, match="goal_position takes 0 to 1023"):
+        bus.write_goals({3: ServoGoal(1024)})
+    bus.limit_torque(3, 1.0)
+    assert port.held(3, xl320.torque_limit) == 600
+    bus.torque_on(3)
+    assert bus.torque_is_on(3)
+    assert port.held(3, xl320.p_gain) == 40
+    assert bus.torque_off((3,)) == []
+    assert not bus.torque_is_on(3)
+    port.put(3, xl320.control_mode, 1)
+    with pytest.raises(ServoRefused, match=r"control mode 1: set it to 2 \(joint\)"):
+        bus.identify(3, xl320.XL320)
+
+
+MIXED = {1: x_series.XL430_W250, 2: xl320.XL320, 5: x_series.MX_28_2, 9: x_series.XC330_M288}
+IDS = tuple(MIXED)
+
+
+def mixed() -> tuple[Tables, DynamixelBus]:
+    port = Tables(MIXED)
+    place_xl320(port, 2)
+    for servo_id in (1, 5, 9):
+        port.put(servo_id, x_series.present_position, 100 * servo_id)
+        port.put(servo_id, x_series.present_voltage, 120)
+    return port, DynamixelBus(port, port.clock, MIXED)
+
+
+def test_a_mixed_line_by_a_bulk_read_and_a_sync_write_a_series() -> None:
+    port, bus = mixed()
+    goals = {i: ServoGoal(100 + i) for i in IDS}
+    states = bus.exchange(goals, IDS, port.clock.now() + 0.02)
+    assert list(states) == list(IDS)
+    assert states[2] == XL320_STATE
+    for i in (1, 5, 9):
+        assert states[i] == (100 * i, 0, 0.0, pytest.approx(12.0), 0.0, ())
+    assert [i.code for i in port.sent] == [Code.SYNC_WRITE, Code.SYNC_WRITE, Code.BULK_READ]
+    assert [bus.goal(i) for i in IDS] == [101, 102, 105, 109]
+    assert bus.read_states(IDS) == states
+
+
+@pytest.mark.parametrize("silent", IDS)
+def test_on_a_mixed_line_a_silent_servo_hides_nobody(silent: int) -> None:
+    port, bus = mixed()
+    port.silent = {silent}
+    for _ in range(5):
+        states = bus.read_states(IDS, port.clock.now() + 0.02)
+        assert isinstance(states[silent], ServoFault)
+        assert sum(isinstance(state, ServoState) for state in states.values()) == len(IDS) - 1
+    port.silent = set()
+    assert all(isinstance(state, ServoState) for state in bus.read_states(IDS).values())
+    for account in bus.counters.servos.values():
+        assert account.corrupt == account.late == 0
+
+
+def test_alarms_of_a_mixed_line_have_the_names_of_each_series() -> None:
+    port, bus = mixed()
+    port.error = dict.fromkeys(IDS, wire.ALERT)
+    port.put(1, x_series.hardware_error_status, 1 << 5)
+    port.put(2, xl320.hardware_error_status, 1 << 2)
+    states = bus.read_states(IDS)
+    assert [s.alarms for s in states.values() if isinstance(s, ServoState)] == [
+        ("overload",),
+        ("voltage",),
+        ("hardware error",),
+        ("hardware error",),
+    ]
+
+
+def test_torque_off_reaches_every_series() -> None:
+    port, bus = mixed()
+    for servo_id in IDS:
+        bus.torque_on(servo_id)
+    port.sent.clear()
+    assert bus.torque_off(IDS) == []
+    assert [i.code for i in port.sent[:2]] == [Code.SYNC_WRITE] * 2
+    assert not any(bus.torque_is_on(i) for i in IDS)
+
+
+def test_the_bytes_of_an_exchange_are_those_of_the_wire() -> None:
+    port, bus = mixed()
+    written: list[bytes] = []
+    write, read = port.write, port.read
+    port.write = lambda data: (written.append(data), write(data))[1]  # type: ignore[method-assign,func-returns-value]
+
+    def listen(size: int, deadline_s: float) -> bytes:
+        written.append(read(size, deadline_s))
+        return written[-1]
+
+    port.read = listen  # type: ignore[method-assign]
+    bus.exchange({i: ServoGoal(0) for i in IDS}, IDS, port.clock.now() + 0.02)
+    assert sum(map(len, written)) == bus.exchange_size(IDS)
+
+
+def test_after_another_rate_nothing_is_left_on_the_line() -> None:
+    port, bus = mixed()
+    bus.read_states(IDS)
+    with bus.at_baud(57_600):
+        assert port.baud == 57_600
+        port._input += b"left over"
+    assert port.baud == 1_000_000
+    assert all(isinstance(s, ServoState) for s in bus.read_states(IDS, port.clock.now() + 0.02).values())
+    assert bus.counters.noise == 0

@@ -1,0 +1,142 @@
+"""Virtual AX-12A and MX-28 of protocol 1.0: their tables, habits and units; the same physics."""
+
+import pytest
+
+from drivers.bus import ServoGoal, ServoState
+from drivers.dynamixel1 import tables as dxl
+from drivers.feetech import wire
+from drivers.read_each.bus import ReadEachBus
+from drivers.read_each.line import bulk_packet, read_packet
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+IDS = (1, 2, 3)
+every_model = pytest.mark.parametrize("model", dxl.MODELS)
+
+
+class Bench:
+    def __init__(self, model: str) -> None:
+        self.clock = SimulatedClock(10.0)
+        self.plant = BenchPlant(IDS)
+        self.servos = VirtualBus.of(self.plant, dxl.MODELS[model])
+        self.bus = ReadEachBus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, dxl.MODELS[model]))
+        self.servo = self.servos.servo(1)
+
+    def run(self, seconds: float) -> ServoState:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        reading = self.bus.read_states(IDS)[1]
+        assert isinstance(reading, ServoState)
+        return reading
+
+    def ask(self, packet: bytes) -> bytes:
+        now_s = self.clock.now()
+        self.clock.sleep_until(now_s + 0.01)
+        return b"".join(reply.data for reply in self.servos.receive(packet, now_s))
+
+
+def ids_in(replies: bytes, size: int) -> list[int]:
+    return [reply.servo_id for reply in wire.ReplyDecoder(size).feed(replies)]
+
+
+def test_an_mx_answers_a_bulk_read_and_an_ax_does_not() -> None:
+    assert ids_in(Bench("mx-28").ask(bulk_packet((3, 1, 2), 36, 8)), 8) == [3, 1, 2]
+    assert Bench("ax-12a").ask(bulk_packet(IDS, 36, 8)) == b""
+    for model in dxl.MODELS:
+        assert Bench(model).ask(wire.sync_read(IDS, 36, 8)) == b""
+
+
+def test_a_silent_mx_hides_those_after_it_in_a_bulk_read() -> None:
+    bench = Bench("mx-28")
+    bench.servos.faults.silence(2)
+    assert ids_in(bench.ask(bulk_packet(IDS, 36, 8)), 8) == [1]
+
+
+@every_model
+def test_factory_values_are_the_e_manual_s(model: str) -> None:
+    bench = Bench(model)
+    read = bench.bus.read
+    assert read(1, dxl.model_number) == dxl.MODELS[model].number
+    assert (read(1, dxl.cw_angle_limit), read(1, dxl.ccw_angle_limit)) == (0, dxl.POSITIONS[model] - 1)
+    assert (read(1, dxl.max_torque), read(1, dxl.torque_limit), read(1, dxl.shutdown)) == (1023, 1023, 36)
+    assert bench.servo.baud == 1_000_000
+
+
+@every_model
+def test_a_goal_is_reached_at_the_asked_speed(model: str) -> None:
+    bench = Bench(model)
+    turn = dxl.MODELS[model].counts_per_turn
+    start = bench.run(0.05).position_counts
+    bench.bus.write_goals({1: ServoGoal(start)})
+    bench.bus.torque_on(1)
+    speed = turn // 6
+    bench.bus.write_goals({1: ServoGoal(start - speed, speed)})
+    halfway = bench.run(0.5)
+    assert halfway.position_counts == pytest.approx(start - speed / 2, abs=turn / 100)
+    assert halfway.velocity_counts_s == pytest.approx(-speed, rel=0.15)
+    assert bench.run(1.0).position_counts == pytest.approx(start - speed, abs=max(2, turn // 400))
+
+
+@pytest.mark.parametrize(("angle_rad", "reading"), [(-0.3, 0), (6.0, 1023)])
+def test_readings_of_an_ax_end_where_the_potentiometer_ends(angle_rad: float, reading: int) -> None:
+    bench = Bench("ax-12a")
+    bench.plant.place([angle_rad, 1.0, 1.0])
+    assert bench.run(0.1).position_counts == reading
+
+
+def test_an_mx_reads_within_the_turn() -> None:
+    bench = Bench("mx-28")
+    bench.plant.place([-0.3, 1.0, 1.0])
+    assert bench.run(0.1).position_counts == pytest.approx(4096 * (1 - 0.3 / 6.2832), abs=2)
+
+
+@every_model
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_the_status_return_level_says_what_is_answered(model: str, level: int) -> None:
+    bench = Bench(model)
+    bench.servo.memory.put(dxl.status_return_level, level)
+    ping, read = wire.packet(1, 1, b""), read_packet(1, 36, 8)
+    write = wire.packet(1, 3, bytes((dxl.led.address, 1)))
+    assert [bool(bench.ask(packet)) for packet in (ping, read, write)] == [True, level >= 1, level == 2]
+    assert bench.servo.memory.get(dxl.led) == 1
+
+
+@every_model
+def test_eeprom_lasts_until_it_is_locked_and_the_lock_ends_with_the_power(model: str) -> None:
+    bench = Bench(model)
+    bench.bus.write(1, dxl.max_torque, 500)
+    bench.bus.write(1, dxl.lock, 1)
+    bench.bus.write(1, dxl.max_torque, 900)
+    bench.bus.write(1, dxl.lock, 0)
+    assert (bench.bus.read(1, dxl.max_torque), bench.bus.read(1, dxl.lock)) == (500, 1)
+    bench.servo.power_cycle()
+    held = bench.servo.memory.get
+    assert (held(dxl.max_torque), held(dxl.torque_limit), held(dxl.lock)) == (500, 500, 0)
+
+
+@every_model
+def test_what_a_servo_does_not_know_is_an_instruction_error(model: str) -> None:
+    reply = Bench(model).ask(wire.packet(1, 0x08, b""))
+    assert (reply[2], reply[4]) == (1, 1 << 6)
+
+
+@every_model
+def test_wheel_mode_is_not_driven_as_position(model: str) -> None:
+    bench = Bench(model)
+    bench.bus.write(1, dxl.ccw_angle_limit, 0)
+    bench.bus.write_goals({1: ServoGoal(900)})
+    bench.bus.torque_on(1)
+    assert bench.run(0.5).velocity_counts_s == 0
+
+
+@every_model
+def test_an_overload_takes_the_drive_away_until_the_torque_is_switched(model: str) -> None:
+    bench = Bench(model)
+    start = bench.run(0.05).position_counts
+    bench.plant.load_nm[0] = -dxl.MODELS[model].stall_torque_nm - 0.15
+    bench.bus.write_goals({1: ServoGoal(start)})
+    bench.bus.torque_on(1)
+    reading = bench.run(2.5)
+    assert reading.alarms == ("overload",)
+    assert reading.load == 0.0
