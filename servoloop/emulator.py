@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from drivers.makes import language_of
 from hal.robot import Robot
 from servoloop.ports import links
 from sim_backend.bus import VirtualBus
@@ -35,9 +36,10 @@ def couplings(robot: Robot) -> list[Coupling]:
 
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "") -> ServoLine[Any]:
     """The servos that the robot file names for one bus, on their line."""
-    if robot.file.lines()[bus].protocol == "feetech":
-        return VirtualBus.of(plant)
-    return VirtualDynamixelBus.of(plant, {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus})
+    models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
+    if any(language_of(model) == "Dynamixel protocol 2.0" for model in models.values()):
+        return VirtualDynamixelBus.of(plant, models)
+    return VirtualBus.of(plant, models)
 
 
 def virtual_lines(robot: Robot, plant: Plant) -> dict[str, ServoLine[Any]]:

@@ -1,14 +1,19 @@
 """What every Hardware promises, tried on each of them: virtual servos, the arm in MuJoCo, the mock."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.clock import Clock
-from drivers.feetech.bus import FeetechBus
+from drivers.dynamixel import x_series
+from drivers.dynamixel1 import tables as dynamixel1
+from drivers.feetech import sts
+from drivers.makes import bus_for
+from drivers.registers import ServoModel
 from hal.description import parse_urdf
 from hal.errors import LifecycleError
 from hal.joint import Joint
@@ -19,6 +24,8 @@ from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointState
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.line import ServoLine
 from sim_backend.mujoco_hardware import MujocoHardware
 from sim_backend.plant import Coupling, WorldPlant
 from sim_backend.port import VirtualPort
@@ -38,10 +45,22 @@ def robot_joints() -> tuple[Joint, ...]:
 JOINTS = robot_joints()
 
 
-def virtual_servos(clock: Clock) -> Hardware:
-    couplings = [Coupling(j.servo_id, j.name, j.sign, j.zero_counts, j.transmission) for j in JOINTS]
-    servos = VirtualBus.of(WorldPlant(World(), couplings))
-    return ServoHardware("arm", JOINTS, lambda: FeetechBus(VirtualPort(servos, clock), clock), clock)
+def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
+    """The arm with this servo in every joint: the bus that drives it, and the line that it is on."""
+    joints = [replace(joint, model=model) for joint in JOINTS]
+    models = {joint.servo_id: model for joint in joints}
+
+    def make(clock: Clock) -> Hardware:
+        couplings = [Coupling(j.servo_id, j.name, j.sign, j.zero_counts, j.transmission) for j in joints]
+        plant = WorldPlant(World(), couplings)
+        line: ServoLine[Any]
+        if model in x_series.MODELS.values():
+            line = VirtualDynamixelBus.of(plant, models)
+        else:
+            line = VirtualBus.of(plant, models)
+        return ServoHardware("arm", joints, lambda: bus_for(models, VirtualPort(line, clock), clock), clock)
+
+    return make
 
 
 def mujoco(clock: Clock) -> Hardware:
@@ -77,11 +96,17 @@ class Arm:
         return state
 
 
-@pytest.fixture(params=[virtual_servos, mujoco, mock], ids=["servos", "mujoco", "mock"])
+BACKENDS: dict[str, Callable[[Clock], Hardware]] = {
+    **{model.name: driven_by(model) for model in (sts.STS3215, dynamixel1.MX_28, x_series.XM430_W350)},
+    "mujoco": mujoco,
+    "mock": mock,
+}
+
+
+@pytest.fixture(params=BACKENDS)
 def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
     clock = SimulatedClock(500.0)
-    make: Callable[[Clock], Hardware] = request.param
-    made = Arm(make(clock), clock)
+    made = Arm(BACKENDS[request.param](clock), clock)
     yield made
     made.hardware.cleanup()
 

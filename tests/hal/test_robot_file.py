@@ -330,3 +330,34 @@ def test_a_joint_of_a_file_with_one_bus_names_none(tmp_path: Path) -> None:
             .replace("xl430-w250", "sts3215")
             .replace(", position_p: 900", ""),
         )
+
+
+@pytest.mark.parametrize(
+    ("model", "protocol", "middle"),
+    [("scs0009", "feetech", 512), ("ax-12a", "dynamixel", 512), ("mx-28", "dynamixel", 2048)],
+)
+def test_zero_is_in_the_middle_of_the_range_unless_said(tmp_path: Path, model: str, protocol: str, middle: int) -> None:
+    text = (
+        GOOD.replace("sts3215", model)
+        .replace("baud: 500000", f"protocol: {protocol}")
+        .replace("zero_counts: 2000, ", "")
+    )
+    assert (
+        joined(tmp_path, ELBOW, FINGER, text=text.replace("    zero_counts: 1024\n", "")).joints[0].zero_counts
+        == middle
+    )
+
+
+def test_a_servo_is_not_sent_beyond_what_its_sensor_sees(tmp_path: Path) -> None:
+    text = GOOD.replace("sts3215", "scs0009").replace("zero_counts: 2000", "zero_counts: 1000")
+    with pytest.raises(RobotFileError, match="the servo has 0 to 1023"):
+        joined(tmp_path, ELBOW, FINGER, text=text)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "one", "other"), [("feetech", "sts3215", "scs15"), ("dynamixel", "xl430-w250", "mx-28")]
+)
+def test_servos_that_speak_differently_cannot_share_a_bus(tmp_path: Path, protocol: str, one: str, other: str) -> None:
+    text = GOOD.replace("sts3215", other).replace(other, one, 1).replace("baud: 500000", f"protocol: {protocol}")
+    (complaint,) = complaints(tmp_path, text)
+    assert "elbow and finger cannot share a bus" in complaint

@@ -44,7 +44,7 @@ def test_a_configured_arm_knows_where_it_stands() -> None:
 def test_a_silent_servo_is_named_by_its_joint_and_the_port_is_given_back() -> None:
     bench = Bench()
     bench.servos.faults.silence(2)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: does not answer at any baud rate: check its power") as caught:
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: does not answer at any baud rate") as caught:
         bench.hardware.configure()
     assert "shoulder" not in str(caught.value)
     assert bench.hardware.state is UNCONFIGURED
@@ -67,7 +67,7 @@ def test_when_none_answers_it_is_not_the_servos() -> None:
     bench = Bench()
     for servo_id in IDS:
         bench.servos.faults.silence(servo_id)
-    with pytest.raises(DriverError, match=r"^no servo answers on virtual at any baud rate: check the servos' power and their IDs$"):
+    with pytest.raises(DriverError, match=r"^no servo answers on virtual at any baud rate: check the servos' power"):
         bench.hardware.configure()
 
 
