@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drivers.bus import ServoGoal, ServoState
+from drivers.bus import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.feetech import state
 from drivers.feetech.bus import FeetechBus
@@ -16,14 +16,14 @@ GOAL = bytes((0, 0, 8, 0, 0, 0, 0))
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Goals and question in one write, states in and decoded; status too."""
+    """States in, goals out, states decoded while the goals are on the wire; status too."""
     clock = MonotonicClock()
     bus = FeetechBus(SerialPort(device, baud, clock), clock)
     goals = {i: ServoGoal(2048) for i in servo_ids}
 
     def cycle() -> bool:
         readings = bus.exchange(goals, servo_ids, clock.now() + 0.05)
-        return all(isinstance(reading, ServoState) for reading in readings.values())
+        return ServoFault not in set(map(type, readings.values()))
 
     return cycle, bus.close
 
@@ -37,7 +37,7 @@ def ours_apart(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     def cycle() -> bool:
         readings = bus.read_states(servo_ids, clock.now() + 0.05)
         bus.write_goals(goals)
-        return all(isinstance(reading, ServoState) for reading in readings.values())
+        return ServoFault not in set(map(type, readings.values()))
 
     return cycle, bus.close
 

@@ -94,7 +94,7 @@ class ServoBus(Protocol):
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> dict[int, Reading]:
-        """``write_goals`` and then ``read_states``, in as few pieces as the line allows."""
+        """``read_states`` and ``write_goals`` of one cycle, in the order that is quickest on this line."""
         ...
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:

@@ -73,8 +73,8 @@ class BurstReader:
         self.ask(firm, tried)
         return self.hear(firm, tried, deadline_s)
 
-    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"") -> None:
-        """Send the question. ``before``, a packet that nobody answers, goes out in one piece with it.
+    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...]) -> None:
+        """Send the question.
 
         ``firm`` are expected to answer; ``tried`` did not the last time, are asked after them and
         waited for shortly.
@@ -82,25 +82,39 @@ class BurstReader:
         now_s = self._clock.now()
         begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
         self._size = size = self._owed.free_size(firm + tried, begin_s) if self._owed else state.STATE_SIZE
-        self._sent = sent = before + _request(firm + tried, size)
+        self._sent = sent = _request(firm + tried, size)
         self._sent_s = begin_s + len(sent) * self._byte_s
         if not self.clean:
             self._port.discard_input()
         self.clean = False
         self._port.write(sent)
 
-    def hear(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
-        """The state of each servo that was asked, or what kind of fault there was."""
+    def hear(
+        self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float, after: bytes = b""
+    ) -> Mapping[int, Outcome]:
+        """The state of each servo that was asked, or what kind of fault there was.
+
+        ``after``, a packet that nobody answers, goes out as soon as the replies are there: they are decoded
+        while it is on the wire.
+        """
         servo_ids, size, sent = firm + tried, self._size, self._sent
         expected = self._echo.expected(sent) + (size + wire.OVERHEAD) * len(firm or tried)
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
+        elif after and len(data) == expected:
+            self.send(after)
+            after = b""
         states = state.burst(data, servo_ids, size)
+        outcome: Mapping[int, Outcome]
         if states is None:
-            return self._listen_on(firm, tried, size, data, deadline_s)
-        self.clean = True
-        return self._all_well(servo_ids, states)
+            outcome = self._listen_on(firm, tried, size, data, deadline_s)
+        else:
+            self.clean = True
+            outcome = self._all_well(servo_ids, states)
+        if after:
+            self.send(after)
+        return outcome
 
     def send(self, packet: bytes) -> None:
         """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""

@@ -89,7 +89,7 @@ class FeetechBus:
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
         asked = tuple(servo_ids)
-        firm, tried = self._ask(asked, b"")
+        firm, tried = self._ask(asked)
         yield
         return self._hear(asked, firm, tried, deadline_s)
 
@@ -97,8 +97,9 @@ class FeetechBus:
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> dict[int, Reading]:
         asked = tuple(servo_ids)
-        firm, tried = self._ask(asked, state.goals_packet(goals))
-        return self._hear(asked, firm, tried, deadline_s)
+        packet = state.goals_packet(goals)
+        firm, tried = self._ask(asked)
+        return self._hear(asked, firm, tried, deadline_s, packet)
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
@@ -106,22 +107,29 @@ class FeetechBus:
         goals = state.goals_packet({i: ServoGoal(0) for i in ids})
         return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
-    def _ask(self, asked: tuple[int, ...], goals: bytes) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Send the goals and the question; who surely answers, and who is only tried."""
+    def _ask(self, asked: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Send the question; who surely answers, and who is only tried."""
         firm, tried = self._absent.split(asked, self._clock.now())
         if not firm:
             # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
             firm, tried = tried, ()
         if firm:
-            self._burst.ask(firm, tried, goals)
-        elif goals:
-            self._burst.send(goals)
+            self._burst.ask(firm, tried)
         return firm, tried
 
     def _hear(
-        self, asked: tuple[int, ...], firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float
+        self,
+        asked: tuple[int, ...],
+        firm: tuple[int, ...],
+        tried: tuple[int, ...],
+        deadline_s: float,
+        goals: bytes = b"",
     ) -> dict[int, Reading]:
-        outcome = self._burst.hear(firm, tried, deadline_s) if firm else {}
+        outcome: Mapping[int, Outcome] = {}
+        if firm:
+            outcome = self._burst.hear(firm, tried, deadline_s, goals)
+        elif goals:
+            self._burst.send(goals)
         if self._burst.clean and firm == asked and not self._absent:
             return cast(dict[int, Reading], outcome)
         if len(outcome) < len(asked):
