@@ -65,6 +65,7 @@ _COMMON_FACTORY: Final[dict[Register, int]] = {
 class Dynamixel1Memory(Memory):
     """A table of protocol 1.0. The STS table's registers are found by name, their values in its units."""
 
+    NAMES: ClassVar[Mapping[str, Register]]
     EEPROM_END = dxl.torque_enable.address
     BAUDS = 255
 
@@ -78,9 +79,7 @@ class Dynamixel1Memory(Memory):
         return self.get(dxl.status_return_level)
 
     def own(self, register: Register) -> Register | None:
-        if register in self.REGISTERS:
-            return register
-        return _OWN.get(register.name)
+        return self.NAMES.get(register.name)
 
     def _scale(self, register: Register) -> float:
         """How many units of the STS table one unit of this one is."""
@@ -130,6 +129,7 @@ class AxMemory(Dynamixel1Memory):
     """An AX-12A: a potentiometer, whose readings end at 0 and 1023."""
 
     REGISTERS = dxl.registers(dxl.AX_12A)
+    NAMES: ClassVar[Mapping[str, Register]] = {**_OWN, **{register.name: register for register in REGISTERS}}
     FACTORY: ClassVar[Mapping[Register, int]] = {
         **_COMMON_FACTORY,
         dxl.ccw_angle_limit: dxl.AX_POSITIONS - 1,
@@ -155,6 +155,7 @@ class MxMemory(Dynamixel1Memory):
     """An MX-28: a magnetic encoder, 4096 counts a turn."""
 
     REGISTERS = dxl.registers(dxl.MX_28)
+    NAMES: ClassVar[Mapping[str, Register]] = {**_OWN, **{register.name: register for register in REGISTERS}}
     FACTORY: ClassVar[Mapping[Register, int]] = {
         **_COMMON_FACTORY,
         dxl.ccw_angle_limit: 4095,

@@ -71,6 +71,10 @@ class Memory:
             if register.access is Access.READ_WRITE
             for i in range(register.size)
         )
+        self._id_at, self._baud_at = (
+            next(register.address for register in self.REGISTERS if register.name == name)
+            for name in (sts.servo_id.name, sts.baud_rate.name)
+        )
         self._order = model.byte_order
         self._model = model
         self._bytes = bytearray(SIZE)
@@ -151,7 +155,4 @@ class Memory:
 
     def _senseless(self, address: int, value: int) -> bool:
         """Whether a servo would be lost to its bus with this value (that it refuses it is assumed)."""
-        register = next((r for r in self.REGISTERS if r.address == address), None)
-        if register is None:
-            return False
-        return value > 0xFD if register.name == "id" else register.name == "baud_rate" and value >= self.BAUDS
+        return value > 0xFD if address == self._id_at else address == self._baud_at and value >= self.BAUDS

@@ -1,7 +1,6 @@
 """One group read: ask several servos at once, wait for all their replies together, judge what came."""
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -25,6 +24,8 @@ GAP_S: Final = 0.002
 TRIED_GAP_S: Final = 0.0015
 """How long a servo is waited for that did not answer the last time."""
 
+FAST_TRIAL_S: Final = 0.005
+"""How long the answer to the trial of a fast sync read may take beside its time on the wire."""
 FAST_TRIES: Final = 5
 """After so many broken answers in a row there are no more fast sync reads."""
 
@@ -107,7 +108,9 @@ class BurstReader:
     def try_fast(self, servo_ids: tuple[int, ...]) -> None:
         """Ask servos that have just answered once more, fast, and remember whether they did.
 
-        Not for a cycle: whoever does not know the instruction costs the whole first wait. Nothing is counted.
+        Not for a cycle: whoever does not know the instruction costs a wait. Nothing is counted. An adapter so
+        slow that the answer does not come soon gets no fast reads: a silent first servo silences all, and
+        would cost the slow adapter's whole wait in the cycle.
         """
         plan = self.fast_plan(servo_ids)
         if plan is None:
@@ -117,7 +120,7 @@ class BurstReader:
         self.clean = False
         sent_s = max(self._busy_until_s, self._clock.now()) + len(plan.request) * self._byte_s
         expected = self._echo.expected(plan.request) + plan.reply_size
-        data = self._first_data(expected, sent_s, math.inf, True)
+        data = self._port.read(expected, sent_s + expected * self._byte_s + FAST_TRIAL_S)
         self.fast = plan.states(self._echo.strip(plan.request, data)) is not None
         if not self.fast:
             LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", self._port.name)
@@ -155,7 +158,7 @@ class BurstReader:
         """The state of each servo that was asked, or what kind of fault there was."""
         plan, sent = self._plan, self._sent
         expected = self._echo.expected(sent) + (plan.bytes_from(firm) if firm and tried else plan.reply_size)
-        data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
+        data = self._first_data(expected, self._sent_s, deadline_s, bool(firm) and not plan.fast)
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
         states = plan.states(data)

@@ -28,12 +28,10 @@ class Plan:
 
     def states(self, data: bytes) -> Mapping[int, ServoState] | None:
         """All states where ``data`` is exactly the replies of all servos in their order; None otherwise."""
-        if self.fast:
-            found = self.fast_states(data) if len(data) == self.reply_size else {}
-            return found if len(found) == len(self.servo_ids) else None
         if len(self.runs) == 1:
             servo_ids, series, size, _ = self.runs[0]
-            return state.burst(data, servo_ids, size, series)
+            decode = state.fast_whole if self.fast else state.burst
+            return decode(data, servo_ids, size, series)
         if len(data) != self.reply_size:
             return None
         states: dict[int, ServoState] = {}

@@ -13,7 +13,7 @@ from drivers.dynamixel import wire
 from drivers.dynamixel.crc import WORDS, crc16
 from drivers.dynamixel.models import Series, X, profile_units
 
-__all__ = ["STATE_SIZE", "burst", "fast_burst", "goals_packet", "profile_units", "state"]
+__all__ = ["STATE_SIZE", "burst", "fast_burst", "fast_whole", "goals_packet", "profile_units", "state"]
 
 STATE_SIZE: Final = X.state_sizes[0]
 
@@ -71,6 +71,32 @@ def burst(data: bytes, servo_ids: tuple[int, ...], size: int, series: Series = X
             return None
     columns = (numbers[column::_PER_FRAME] for column in range(1, _PER_FRAME - 1))
     return dict(zip(servo_ids, map(series.state, *columns), strict=True))
+
+
+@lru_cache(maxsize=64)
+def _fast_layout(servo_ids: tuple[int, ...], size: int, series: Series) -> tuple[bytes, Struct]:
+    """A fast sync read's reply: its head, and how it is taken apart."""
+    lead = size - series.fields.size
+    pieces = f"BB{lead}x{series.fields.format[1:]}H" * len(servo_ids)
+    return wire.fast_head(len(servo_ids), size), Struct(f"<{wire.FAST_HEAD_SIZE}x{pieces}")
+
+
+def fast_whole(data: bytes, servo_ids: tuple[int, ...], size: int, series: Series = X) -> dict[int, ServoState] | None:
+    """All states where ``data`` is exactly the reply of all servos to a fast sync read; None otherwise.
+
+    The last checksum goes over the whole packet: those of the pieces before need no look.
+    """
+    head, layout = _fast_layout(servo_ids, size, series)
+    if len(data) != layout.size or not data.startswith(head):
+        return None
+    numbers = layout.unpack(data)
+    errors = numbers[::_PER_FRAME]
+    if numbers[1::_PER_FRAME] != servo_ids or (any(errors) and any(error & ~wire.ALERT for error in errors)):
+        return None
+    if crc16(data[:-2]) != numbers[-1]:
+        return None
+    columns = (numbers[column::_PER_FRAME] for column in range(2, _PER_FRAME - 1))
+    return dict(zip(servo_ids, map(series.state, errors, *columns), strict=True))
 
 
 def fast_burst(data: bytes, servo_ids: tuple[int, ...], size: int, series: Series = X) -> dict[int, ServoState]:

@@ -124,9 +124,11 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
     link = tmp_path / "bus"
     with silencing_emulator(link) as emulator, running(tmp_path, "--port", str(link)) as stack, arm_client() as client:
         levels: dict[str, str] = {}
+        counts: dict[str, dict[str, str]] = {}
 
         def note(message: DiagnosticArray) -> None:
             levels.update({s.name: s.message for s in message.status})
+            counts.update({s.name: {v.key: v.value for v in s.values} for s in message.status})
 
         client.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         result = client.send(PICK)
@@ -137,4 +139,7 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
         client.spin_until(lambda: "servo 4 does not answer" in levels.get("servoloop: joint4 (servo 4)", ""))
         others = [levels[f"servoloop: {name} (servo {i})"] for i, name in enumerate(JOINTS, 1) if i != 4]
         assert others == ["ok"] * 5
+        silent, sound = (counts[f"servoloop: joint{i} (servo {i})"] for i in (4, 3))
+        assert int(silent["silent"]) >= 3 and int(silent["skipped"]) > 0
+        assert int(sound["replies"]) > int(silent["replies"]) > 0 == int(sound["corrupt"])
         assert "joint4: servo 4 does not answer" in stack.words

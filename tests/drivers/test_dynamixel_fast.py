@@ -1,0 +1,269 @@
+"""Fast sync reads: used where all know them, given up where they do not, and never believed in part without proof."""
+
+import logging
+from collections.abc import Callable
+
+import pytest
+
+from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
+from drivers.dynamixel import state, wire
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel.burst import FAST_TRIES
+from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.crc import crc16
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_wire import Code, InstructionParser
+from sim_backend.faults import Disturbance
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.sts_wire import Instruction
+
+IDS = (1, 2, 3, 4)
+SIZE = state.STATE_SIZE
+Spoil = Callable[[bytes], bytes]
+
+
+def block(servo_id: int) -> bytes:
+    """A state that says the servo."""
+    return state.X.fields.pack(servo_id, -servo_id, 1000 * servo_id, 120, 30)
+
+
+def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> bytes:
+    """One packet of all, each piece with the checksum of all before it."""
+    packet = wire.fast_head(len(ids), size)
+    for servo_id in ids:
+        packet += bytes((error, servo_id)) + bytes(size - SIZE) + block(servo_id)
+        packet += crc16(packet).to_bytes(2, "little")
+    return packet
+
+
+class Line:
+    """A port with servos that answer sync reads, and fast ones as a test says."""
+
+    name, baud = "line", 1_000_000
+
+    def __init__(self, spoil: Spoil = lambda packet: packet) -> None:
+        self.clock = SimulatedClock(1.0)
+        self.sent: list[Instruction] = []
+        self.spoil = spoil
+        self.silent: set[int] = set()
+        self.echo = False
+        self._parser = InstructionParser()
+        self.input = b""
+        self.bus = DynamixelBus(self, self.clock)
+
+    def discard_input(self) -> None:
+        self.input = b""
+
+    def close(self) -> None: ...
+    def set_baud(self, baud: int) -> None: ...
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        data, self.input = self.input[:size], self.input[size:]
+        if len(data) < size:
+            self.clock.sleep_until(deadline_s)
+        return data
+
+    def write(self, data: bytes) -> None:
+        if self.echo:
+            self.input += data
+        for instruction in self._parser.feed(data):
+            self.sent.append(instruction)
+            size, ids = int.from_bytes(instruction.parameters[2:4], "little"), tuple(instruction.parameters[4:])
+            if instruction.code == Code.FAST_SYNC_READ:
+                self.input += self.spoil(self._fast(size, ids))
+            elif instruction.code == Code.SYNC_READ:
+                for servo_id in ids:
+                    if servo_id not in self.silent:
+                        data = b"\0" + bytes(size - SIZE) + block(servo_id)
+                        self.input += wire.packet(servo_id, wire.STATUS, data)
+
+    def _fast(self, size: int, ids: tuple[int, ...]) -> bytes:
+        """Whoever comes after a silent servo waits in vain."""
+        whole = fast_reply(size, ids)
+        before = next((n for n, i in enumerate(ids) if i in self.silent), len(ids))
+        return whole[: (wire.FAST_HEAD_SIZE if before else 0) + before * (size + wire.FAST_OVERHEAD)]
+
+    def codes(self) -> list[int]:
+        """The instructions since the last time."""
+        codes, self.sent = [instruction.code for instruction in self.sent], []
+        return codes
+
+    def cycle(self) -> dict[int, Reading]:
+        return self.bus.read_states(IDS, self.clock.now() + 0.02)
+
+
+def ready() -> Line:
+    """A line that has been found to know fast reads."""
+    line = Line()
+    assert right(line.bus.read_states(IDS))
+    assert line.codes() == [Code.SYNC_READ, Code.FAST_SYNC_READ]
+    return line
+
+
+def right(readings: dict[int, Reading], but: frozenset[int] = frozenset()) -> bool:
+    """Whether each has its own state, those in ``but`` a fault."""
+    return list(readings) == list(IDS) and all(
+        isinstance(r, ServoFault) if i in but else isinstance(r, ServoState) and r.position_counts == 1000 * i
+        for i, r in readings.items()
+    )
+
+
+def test_a_cycle_is_one_packet_with_the_goals_before_it() -> None:
+    line = ready()
+    assert right(line.cycle())
+    assert right(line.bus.exchange({i: ServoGoal(0) for i in IDS}, IDS, line.clock.now() + 0.02))
+    assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_WRITE, Code.FAST_SYNC_READ]
+    assert all(account.replies == 3 for account in line.bus.counters.servos.values())
+
+
+def test_the_bytes_of_an_exchange_are_those_of_the_fast_read() -> None:
+    line = ready()
+    goals = len(state.goals_packet({i: ServoGoal(0) for i in IDS}))
+    assert line.bus.exchange_size(IDS) == goals + len(wire.fast_sync_read(IDS, 124, SIZE)) + len(fast_reply())
+
+
+def test_behind_our_own_echo_too() -> None:
+    line = Line()
+    line.echo = True
+    for _ in range(3):
+        assert right(line.bus.read_states(IDS))
+    line.codes()
+    assert right(line.cycle())
+    assert line.codes() == [Code.FAST_SYNC_READ]
+
+
+@pytest.mark.parametrize("spoil", [lambda packet: b"", lambda packet: packet[:-1], lambda packet: packet[:40]])
+def test_where_the_firmware_does_not_know_it_plain_reads_are_remembered_and_told_once(
+    spoil: Spoil, caplog: pytest.LogCaptureFixture
+) -> None:
+    line = Line(spoil)
+    with caplog.at_level(logging.INFO, "servoloop.drivers"):
+        for _ in range(3):
+            assert right(line.bus.read_states(IDS))
+            assert right(line.cycle())
+    assert line.codes().count(Code.FAST_SYNC_READ) == 1
+    assert [record.message for record in caplog.records] == [
+        "line: not every servo knows fast sync reads: their states by plain ones"
+    ]
+    assert all((a.replies, a.silent, a.corrupt, a.late) == (6, 0, 0, 0) for a in line.bus.counters.servos.values())
+
+
+@pytest.mark.parametrize("silent", IDS)
+def test_one_silent_servo_hides_nobody(silent: int) -> None:
+    line = ready()
+    line.silent = {silent}
+    for _ in range(8):
+        assert right(line.cycle(), frozenset({silent}))
+    first, *rest = line.codes()
+    assert first == Code.FAST_SYNC_READ
+    assert rest[0] == Code.SYNC_READ
+    account = line.bus.counters.of(silent)
+    assert account.corrupt == account.late == account.replies - 1 == 0
+    line.silent = set()
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    assert right(line.cycle())
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    line.codes()
+    assert right(line.cycle())
+    assert line.codes() == [Code.FAST_SYNC_READ]
+
+
+def test_no_flipped_bit_passes_and_every_reply_asked_for_ends_in_one_counter() -> None:
+    whole = fast_reply()
+    for bit in range(len(whole) * 8):
+        spoiled = bytearray(whole)
+        spoiled[bit // 8] ^= 1 << bit % 8
+        found = state.fast_burst(bytes(spoiled), IDS, SIZE)
+        piece = max(0, bit // 8 - wire.FAST_HEAD_SIZE) // (SIZE + wire.FAST_OVERHEAD)
+        assert list(found) == list(IDS[:piece])
+        assert state.fast_whole(bytes(spoiled), IDS, SIZE) is None
+        line = ready()
+        line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
+        assert right(line.cycle())
+        assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
+        for account in line.bus.counters.servos.values():
+            asked = 2 + account.retries
+            assert account.replies + account.silent + account.corrupt + account.late == asked
+
+
+@pytest.mark.parametrize("noise", [b"\0", b"\xff\xff\xfd", b"\xff\xff\xfd\x00\xfe", bytes(30)])
+def test_noise_before_the_packet_costs_nothing(noise: bytes) -> None:
+    line = ready()
+    line.spoil = lambda packet: noise + packet
+    assert right(line.cycle())
+    assert line.codes() == [Code.FAST_SYNC_READ]
+    assert line.bus.counters.noise == 1
+    line.spoil = lambda packet: packet
+    assert right(line.cycle())
+
+
+def test_a_late_packet_is_never_the_answer_to_the_next_question() -> None:
+    line = ready()
+    held: list[bytes] = []
+    line.spoil = lambda packet: held.append(packet) or b""  # type: ignore[func-returns-value]
+    readings = line.bus.read_states(IDS, line.clock.now() + 0.003)
+    assert all(isinstance(reading, ServoFault) for reading in readings.values())
+    line.codes()
+    write = line.write
+
+    def late(data: bytes) -> None:
+        line.input += held.pop() if held else b""
+        write(data)
+
+    line.write = late  # type: ignore[method-assign]
+    assert right(line.cycle())
+    assert set(line.codes()) == {Code.SYNC_READ}  # in which a packet of all is nobody's reply
+    assert line.bus.counters.noise > 0
+
+
+def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCaptureFixture) -> None:
+    line = ready()
+    line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
+    for _ in range(FAST_TRIES + 3):
+        assert right(line.cycle())
+    assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
+    assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
+
+
+def test_the_whole_and_its_pieces_give_the_same_states() -> None:
+    for size in state.X.state_sizes:
+        whole = fast_reply(size, error=wire.ALERT)
+        assert state.fast_whole(whole, IDS, size) == state.fast_burst(whole, IDS, size)
+        assert state.fast_whole(whole + b"\0", IDS, size) is state.fast_whole(whole, IDS[::-1], size) is None
+        assert state.fast_whole(fast_reply(size, error=2), IDS, size) is None
+
+
+def test_alarms_come_with_the_piece() -> None:
+    found = state.fast_burst(fast_reply(error=wire.ALERT), IDS, SIZE)
+    assert [reading.alarms for reading in found.values()] == [("hardware error",)] * 4
+    assert state.fast_burst(fast_reply(error=2), IDS, SIZE) == {}
+
+
+def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:
+    assert wire.fast_head(3, 4) == bytes.fromhex("fffffd00 fe 1900 55")
+    assert x.present_pwm.address == 124
+
+
+def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
+    """Each value the right one; who asks fast again after every fault sees more of them, and counts each."""
+    ids = (1, 2, 3, 4, 5, 6, 7)
+    clock = SimulatedClock(5.0)
+    servos = VirtualDynamixelBus.of(BenchPlant(ids), dict.fromkeys(ids, x.XL430_W250))
+    bus = DynamixelBus(VirtualPort(servos, clock), clock)
+    good = bus.read_states(ids)
+    servos.faults.disturbance = done = Disturbance(seed=5, drop=0.002, flip=0.001, noise=0.001)
+    missing = 0
+    for _ in range(2000):
+        readings = bus.read_states(ids, clock.now() + 0.012)
+        missing += sum(isinstance(reading, ServoFault) for reading in readings.values())
+        assert all(reading == good[i] for i, reading in readings.items() if isinstance(reading, ServoState))
+        clock.sleep_until(clock.now() + 0.015)
+    assert bus._burst.fast
+    assert missing < 20
+    faults = bus.counters.faults()
+    assert faults["silent"] + faults["corrupt"] >= sum(n for (kind, _), n in done.done.items() if kind != "noise")
+    for servo_id in ids:
+        account = bus.counters.of(servo_id)
+        assert account.replies + account.silent + account.corrupt + account.late == 2001 + account.retries

@@ -1,0 +1,107 @@
+"""Our group transactions for every model and random values, byte for byte those of the official SDK."""
+
+import importlib
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoGoal
+from drivers.dynamixel import wire, x_series, xl320
+from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.models import MODELS, X, series_of
+from drivers.dynamixel.plan import fast_plan_for
+from drivers.registers import ServoModel
+from sim_backend.clock import SimulatedClock
+from tests.drivers.tape import Tape
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("dynamixel_sdk")
+
+every_model = st.sampled_from(sorted(MODELS.values(), key=lambda model: model.name))
+lines = st.dictionaries(st.integers(0, wire.LARGEST_ID), every_model, min_size=1, max_size=20)
+velocities = st.integers(0, 5000)
+
+
+def same(ours: bytes, theirs: bytes) -> bool:
+    """The SDK computes the stuffing and then sends the packet without it: those are passed over."""
+    return ours == theirs or wire.PATTERN in ours[3:]
+
+
+def question(models: dict[int, ServoModel]) -> bytes:
+    """What our bus asks for states."""
+    tape = Tape()
+    DynamixelBus(tape, SimulatedClock(), models).read_states(tuple(models), 0.0)
+    return tape.sent
+
+
+def block(model: ServoModel) -> tuple[int, int]:
+    """Address and size of the state, by the registers' names and not by our arithmetic."""
+    if model is xl320.XL320:
+        return xl320.present_position.address, 10
+    return x_series.present_pwm.address, 23
+
+
+@given(st.sets(st.integers(0, wire.LARGEST_ID), min_size=1, max_size=20), every_model)
+def test_sync_read_of_one_series(ids: set[int], model: ServoModel) -> None:
+    tape = Tape()
+    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), *block(model))
+    assert all(group.addParam(i) for i in ids)
+    group.txPacket()
+    assert same(question(dict.fromkeys(ids, model)), tape.sent)
+
+
+@given(st.sets(st.integers(0, wire.LARGEST_ID), min_size=1, max_size=20), every_model)
+def test_fast_sync_read(ids: set[int], model: ServoModel) -> None:
+    series = series_of(model)
+    tape = Tape()
+    group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), *block(model))
+    assert all(group.addParam(i) for i in ids)
+    group.fastSyncReadTxPacket()
+    assert same(fast_plan_for(tuple(ids), series).request, tape.sent)
+
+
+@given(lines)
+def test_bulk_read_of_a_mixed_line(models: dict[int, ServoModel]) -> None:
+    if len({series_of(model) for model in models.values()}) < 2:
+        return
+    tape = Tape()
+    group = sdk.GroupBulkRead(tape, sdk.PacketHandler(2.0))
+    for servo_id, model in models.items():
+        assert group.addParam(servo_id, *block(model))
+    group.txPacket()
+    assert same(question(models), tape.sent)
+
+
+@given(st.dictionaries(st.integers(0, 252), st.tuples(st.integers(0, 0xFFFF), st.binary(max_size=9)), min_size=1))
+def test_any_bulk_read(spans: dict[int, tuple[int, bytes]]) -> None:
+    tape = Tape()
+    group = sdk.GroupBulkRead(tape, sdk.PacketHandler(2.0))
+    for servo_id, (address, content) in spans.items():
+        assert group.addParam(servo_id, address, len(content))
+    group.txPacket()
+    assert same(wire.bulk_read({i: (address, len(content)) for i, (address, content) in spans.items()}), tape.sent)
+
+
+@given(lines, st.data())
+def test_a_sync_write_for_each_series(models: dict[int, ServoModel], data: st.DataObject) -> None:
+    goals, theirs = {}, b""
+    x_tape, xl_tape = Tape(), Tape()
+    x_group = sdk.GroupSyncWrite(x_tape, sdk.PacketHandler(2.0), x_series.profile_velocity.address, 8)
+    xl_group = sdk.GroupSyncWrite(xl_tape, sdk.PacketHandler(2.0), xl320.goal_position.address, 4)
+    for servo_id, model in models.items():
+        last = 4095 if series_of(model) is X else 1023
+        position, velocity = data.draw(st.integers(0, last)), data.draw(velocities)
+        goals[servo_id] = ServoGoal(position, velocity)
+        if series_of(model) is X:
+            units = -(-velocity * 60_000 // (229 * 4096))
+            assert x_group.addParam(servo_id, list(units.to_bytes(4, "little") + position.to_bytes(4, "little")))
+        else:
+            units = min(-(-velocity * 60_000 // (111 * 1229)), 1023)
+            assert xl_group.addParam(servo_id, list(position.to_bytes(2, "little") + units.to_bytes(2, "little")))
+    x_group.txPacket()
+    xl_group.txPacket()
+    theirs = x_tape.sent + xl_tape.sent
+    tape = Tape()
+    DynamixelBus(tape, SimulatedClock(), models).write_goals(goals)
+    assert tape.sent == theirs or tape.sent.count(wire.PATTERN) > tape.sent.count(wire.HEADER)
