@@ -22,6 +22,12 @@ class ServoCounters:
     skipped: int = 0
     """Known to be silent, and not asked in this cycle."""
 
+    def came_late(self, counted_as: str) -> None:
+        """A reply that was given up as ``silent`` or ``corrupt`` came after all."""
+        self.silent -= counted_as == "silent"
+        self.corrupt -= counted_as == "corrupt"
+        self.late += 1
+
     def as_dict(self) -> dict[str, int]:
         """Every counter by name."""
         return {item.name: getattr(self, item.name) for item in fields(self)}

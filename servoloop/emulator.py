@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from drivers.dynamixel.xl320 import XL320
 from drivers.makes import language_of
+from hal.errors import RobotFileError
 from hal.robot import Robot
 from servoloop.ports import links
 from sim_backend.bus import VirtualBus
@@ -37,6 +39,8 @@ def couplings(robot: Robot) -> list[Coupling]:
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "") -> ServoLine[Any]:
     """The servos that the robot file names for one bus, on their line."""
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
+    if XL320 in models.values():
+        raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
     if any(language_of(model) == "Dynamixel protocol 2.0" for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
     return VirtualBus.of(plant, models)

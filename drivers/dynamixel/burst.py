@@ -202,7 +202,7 @@ class BurstReader:
             outcome[servo_id] = "corrupt" if corrupt else "silent"
             garbage -= piece if corrupt else 0
         self._counters.noise += (begin > 0) + (garbage > 0)
-        self._count(outcome, plan.sizes, set())
+        self._count(outcome, plan.sizes, {})
         return outcome
 
     def send(self, packet: bytes) -> None:
@@ -267,13 +267,13 @@ class BurstReader:
     def _judge(self, hearing: _Hearing) -> dict[int, Outcome]:
         """A value or a fault for everyone who was asked, each counted once."""
         outcome: dict[int, Outcome] = {}
-        belated = set()
+        belated: dict[int, FaultKind] = {}
         for reply in hearing.replies:
             if hearing.fits(reply) and not reply.error & ~wire.ALERT:
                 self._counters.strange += reply.servo_id in outcome
                 outcome[reply.servo_id] = state.state(reply.error, reply.data, self._series[reply.servo_id])
-            elif self._owed.settle(reply.servo_id, len(reply.data)):
-                belated.add(reply.servo_id)
+            elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
+                belated[reply.servo_id] = counted_as
             else:
                 self._counters.strange += 1
         corrupt = _corrupt(hearing, self._counters)
@@ -283,20 +283,19 @@ class BurstReader:
         self._count(outcome, hearing.plan.sizes, belated)
         return outcome
 
-    def _count(self, outcome: dict[int, Outcome], sizes: Mapping[int, int], belated: set[int]) -> None:
+    def _count(self, outcome: dict[int, Outcome], sizes: Mapping[int, int], belated: Mapping[int, FaultKind]) -> None:
         now_s = self._clock.now()
         for servo_id, what in outcome.items():
             account = self._counters.of(servo_id)
             if isinstance(what, ServoState):
                 account.replies += 1
                 account.alarms += bool(what.alarms)
-            elif what == "corrupt":
-                account.corrupt += 1
             else:
-                account.silent += what == "silent"
-                self._owed.owe(servo_id, sizes[servo_id], now_s)
-        for servo_id in belated:
-            self._counters.of(servo_id).late += 1
+                account.corrupt += what == "corrupt"
+                account.silent += what != "corrupt"
+                self._owed.owe(servo_id, sizes[servo_id], now_s, "corrupt" if what == "corrupt" else "silent")
+        for servo_id, counted_as in belated.items():
+            self._counters.of(servo_id).came_late(counted_as)
 
 
 def _corrupt(hearing: _Hearing, counters: BusCounters) -> set[int]:

@@ -8,6 +8,8 @@ into another.
 from collections.abc import Mapping
 from typing import Final
 
+from drivers.bus import FaultKind
+
 OWED_S: Final = 0.25
 """How long a reply may still come: adapters and schedulers hold bytes back, but not for ever."""
 
@@ -17,18 +19,25 @@ class OwedReplies:
 
     def __init__(self) -> None:
         self._until_s: dict[tuple[int, int], float] = {}
+        self._kinds: dict[tuple[int, int], FaultKind] = {}
 
     def __bool__(self) -> bool:
         """Whether anything is owed."""
         return bool(self._until_s)
 
-    def owe(self, servo_id: int, size: int, now_s: float) -> None:
-        """The servo did not answer a request for ``size`` bytes."""
-        self._until_s[servo_id, size] = now_s + OWED_S
+    def owe(self, servo_id: int, size: int, now_s: float, kind: FaultKind) -> None:
+        """The servo gave no good answer to a request for ``size`` bytes, and that was counted as ``kind``.
 
-    def settle(self, servo_id: int, size: int) -> bool:
-        """A reply of this size came; whether it was owed."""
-        return self._until_s.pop((servo_id, size), None) is not None
+        A corrupt one too: the garbage may have been somebody else's, and its own answer yet to come.
+        """
+        self._until_s[servo_id, size] = now_s + OWED_S
+        self._kinds[servo_id, size] = kind
+
+    def settle(self, servo_id: int, size: int) -> FaultKind | None:
+        """A reply of this size came: what its absence was counted as, None if it was not owed."""
+        if self._until_s.pop((servo_id, size), None) is None:
+            return None
+        return self._kinds.pop((servo_id, size))
 
     def sizes(self) -> frozenset[int]:
         """The sizes of all replies that may still come."""

@@ -177,13 +177,13 @@ class BurstReader:
     def _judge(self, hearing: _Hearing) -> dict[int, Outcome]:
         """A value or a fault for everyone who was asked, each counted once."""
         outcome: dict[int, Outcome] = {}
-        belated = set()
+        belated: dict[int, FaultKind] = {}
         for reply in hearing.replies:
             if len(reply.data) == hearing.size and reply.servo_id in hearing.servo_ids:
                 self._counters.strange += reply.servo_id in outcome
                 outcome[reply.servo_id] = state.state(reply.status, reply.data)
-            elif self._owed.settle(reply.servo_id, len(reply.data)):
-                belated.add(reply.servo_id)
+            elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
+                belated[reply.servo_id] = counted_as
             else:
                 self._counters.strange += 1
         corrupt = _corrupt(hearing, self._counters)
@@ -193,20 +193,19 @@ class BurstReader:
         self._count(outcome, hearing.size, belated)
         return outcome
 
-    def _count(self, outcome: dict[int, Outcome], size: int, belated: set[int]) -> None:
+    def _count(self, outcome: dict[int, Outcome], size: int, belated: Mapping[int, FaultKind]) -> None:
         now_s = self._clock.now()
         for servo_id, what in outcome.items():
             account = self._counters.of(servo_id)
             if isinstance(what, ServoState):
                 account.replies += 1
                 account.alarms += bool(what.alarms)
-            elif what == "corrupt":
-                account.corrupt += 1
             else:
-                account.silent += what == "silent"
-                self._owed.owe(servo_id, size, now_s)
-        for servo_id in belated:
-            self._counters.of(servo_id).late += 1
+                account.corrupt += what == "corrupt"
+                account.silent += what != "corrupt"
+                self._owed.owe(servo_id, size, now_s, "corrupt" if what == "corrupt" else "silent")
+        for servo_id, counted_as in belated.items():
+            self._counters.of(servo_id).came_late(counted_as)
 
 
 def _corrupt(hearing: _Hearing, counters: BusCounters) -> set[int]:

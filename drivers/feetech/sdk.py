@@ -40,6 +40,8 @@ class SdkPort:
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
+        if length <= 0:  # of a frame that claims to be shorter than any, the SDK asks for less than nothing
+            return b""
         data = self._doubtful + self._port.read(length, self._deadline_s)
         if self._echo.present is False or not self._sent:
             return data

@@ -11,6 +11,7 @@ from drivers.dynamixel import x_series as x
 from drivers.dynamixel.burst import FAST_TRIES
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.crc import crc16
+from drivers.dynamixel.owed import OWED_S
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
@@ -223,6 +224,7 @@ def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCapt
     line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
     for _ in range(FAST_TRIES + 3):
         assert right(line.cycle())
+        line.clock.sleep_until(line.clock.now() + 2.0 * OWED_S)  # nobody owes a reply any more
     assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
     assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
 
