@@ -10,9 +10,9 @@ from drivers.clock import Clock
 from drivers.counters import BusCounters, ServoCounters
 from drivers.dynamixel import state, wire
 from drivers.dynamixel.models import Series
-from drivers.dynamixel.owed import OwedReplies
 from drivers.dynamixel.plan import Plan, fast_plan_for, plan_for
-from drivers.feetech.echo import Echo
+from drivers.echo import Echo
+from drivers.owed import OwedReplies
 from drivers.port import Port
 
 LOG = logging.getLogger("servoloop.drivers")

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, Protocol2PacketHandler
 
+from drivers.absent import AbsenceWatch
 from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
@@ -14,9 +15,8 @@ from drivers.dynamixel import state, wire
 from drivers.dynamixel.burst import BITS_PER_BYTE, FIRST_REPLY_S, TRIED_GAP_S, BurstReader, Outcome
 from drivers.dynamixel.models import MODELS, SERIES, Series, X, series_of
 from drivers.dynamixel.sdk import SdkPort
+from drivers.echo import Echo
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
-from drivers.feetech.absent import AbsenceWatch
-from drivers.feetech.echo import Echo
 from drivers.port import Port
 from drivers.registers import Register, ServoModel
 from drivers.turns import Steps, finish

@@ -7,7 +7,7 @@ this one waits on the port.
 import math
 
 from drivers.clock import Clock
-from drivers.feetech.echo import Echo
+from drivers.echo import Echo
 from drivers.port import Port
 
 _GRACE_S = 0.034

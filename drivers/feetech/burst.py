@@ -8,9 +8,9 @@ from typing import Final
 from drivers.bus import FaultKind, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters, ServoCounters
+from drivers.echo import Echo
 from drivers.feetech import state, wire
-from drivers.feetech.echo import Echo
-from drivers.feetech.owed import OwedReplies
+from drivers.owed import OwedReplies
 from drivers.port import Port
 
 FIRST_REPLY_S: Final = 0.02
@@ -81,13 +81,17 @@ class BurstReader:
         """
         now_s = self._clock.now()
         begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
-        self._size = size = self._owed.free_size(firm + tried, begin_s) if self._owed else state.STATE_SIZE
+        self._size = size = self._free_size(firm + tried, begin_s) if self._owed else state.STATE_SIZE
         self._sent = sent = _request(firm + tried, size)
         self._sent_s = begin_s + len(sent) * self._byte_s
         if not self.clean:
             self._port.discard_input()
         self.clean = False
         self._port.write(sent)
+
+    def _free_size(self, servo_ids: tuple[int, ...], now_s: float) -> int:
+        self._owed.forget(now_s)
+        return state.STATE_SIZES[self._owed.free(dict.fromkeys(servo_ids, state.STATE_SIZES))]
 
     def hear(
         self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float, after: bytes = b""

@@ -7,14 +7,14 @@ from typing import Final, cast
 
 from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
 
+from drivers.absent import AbsenceWatch
 from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
+from drivers.echo import Echo
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.feetech import state, sts, wire
-from drivers.feetech.absent import AbsenceWatch
 from drivers.feetech.burst import BITS_PER_BYTE, TRIED_GAP_S, BurstReader, Outcome
-from drivers.feetech.echo import Echo
 from drivers.feetech.sdk import SdkPort
 from drivers.port import Port
 from drivers.registers import Register, ServoModel

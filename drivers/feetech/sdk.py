@@ -5,7 +5,7 @@ flushes output where it should drop stale input; this one waits on the port and 
 """
 
 from drivers.clock import Clock
-from drivers.feetech.echo import Echo
+from drivers.echo import Echo
 from drivers.port import Port
 
 _GRACE_S = 0.034

@@ -17,6 +17,9 @@ _ORDER: Final = "little"
 
 STATE_ADDRESS: Final = sts.STATE_BLOCK[0].address
 STATE_SIZE: Final = sum(register.size for register in sts.STATE_BLOCK)
+STATE_SIZES: Final = (STATE_SIZE, STATE_SIZE + 2, STATE_SIZE + 5, STATE_SIZE + 7)
+"""What may be read instead, see drivers.owed. All begin with the state block and end within the table. Their
+length bytes differ in two bits at least: no single flipped bit turns one into another."""
 GOAL_ADDRESS: Final = sts.GOAL_BLOCK[0].address
 GOAL_SIZE: Final = sum(register.size for register in sts.GOAL_BLOCK)
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final
 
+from drivers.absent import AbsenceWatch
 from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
+from drivers.echo import Echo
 from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import wire
-from drivers.feetech.absent import AbsenceWatch
-from drivers.feetech.echo import Echo
 from drivers.port import Port
 from drivers.read_each.identify import identify
 from drivers.read_each.line import BITS_PER_BYTE, RETRY_GAP_S, Line, Outcome

@@ -6,11 +6,11 @@ from typing import Final
 from drivers.bus import FaultKind, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
+from drivers.echo import Echo
 from drivers.feetech import wire
-from drivers.feetech.echo import Echo
+from drivers.owed import Missed, OwedReplies
 from drivers.port import Port
 from drivers.read_each.hearing import Hearing
-from drivers.read_each.owed import Missed, OwedSizes
 from drivers.read_each.patience import FIRM_S, FIRST_REPLY_S, SPARE_S, Patience
 from drivers.read_each.series import Series, StateOf
 from drivers.turns import Steps
@@ -53,7 +53,8 @@ class Line:
         self._counters = counters
         self._address = series.state_address
         self._state_of = state_of
-        self._owed = OwedSizes(series.state_sizes)
+        self._owed = OwedReplies()
+        self._sizes = series.state_sizes
         self._largest = max(series.state_sizes)
         self.byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
@@ -84,7 +85,7 @@ class Line:
         piece with the question.
         """
         begin_s = max(self._clock.now(), self._busy_until_s)
-        size = self._owed.free_size(servo_ids, begin_s)
+        size = self._free_size(servo_ids, begin_s)
         sent = before + self.question(servo_ids, size)
         if not self.clean:
             self._port.discard_input()
@@ -139,14 +140,13 @@ class Line:
         self._count(outcome, hearing.size)
         return outcome
 
+    def _free_size(self, servo_ids: tuple[int, ...], now_s: float) -> int:
+        self._owed.forget(now_s)
+        return self._sizes[self._owed.free(dict.fromkeys(servo_ids, self._sizes))]
+
     def _was_late(self, servo_id: int, counted: Missed) -> None:
         """What was taken for silence, or for the garbage that came, was a late reply."""
-        account = self._counters.of(servo_id)
-        if counted == "silent":
-            account.silent -= 1
-        else:
-            account.corrupt -= 1
-        account.late += 1
+        self._counters.of(servo_id).came_late(counted)
         self.patience.heard_late()
 
     def _count(self, outcome: Mapping[int, Outcome], size: int) -> None:

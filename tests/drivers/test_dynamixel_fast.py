@@ -11,7 +11,7 @@ from drivers.dynamixel import x_series as x
 from drivers.dynamixel.burst import FAST_TRIES
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.crc import crc16
-from drivers.dynamixel.owed import OWED_S
+from drivers.owed import OWED_S
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser

@@ -182,7 +182,7 @@ def test_tags_of_late_replies_survive_a_flipped_bit() -> None:
 
 
 def state_sizes() -> tuple[int, ...]:
-    from drivers.feetech.owed import SIZES
+    from drivers.feetech.state import STATE_SIZES as SIZES
 
     assert SIZES[0] == state.STATE_SIZE and all(a < b for a, b in pairwise(SIZES))
     return SIZES
