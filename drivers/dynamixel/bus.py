@@ -8,28 +8,22 @@ from typing import Any, Final
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, Protocol2PacketHandler
 
 from drivers.absent import AbsenceWatch
-from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
+from drivers.burst import BITS_PER_BYTE, FIRST_REPLY_S, TRIED_GAP_S
+from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.dynamixel import state, wire
-from drivers.dynamixel.burst import BITS_PER_BYTE, FIRST_REPLY_S, TRIED_GAP_S, BurstReader, Outcome
+from drivers.dynamixel.burst import BurstReader
 from drivers.dynamixel.models import MODELS, SERIES, Series, X, series_of
-from drivers.dynamixel.sdk import SdkPort
 from drivers.echo import Echo
 from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
+from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger
 from drivers.registers import Register, ServoModel
+from drivers.sdk_port import SdkPort
 from drivers.turns import Steps, finish
 
-RETRIES: Final = 2
-"""How often a servo is asked again within one cycle, if there is time."""
-
 _ORDER: Final = "little"
-_TEXTS: Final = {
-    "silent": "does not answer",
-    "corrupt": "answered with a wrong checksum",
-    "late": "answers too late",
-}
 
 
 class _SeriesById(dict[int, Series]):
@@ -58,10 +52,11 @@ class DynamixelBus:
         """
         self._port = port
         self._clock = clock
+        self._models = dict(models or {})
         self._position_p = dict(position_p or {})
         self._counters = BusCounters()
         self._echo = Echo()
-        self._series = _SeriesById({i: series_of(model) for i, model in (models or {}).items()})
+        self._series = _SeriesById({i: series_of(model) for i, model in self._models.items()})
         self._burst = BurstReader(port, clock, self._echo, self._counters, self._series)
         self._fast_tried = False
         self._absent = AbsenceWatch()
@@ -81,13 +76,7 @@ class DynamixelBus:
         self._burst.clean = False
         number, result, _ = self._sdk.ping(self._sdk_port, servo_id)
         _raise_for(servo_id, result)
-        if number != model.number:
-            known = next((m.name for m in MODELS.values() if m.number == number), "unknown")
-            raise ServoRefused(
-                servo_id,
-                f"is model {number} ({known}), not {model.number} ({model.name}): "
-                "correct the model in the robot file or swap the servo",
-            )
+        refuse_stranger(servo_id, number, model, MODELS)
         self._take_for(servo_id, series_of(model))
         misfit = self._series[servo_id].misfit(lambda register: self.read(servo_id, register))
         if misfit:
@@ -195,9 +184,7 @@ class DynamixelBus:
         self, asked: tuple[int, ...], firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float
     ) -> dict[int, Reading]:
         outcome = dict(self._burst.hear(firm, tried, deadline_s)) if firm else {}
-        for servo_id in asked:
-            if servo_id not in outcome:
-                self._counters.of(servo_id).skipped += 1
+        count_skipped(self._counters, asked, outcome)
         if not (self._burst.clean and firm == asked):
             self._ask_again([i for i in self._note(outcome) if i in firm], outcome, deadline_s)
         elif self._absent:
@@ -235,14 +222,11 @@ class DynamixelBus:
     def _readings(
         self, asked: tuple[int, ...], outcome: Mapping[int, Outcome], deadline_s: float = math.inf
     ) -> dict[int, Reading]:
-        """In the order of the question; who was not asked this time is silent."""
-        readings: dict[int, Reading] = {}
-        for servo_id in asked:
-            what = outcome.get(servo_id, "silent")
-            if isinstance(what, ServoState):
-                readings[servo_id] = self._named(servo_id, what, deadline_s) if what.alarms else what
-            else:
-                readings[servo_id] = ServoFault(what, f"servo {servo_id} {_TEXTS[what]}")
+        """``readings_of``, alarms by name."""
+        readings = readings_of(asked, outcome)
+        for servo_id, reading in readings.items():
+            if isinstance(reading, ServoState) and reading.alarms:
+                readings[servo_id] = self._named(servo_id, reading, deadline_s)
         return readings
 
     def _named(self, servo_id: int, reading: ServoState, deadline_s: float) -> ServoState:
@@ -299,13 +283,9 @@ class DynamixelBus:
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        former = self._port.baud
-        self._port.set_baud(baud)
-        try:
-            yield DynamixelBus(self._port, self._clock)
-        finally:
-            self._port.set_baud(former)
-            self._burst.clean = False
+        with port_at(self._port, baud):
+            yield DynamixelBus(self._port, self._clock, self._models)
+        self._burst.clean = False
 
     def close(self) -> None:
         self._port.close()

@@ -3,25 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Final
 
-from drivers.bus import FaultKind, ServoState
+from drivers.burst import TRIED_GAP_S, Burst
 from drivers.clock import Clock
-from drivers.counters import BusCounters, ServoCounters
+from drivers.counters import BusCounters
 from drivers.echo import Echo
 from drivers.feetech import state, wire
-from drivers.owed import OwedReplies
+from drivers.owed import Missed
 from drivers.port import Port
-
-FIRST_REPLY_S: Final = 0.02
-"""How long the first reply may take: a USB adapter's latency timer can be 16 ms."""
-GAP_S: Final = 0.002
-"""How long the next reply may take once replies come."""
-TRIED_GAP_S: Final = 0.0015
-"""How long a servo is waited for that did not answer the last time."""
-
-Outcome = ServoState | FaultKind
-BITS_PER_BYTE: Final = 10.0
+from drivers.readings import Outcome
 
 
 @lru_cache(maxsize=256)
@@ -52,21 +42,12 @@ class _Hearing:
         return max(1, missing * (self.size + wire.OVERHEAD) - self.decoder.waiting)
 
 
-class BurstReader:
+class BurstReader(Burst):
     """Sync reads on one port. Counts what goes wrong; raises only PortLost."""
 
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
-        self._port = port
-        self._clock = clock
-        self._echo = echo
-        self._counters = counters
-        self._owed = OwedReplies()
-        self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
-        self._byte_s = BITS_PER_BYTE / port.baud
-        self._busy_until_s = 0.0
-        self._size, self._sent, self._sent_s = state.STATE_SIZE, b"", 0.0
-        self.clean = False
-        """Whether the last answer was whole, so that nothing can be left to throw away."""
+        super().__init__(port, clock, echo, counters)
+        self._size = state.STATE_SIZE
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """``ask`` and ``hear``."""
@@ -120,41 +101,6 @@ class BurstReader:
             self.send(after)
         return outcome
 
-    def send(self, packet: bytes) -> None:
-        """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""
-        self._port.write(packet)
-        on_wire_s = len(packet) * self._byte_s
-        self._busy_until_s = max(self._busy_until_s, self._clock.now()) + on_wire_s
-        if self._echo.present:
-            self._port.read(len(packet), self._busy_until_s + on_wire_s + GAP_S)
-
-    def _first_data(self, expected: int, sent_s: float, deadline_s: float, firm: bool) -> bytes:
-        """The whole burst if it comes in time, or else what there is of it."""
-        gap_s = GAP_S if firm else TRIED_GAP_S
-        patience_s = sent_s + expected * self._byte_s + gap_s
-        data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
-        if data or not firm:
-            return data
-        data = self._port.read(1, min(sent_s + FIRST_REPLY_S, deadline_s))
-        if not data:
-            return data
-        return data + self._port.read(
-            expected - 1, min(self._clock.now() + expected * self._byte_s + GAP_S, deadline_s)
-        )
-
-    def _all_well(self, servo_ids: tuple[int, ...], states: dict[int, ServoState]) -> Mapping[int, ServoState]:
-        if self._echo.present is None:
-            self._echo.present = False
-        accounts = self._accounts.get(servo_ids)
-        if accounts is None:
-            accounts = self._accounts[servo_ids] = [self._counters.of(i) for i in servo_ids]
-        for account in accounts:
-            account.replies += 1
-        for servo_id, reading in states.items():
-            if reading.alarms:
-                self._counters.of(servo_id).alarms += 1
-        return states
-
     def _listen_on(
         self, firm: tuple[int, ...], tried: tuple[int, ...], size: int, data: bytes, deadline_s: float
     ) -> dict[int, Outcome]:
@@ -169,19 +115,10 @@ class BurstReader:
         hearing.take(decoder.finish())
         return self._judge(hearing)
 
-    def _wait_for(self, hearing: _Hearing, servo_ids: tuple[int, ...], gap_s: float, deadline_s: float) -> None:
-        end_s = min(self._clock.now() + FIRST_REPLY_S + gap_s * len(servo_ids), deadline_s)  # however much noise
-        while lacking := hearing.lacking(servo_ids):
-            patience_s = self._clock.now() + lacking * self._byte_s + gap_s
-            data = self._port.read(lacking, min(patience_s, end_s))
-            if not data:
-                return
-            hearing.take(hearing.decoder.feed(data))
-
     def _judge(self, hearing: _Hearing) -> dict[int, Outcome]:
         """A value or a fault for everyone who was asked, each counted once."""
         outcome: dict[int, Outcome] = {}
-        belated: dict[int, FaultKind] = {}
+        belated: dict[int, Missed] = {}
         for reply in hearing.replies:
             if len(reply.data) == hearing.size and reply.servo_id in hearing.servo_ids:
                 self._counters.strange += reply.servo_id in outcome
@@ -191,25 +128,9 @@ class BurstReader:
             else:
                 self._counters.strange += 1
         corrupt = _corrupt(hearing, self._counters)
-        for servo_id in hearing.servo_ids:
-            if servo_id not in outcome:
-                outcome[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in belated else "silent"
-        self._count(outcome, hearing.size, belated)
+        self._missed(hearing.servo_ids, outcome, corrupt, belated)
+        self._count(outcome, dict.fromkeys(hearing.servo_ids, hearing.size), belated)
         return outcome
-
-    def _count(self, outcome: dict[int, Outcome], size: int, belated: Mapping[int, FaultKind]) -> None:
-        now_s = self._clock.now()
-        for servo_id, what in outcome.items():
-            account = self._counters.of(servo_id)
-            if isinstance(what, ServoState):
-                account.replies += 1
-                account.alarms += bool(what.alarms)
-            else:
-                account.corrupt += what == "corrupt"
-                account.silent += what != "corrupt"
-                self._owed.owe(servo_id, size, now_s, "corrupt" if what == "corrupt" else "silent")
-        for servo_id, counted_as in belated.items():
-            self._counters.of(servo_id).came_late(counted_as)
 
 
 def _corrupt(hearing: _Hearing, counters: BusCounters) -> set[int]:

@@ -8,27 +8,21 @@ from typing import Final, cast
 from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
 
 from drivers.absent import AbsenceWatch
-from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
+from drivers.burst import BITS_PER_BYTE, TRIED_GAP_S
+from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.errors import ServoCorrupt, ServoError, ServoSilent
 from drivers.feetech import state, sts, wire
-from drivers.feetech.burst import BITS_PER_BYTE, TRIED_GAP_S, BurstReader, Outcome
-from drivers.feetech.sdk import SdkPort
+from drivers.feetech.burst import BurstReader
 from drivers.port import Port
+from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger
 from drivers.registers import Register, ServoModel
+from drivers.sdk_port import SdkPort
 from drivers.turns import Steps, finish
 
-RETRIES: Final = 2
-"""How often a servo is asked again within one cycle, if there is time."""
-
 _ORDER: Final = "little"
-_TEXTS: Final = {
-    "silent": "does not answer",
-    "corrupt": "answered with a wrong checksum",
-    "late": "answers too late",
-}
 
 
 class FeetechBus:
@@ -54,13 +48,7 @@ class FeetechBus:
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         number = self.read(servo_id, sts.model_number)
-        if number != model.number:
-            known = next((m.name for m in sts.MODELS.values() if m.number == number), "unknown")
-            raise ServoRefused(
-                servo_id,
-                f"is model {number} ({known}), not {model.number} ({model.name}): "
-                "correct the model in the robot file or swap the servo",
-            )
+        refuse_stranger(servo_id, number, model, sts.MODELS)
 
     def read(self, servo_id: int, register: Register) -> int:
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
@@ -85,7 +73,7 @@ class FeetechBus:
         asked = tuple(servo_ids)
         outcome = self._burst.read(asked, (), math.inf)
         self._absent.note(outcome, self._clock.now())
-        return self._readings(asked, outcome)
+        return readings_of(asked, outcome)
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
         asked = tuple(servo_ids)
@@ -133,12 +121,12 @@ class FeetechBus:
         if self._burst.clean and firm == asked and not self._absent:
             return cast(dict[int, Reading], outcome)
         if len(outcome) < len(asked):
-            self._count_skipped(asked, outcome)
+            count_skipped(self._counters, asked, outcome)
         missing = self._absent.note(outcome, self._clock.now())
         if missing:
             outcome = dict(outcome)
             self._ask_again([i for i in missing if i in firm], outcome, deadline_s)
-        return self._readings(asked, outcome)
+        return readings_of(asked, outcome)
 
     def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> None:
         """Only what is missing, and only while there is time."""
@@ -158,22 +146,6 @@ class FeetechBus:
         """Whether those can be asked again and waited for."""
         size = (state.STATE_SIZE + 2 * wire.OVERHEAD) * (len(servo_ids) + 1)
         return self._clock.now() + size * BITS_PER_BYTE / self._port.baud + TRIED_GAP_S < deadline_s
-
-    def _count_skipped(self, asked: Sequence[int], outcome: Mapping[int, Outcome]) -> None:
-        for servo_id in asked:
-            if servo_id not in outcome:
-                self._counters.of(servo_id).skipped += 1
-
-    def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
-        """In the order of the question; who was not asked this time is silent."""
-        readings: dict[int, Reading] = {}
-        for servo_id in asked:
-            what = outcome.get(servo_id, "silent")
-            if isinstance(what, ServoState):
-                readings[servo_id] = what
-            else:
-                readings[servo_id] = ServoFault(what, f"servo {servo_id} {_TEXTS[what]}")
-        return readings
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         self._burst.send(state.goals_packet(goals))
@@ -204,13 +176,9 @@ class FeetechBus:
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        former = self._port.baud
-        self._port.set_baud(baud)
-        try:
+        with port_at(self._port, baud):
             yield FeetechBus(self._port, self._clock)
-        finally:
-            self._port.set_baud(former)
-            self._burst.clean = False
+        self._burst.clean = False
 
     def close(self) -> None:
         self._port.close()

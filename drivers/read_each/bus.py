@@ -4,10 +4,10 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final
 
 from drivers.absent import AbsenceWatch
-from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal, ServoState
+from drivers.burst import BITS_PER_BYTE
+from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
@@ -15,22 +15,15 @@ from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import wire
 from drivers.port import Port
 from drivers.read_each.identify import identify
-from drivers.read_each.line import BITS_PER_BYTE, RETRY_GAP_S, Line, Outcome
-from drivers.read_each.sdk import SdkPort, SingleServo
+from drivers.read_each.line import RETRY_GAP_S, Line
+from drivers.read_each.sdk import SingleServo
 from drivers.read_each.series import series_of
+from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of
 from drivers.registers import Register, ServoModel
+from drivers.sdk_port import SdkPort
 from drivers.turns import Steps, finish
 
 LOG = logging.getLogger("servoloop.drivers")
-
-RETRIES: Final = 2
-"""How often a servo is asked again within one cycle, if there is time."""
-
-_TEXTS: Final = {
-    "silent": "does not answer",
-    "corrupt": "answered with a wrong checksum",
-    "late": "answers too late",
-}
 
 
 class ReadEachBus:
@@ -151,9 +144,7 @@ class ReadEachBus:
         self._unasked = {i for i in firm if i not in outcome}
         missing = self._absent.note(outcome, self._clock.now())
         yield from self._ask_again([i for i in missing if i in firm], outcome, deadline_s)
-        for servo_id in asked:
-            if servo_id not in outcome:
-                self._counters.of(servo_id).skipped += 1
+        count_skipped(self._counters, asked, outcome)
         return self._readings(asked, outcome)
 
     def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> Steps[None]:
@@ -169,15 +160,11 @@ class ReadEachBus:
             missing = self._absent.note(again, self._clock.now())
 
     def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
-        """In the order of the question; who was not asked this time is silent."""
-        readings: dict[int, Reading] = {}
-        for servo_id in asked:
-            what = outcome.get(servo_id, "silent")
-            if isinstance(what, ServoState):
-                readings[servo_id] = what
-            else:
-                text = "was not asked: the cycle was over" if servo_id in self._unasked else _TEXTS[what]
-                readings[servo_id] = ServoFault(what, f"servo {servo_id} {text}")
+        """``readings_of``, but whom there was no time for is not said to be silent."""
+        readings = readings_of(asked, outcome)
+        for servo_id in self._unasked:
+            if servo_id in readings:
+                readings[servo_id] = fault(servo_id, "silent", "was not asked: the cycle was over")
         return readings
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
@@ -227,13 +214,9 @@ class ReadEachBus:
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        former = self._port.baud
-        self._port.set_baud(baud)
-        try:
+        with port_at(self._port, baud):
             yield ReadEachBus(self._port, self._clock, self._models, say_how_long=False)
-        finally:
-            self._port.set_baud(former)
-            self._line.clean = False
+        self._line.clean = False
 
     def close(self) -> None:
         self._port.close()

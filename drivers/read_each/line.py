@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from drivers.bus import FaultKind, ServoState
+from drivers.burst import BITS_PER_BYTE
+from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
@@ -13,15 +14,13 @@ from drivers.port import Port
 from drivers.read_each.hearing import Hearing
 from drivers.read_each.patience import FIRM_S, FIRST_REPLY_S, SPARE_S, Patience
 from drivers.read_each.series import Series, StateOf
+from drivers.readings import Outcome
 from drivers.turns import Steps
 
 READ: Final = 0x02
 BULK_READ: Final = 0x92
-BITS_PER_BYTE: Final = 10.0
 RETRY_GAP_S: Final = 0.0015
 """How long more bytes may take once some have come."""
-
-Outcome = ServoState | FaultKind
 
 
 def read_packet(servo_id: int, address: int, size: int) -> bytes:

@@ -7,20 +7,12 @@ import scservo_sdk
 from dynamixel_sdk import COMM_SUCCESS, INST_PING, INST_READ
 
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
-from drivers.feetech import sdk
 from drivers.read_each.series import Series
 from drivers.registers import Register
+from drivers.sdk_port import SdkPort
 
 _CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """The other numbers are the same in both, or mean no answer."""
-
-
-class SdkPort(sdk.SdkPort):
-    """What both SDKs expect of a PortHandler."""
-
-    def readPort(self, length: int) -> bytes:
-        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing.
-        return super().readPort(length) if length > 0 else b""
 
 
 class SingleServo:

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.absent import LONGEST_PAUSE_S
+from drivers.burst import FIRST_REPLY_S
 from drivers.bus import ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.dynamixel import x_series as x
-from drivers.dynamixel.burst import FIRST_REPLY_S
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.state import profile_units
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent

@@ -14,7 +14,10 @@ from drivers.errors import ServoRefused
 from drivers.makes import bus_for
 from drivers.registers import Register, ServoModel
 from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser, status_packet
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
 from sim_backend.sts_wire import Instruction
 
 TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
@@ -274,3 +277,12 @@ def test_after_another_rate_nothing_is_left_on_the_line() -> None:
     assert port.baud == 1_000_000
     assert all(isinstance(s, ServoState) for s in bus.read_states(IDS, port.clock.now() + 0.02).values())
     assert bus.counters.noise == 0
+
+
+def test_at_another_rate_servos_are_still_what_they_are() -> None:
+    """Each would else be asked for the X series' block, which an XL-320 does not have."""
+    clock = SimulatedClock()
+    line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
+    bus = DynamixelBus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})
+    with bus.at_baud(57_600) as other:
+        assert other.exchange_size([1]) == bus.exchange_size([1])

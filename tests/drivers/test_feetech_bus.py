@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from drivers.burst import FIRST_REPLY_S
 from drivers.bus import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.feetech import sts, wire
-from drivers.feetech.burst import FIRST_REPLY_S
 from drivers.feetech.bus import FeetechBus
 from drivers.port import Port
 from drivers.registers import Register, ServoModel

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel.crc import crc16
-from drivers.dynamixel.sdk import SdkPort
 from drivers.dynamixel.wire import BROADCAST_ID, SYNC_READ, packet, span
+from drivers.sdk_port import SdkPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import BROADCAST, Code, fast_block, fast_head, fast_length

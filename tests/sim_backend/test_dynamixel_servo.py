@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from drivers.dynamixel import x_series as x
-from drivers.dynamixel.sdk import SdkPort
 from drivers.registers import Access, Register
+from drivers.sdk_port import SdkPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_servo import REBOOT_S, VirtualXServo

@@ -1,8 +1,10 @@
-"""feetech-servo-sdk's packet handler over our Port.
+"""The makers' packet handlers over our Port.
 
-The SDK does all single-servo instructions. Its own PortHandler spins at 100 % CPU while it waits and
-flushes output where it should drop stale input; this one waits on the port and drops the input.
+The SDKs do all single-servo instructions. Their own PortHandlers spin at 100 % CPU while they wait, and
+Feetech's flushes output where it should drop stale input; this one waits on the port and drops the input.
 """
+
+import math
 
 from drivers.clock import Clock
 from drivers.echo import Echo
@@ -13,7 +15,7 @@ _GRACE_S = 0.034
 
 
 class SdkPort:
-    """What scservo_sdk expects of a PortHandler. The method names are the SDK's."""
+    """What scservo_sdk and dynamixel_sdk expect of a PortHandler. The method names are theirs."""
 
     def __init__(self, port: Port, clock: Clock, echo: Echo | None = None) -> None:
         self._port = port
@@ -22,6 +24,8 @@ class SdkPort:
         self._sent = b""
         self._doubtful = b""
         self._deadline_s = 0.0
+        self.latest_s = math.inf
+        """When to give up whatever the SDK would grant: a cycle has its own deadline."""
 
     @property
     def is_using(self) -> bool:
@@ -30,6 +34,9 @@ class SdkPort:
 
     @is_using.setter
     def is_using(self, value: bool) -> None: ...
+
+    def getBaudRate(self) -> int:
+        return self._port.baud
 
     def clearPort(self) -> None:
         self._port.discard_input()
@@ -40,7 +47,8 @@ class SdkPort:
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
-        if length <= 0:  # of a frame that claims to be shorter than any, the SDK asks for less than nothing
+        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing.
+        if length <= 0:
             return b""
         data = self._doubtful + self._port.read(length, self._deadline_s)
         if self._echo.present is False or not self._sent:
@@ -58,7 +66,10 @@ class SdkPort:
 
     def setPacketTimeout(self, packet_length: int) -> None:
         wire_s = packet_length * 10.0 / self._port.baud
-        self._deadline_s = self._clock.now() + wire_s + _GRACE_S
+        self._deadline_s = min(self._clock.now() + wire_s + _GRACE_S, self.latest_s)
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        self._deadline_s = self._clock.now() + msec / 1000.0
 
     def isPacketTimeout(self) -> bool:
         return self._clock.now() >= self._deadline_s

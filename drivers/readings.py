@@ -1,0 +1,67 @@
+"""What every bus says in the same words, and does in the same way, whatever its packets."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+from drivers.bus import FaultKind, Reading, ServoFault, ServoState
+from drivers.counters import BusCounters
+from drivers.errors import ServoRefused
+from drivers.port import Port
+from drivers.registers import ServoModel
+
+Outcome = ServoState | FaultKind
+"""What became of one question to one servo."""
+
+RETRIES: Final = 2
+"""How often a servo is asked again within one cycle, if there is time."""
+
+TEXTS: Final[Mapping[FaultKind, str]] = {
+    "silent": "does not answer",
+    "corrupt": "answered with a wrong checksum",
+    "late": "answers too late",
+}
+
+
+def readings_of(asked: Sequence[int], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
+    """In the order of the question; who was not asked this time is silent."""
+    readings: dict[int, Reading] = {}
+    for servo_id in asked:
+        what = outcome.get(servo_id, "silent")
+        readings[servo_id] = what if isinstance(what, ServoState) else fault(servo_id, what, TEXTS[what])
+    return readings
+
+
+def fault(servo_id: int, kind: FaultKind, text: str) -> ServoFault:
+    """In one form for all."""
+    return ServoFault(kind, f"servo {servo_id} {text}")
+
+
+def count_skipped(counters: BusCounters, asked: Sequence[int], outcome: Mapping[int, Outcome]) -> None:
+    """Who was not asked this time."""
+    for servo_id in asked:
+        if servo_id not in outcome:
+            counters.of(servo_id).skipped += 1
+
+
+def refuse_stranger(servo_id: int, number: int, model: ServoModel, models: Mapping[str, ServoModel]) -> None:
+    """Raise ServoRefused unless the servo's number is its model's; ``models`` has the names of others."""
+    if number == model.number:
+        return
+    known = next((m.name for m in models.values() if m.number == number), "unknown")
+    raise ServoRefused(
+        servo_id,
+        f"is model {number} ({known}), not {model.number} ({model.name}): "
+        "correct the model in the robot file or swap the servo",
+    )
+
+
+@contextmanager
+def port_at(port: Port, baud: int) -> Iterator[None]:
+    """The port at another rate for a while. Raises PortError where the adapter cannot."""
+    former = port.baud
+    port.set_baud(baud)
+    try:
+        yield
+    finally:
+        port.set_baud(former)
