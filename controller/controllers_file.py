@@ -8,14 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel, RootModel, ValidationError
 
-from controller.parameters import (
-    KINDS,
-    BroadcasterParameters,
-    ManagerParameters,
-    Parameters,
-    TrajectoryParameters,
-    commanded_joints,
-)
+from controller.kinds import kinds
+from controller.parameters import ManagerParameters, Parameters
 from hal.description import Component
 from hal.yaml_file import load, place
 
@@ -112,19 +106,14 @@ class _Reader:
         self, name: str, entry: Mapping[str, Any], parameters: Mapping[str, Any]
     ) -> Iterator[ControllerFile]:
         kind = str(entry.get("type", ""))
-        model = KINDS.get(kind)
-        if model is None:
+        if kind not in kinds():
             what = f"unknown type '{kind}'" if kind else "no type"
-            self.problems.append(self.say(MANAGER, name, f"has {what}, known types are {', '.join(KINDS)}"))
+            self.problems.append(self.say(MANAGER, name, f"has {what}, known types are {', '.join(kinds())}"))
             return
-        checked = self.checked(name, model, parameters)
+        checked = self.checked(name, kinds()[kind].parameters_type, parameters)
         if checked is None:
             return
-        unused = [] if model is BroadcasterParameters else sorted(checked.model_extra or {})
-        if isinstance(checked, TrajectoryParameters):
-            others = set(checked.constraints.model_extra or {}) - set(checked.joints)
-            unused += [f"constraints.{other}" for other in sorted(others)]
-        if unused:
+        if unused := checked.unused():
             LOG.warning("%s: %s: not used: %s", self.path, name, ", ".join(unused))
         yield ControllerFile(name, kind, checked)
 
@@ -144,7 +133,7 @@ def _unknown_joints(reader: _Reader, controllers: list[ControllerFile], componen
     return [
         reader.say(c.name, "joints", text.format(joint, ", ".join(known)))
         for c in controllers
-        for joint in commanded_joints(c.parameters)
+        for joint in _joints(c)
         if joint not in known
     ]
 
@@ -153,7 +142,7 @@ def _claimed_twice(reader: _Reader, controllers: list[ControllerFile]) -> list[s
     problems: list[str] = []
     owners: dict[str, str] = {}
     for c in controllers:
-        joints = commanded_joints(c.parameters)
+        joints = _joints(c)
         for joint in joints:
             other = owners.setdefault(joint, c.name)
             if other != c.name:
@@ -162,3 +151,8 @@ def _claimed_twice(reader: _Reader, controllers: list[ControllerFile]) -> list[s
         twice = sorted({joint for joint in joints if joints.count(joint) > 1})
         problems += [reader.say(c.name, "joints", f"names {joint} twice") for joint in twice]
     return problems
+
+
+def _joints(controller: ControllerFile) -> list[str]:
+    """The joints that it commands."""
+    return [claim.rpartition("/")[0] for claim in controller.parameters.claims()]

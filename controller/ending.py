@@ -29,6 +29,7 @@ def end(
     Every step is tried even if the one before it failed: an arm that cannot be parked is still let go.
     """
     problems: list[str] = []
+    loop.requests.end()
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "stop the motion", lambda: _stop(loop))
         _try(problems, "end the controllers", loop.manager.deactivate)

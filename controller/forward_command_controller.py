@@ -3,10 +3,13 @@
 import logging
 from collections import deque
 from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
-from controller.interface import indices
+from controller.interface import Surroundings, indices, limits_of
+from controller.parameters import Parameters
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
@@ -19,10 +22,21 @@ STILL_S = 0.1
 """So long it must stand still short of its goal to count as stalled (fingers on an object)."""
 
 
+class ForwardParameters(Parameters):
+    """Of a forward command controller."""
+
+    joints: tuple[str, ...] = Field(min_length=1)
+    interface_name: Literal["position"]
+
+    def claims(self) -> tuple[str, ...]:
+        return tuple(f"{joint}/{self.interface_name}" for joint in self.joints)
+
+
 class ForwardCommandController:
     """Holds the measured position until the first command comes; then repeats the last one."""
 
-    kind = "forward_command_controller/ForwardCommandController"
+    kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
+    parameters_type: ClassVar[type[Parameters]] = ForwardParameters
 
     def __init__(
         self,
@@ -32,7 +46,10 @@ class ForwardCommandController:
         hardware_joints: Sequence[str],
     ) -> None:
         self.name = name
+        self.parameters = Parameters()
         self.joints = tuple(joints)
+        self.command_interfaces = tuple(f"{joint}/position" for joint in joints)
+        self.state_interfaces = tuple(f"{joint}/{name}" for joint in joints for name in ("position", "velocity"))
         self.command: FloatArray = np.full(len(joints), np.nan)
         self._index = indices(joints, hardware_joints)
         self._range = np.array([limit.upper - limit.lower for limit in limits])
@@ -42,6 +59,14 @@ class ForwardCommandController:
         self._inbox: deque[FloatArray] = deque(maxlen=1)
         self._still_s = 0.0
         self._settled = True
+
+    @classmethod
+    def build(cls, name: str, parameters: ForwardParameters, surroundings: Surroundings) -> "ForwardCommandController":
+        """As the controllers file wants it."""
+        limits = limits_of(parameters.joints, surroundings.limits)
+        made = cls(name, parameters.joints, limits, surroundings.component.joints)
+        made.parameters = parameters
+        return made
 
     def submit(self, values: Sequence[float]) -> str | None:
         """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""

@@ -2,9 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from controller.interface import Surroundings
+from controller.parameters import Parameters
 from hal.description import Mimic
 from hal.types import FloatArray, JointState
 
@@ -20,10 +23,18 @@ class JointStates:
     effort: FloatArray
 
 
+class BroadcasterParameters(Parameters):
+    """Of a joint state broadcaster: everything is broadcast."""
+
+    def unused(self) -> list[str]:
+        return []
+
+
 class JointStateBroadcaster:
     """Claims nothing. Joints in alphabetical order, as upstream; mimic joints follow theirs."""
 
-    kind = "joint_state_broadcaster/JointStateBroadcaster"
+    kind: ClassVar[str] = "joint_state_broadcaster/JointStateBroadcaster"
+    parameters_type: ClassVar[type[Parameters]] = BroadcasterParameters
 
     def __init__(
         self,
@@ -33,7 +44,9 @@ class JointStateBroadcaster:
         hardware_joints: Sequence[str],
     ) -> None:
         self.name = name
-        self.joints: tuple[str, ...] = ()
+        self.parameters = Parameters()
+        self.command_interfaces: tuple[str, ...] = ()
+        self.state_interfaces = tuple(f"{joint}/{name}" for joint, own in state_interfaces.items() for name in own)
         self.command: FloatArray = np.empty(0)
         self.latest: JointStates | None = None
         self.names = tuple(sorted(state_interfaces))
@@ -45,6 +58,19 @@ class JointStateBroadcaster:
             kind: np.array([1.0 if kind in state_interfaces[n] else np.nan for n in self.names])
             for kind in ("position", "velocity", "effort")
         }
+
+    @classmethod
+    def build(cls, name: str, parameters: BroadcasterParameters, surroundings: Surroundings) -> "JointStateBroadcaster":
+        """As the controllers file wants it."""
+        component = surroundings.component
+        mimics = {
+            name: joint.mimic
+            for name, joint in surroundings.description.joints.items()
+            if joint.mimic and name in component.state_interfaces
+        }
+        made = cls(name, component.state_interfaces, mimics, component.joints)
+        made.parameters = parameters
+        return made
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.latest = None

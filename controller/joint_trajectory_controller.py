@@ -4,6 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,8 +17,10 @@ from controller.goal import (
     reason_to_reject,
     resolve,
 )
-from controller.interface import Settled, indices
+from controller.interface import Settled, Surroundings, indices, limits_of
 from controller.motion import Kinematics, Motion, MotionError, plan, plan_stop
+from controller.parameters import Parameters
+from controller.trajectory_parameters import TrajectoryParameters
 from controller.way_points import way_points
 from hal.types import FloatArray, JointLimits, JointState
 
@@ -69,7 +72,8 @@ class _Active:
 class JointTrajectoryController:
     """Follows one trajectory at a time; a new goal takes over from the reference of the old one."""
 
-    kind = "joint_trajectory_controller/JointTrajectoryController"
+    kind: ClassVar[str] = "joint_trajectory_controller/JointTrajectoryController"
+    parameters_type: ClassVar[type[Parameters]] = TrajectoryParameters
 
     def __init__(
         self,
@@ -80,7 +84,10 @@ class JointTrajectoryController:
         settled: Settled,
     ) -> None:
         self.name = name
+        self.parameters = Parameters()
         self.joints = settings.joints
+        self.command_interfaces = tuple(f"{joint}/position" for joint in self.joints)
+        self.state_interfaces = tuple(f"{joint}/{name}" for joint in self.joints for name in ("position", "velocity"))
         self.settings = settings
         self.command: FloatArray = np.full(len(self.joints), np.nan)
         self.tracking: Tracking | None = None
@@ -94,6 +101,24 @@ class JointTrajectoryController:
         self._elapsed_s = 0.0
         self._last_s = 0.0
         self._running = False
+
+    @classmethod
+    def build(
+        cls, name: str, parameters: TrajectoryParameters, surroundings: Surroundings
+    ) -> "JointTrajectoryController":
+        """As the controllers file wants it."""
+        settings = JtcSettings(
+            joints=parameters.joints,
+            may_end_moving=parameters.allow_nonzero_velocity_at_trajectory_end,
+            tolerances=parameters.tolerances(),
+            command_lead_s=parameters.command_lead,
+            wait_for=parameters.wait_for,
+            wait_for_timeout_s=parameters.wait_for_timeout,
+        )
+        limits = limits_of(parameters.joints, surroundings.limits)
+        made = cls(name, settings, limits, surroundings.component.joints, surroundings.settled)
+        made.parameters = parameters
+        return made
 
     # Called from any thread.
 

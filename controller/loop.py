@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.manager import ControllerManager
+from controller.requests import Requests
 from drivers.clock import Clock
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
@@ -45,6 +46,7 @@ class ControlLoop:
         self.clock = clock
         self.period_s = period_s
         self.figures = LoopFigures()
+        self.requests = Requests()
         self.limits = tuple(limits[name] for name in hardware.joints)
         self.command: FloatArray = np.full(len(hardware.joints), np.nan)
         self.previous_command = self.command
@@ -74,6 +76,7 @@ class ControlLoop:
 
     def step(self) -> JointState:
         """One cycle."""
+        self.requests.serve()
         state = self.hardware.read()
         # The time of the measurement is the cycle's time: what is compared with it must be as old.
         wanted = self.manager.update(state, self.command, state.stamp_s, self.period_s)

@@ -15,7 +15,7 @@ class ControllerManager:
     """Holds the controllers in the order in which they run."""
 
     def __init__(self, joints: Sequence[str]) -> None:
-        self.joints = tuple(joints)
+        self.command_interfaces = tuple(f"{joint}/position" for joint in joints)
         self._controllers: dict[str, Controller] = {}
         self._index: dict[str, list[int]] = {}
         self._states: dict[str, LifecycleState] = {}
@@ -32,14 +32,14 @@ class ControllerManager:
     def add(self, controller: Controller) -> None:
         """Take a configured controller in. Raises ClaimError if its joints are taken."""
         for other in self._controllers.values():
-            common = sorted(set(controller.joints) & set(other.joints))
+            common = sorted(set(controller.command_interfaces) & set(other.command_interfaces))
             if common:
                 raise ClaimError(
                     f"{controller.name} and {other.name} both command {', '.join(common)}: "
                     "a joint belongs to one controller"
                 )
         self._controllers[controller.name] = controller
-        self._index[controller.name] = indices(controller.joints, self.joints)
+        self._index[controller.name] = indices(controller.command_interfaces, self.command_interfaces)
         self._states[controller.name] = LifecycleState.INACTIVE
 
     def activate(self, state: JointState, command: FloatArray) -> None:

@@ -1,5 +1,6 @@
 """The forward command controller's face: ``~/commands``."""
 
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
@@ -13,6 +14,9 @@ class ForwardNode:
         self.node = Node(controller.name)
         self._controller = controller
         self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, 10)
+
+    def publish(self, stamp: Time) -> None:
+        """It has nothing to say."""
 
     def _on_command(self, message: Float64MultiArray) -> None:
         reason = self._controller.submit(list(message.data))

@@ -34,7 +34,7 @@ class ManagerNode:
     def _controller(self, controller: Controller) -> ControllerState:
         manager = self._stack.loop.manager
         active = manager.state(controller.name) is LifecycleState.ACTIVE
-        commands = [f"{joint}/position" for joint in controller.joints]
+        commands = list(controller.command_interfaces)
         return ControllerState(
             name=controller.name,
             state=manager.state(controller.name).name.lower(),
@@ -42,13 +42,8 @@ class ManagerNode:
             update_rate=round(1.0 / self._stack.loop.period_s),
             claimed_interfaces=commands if active else [],
             required_command_interfaces=commands,
-            required_state_interfaces=self._required_states(controller),
+            required_state_interfaces=list(controller.state_interfaces),
         )
-
-    def _required_states(self, controller: Controller) -> list[str]:
-        if not controller.joints:  # a broadcaster takes all there is
-            return self._state_names()
-        return [f"{j}/{i}" for j in controller.joints for i in ("position", "velocity")]
 
     def _state_names(self) -> list[str]:
         by_joint = self._stack.component.state_interfaces
@@ -57,17 +52,17 @@ class ManagerNode:
     def _command_interfaces(self) -> list[HardwareInterface]:
         manager = self._stack.loop.manager
         claimed = {
-            joint
+            name
             for controller in manager.controllers.values()
             if manager.state(controller.name) is LifecycleState.ACTIVE
-            for joint in controller.joints
+            for name in controller.command_interfaces
         }
         return [
             HardwareInterface(
                 name=f"{joint}/{name}",
                 data_type="double",
                 is_available=True,
-                is_claimed=joint in claimed,
+                is_claimed=f"{joint}/{name}" in claimed,
             )
             for joint, names in self._stack.component.command_interfaces.items()
             for name in names

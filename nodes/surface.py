@@ -9,18 +9,14 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.signals import SignalHandlerOptions
 
-from controller.forward_command_controller import ForwardCommandController
 from controller.joint_state_broadcaster import JointStateBroadcaster
-from controller.joint_trajectory_controller import JointTrajectoryController
 from hal.types import JointState
 from nodes.conversions import time_message
-from nodes.forward_node import ForwardNode
+from nodes.faces import face_of
 from nodes.hardware_node import HardwareNode
-from nodes.joint_state_node import JointStateNode
 from nodes.manager_node import ManagerNode
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.stack import Stack
-from nodes.trajectory_node import TrajectoryNode
 
 GOODBYE_S = 0.2
 
@@ -38,16 +34,10 @@ class Surface:
         self._hardware = HardwareNode(stack)
         self._links = RobotStatePublisher(stack)
         controllers = stack.loop.manager.controllers.values()
-        self._trajectories = [TrajectoryNode(c) for c in controllers if isinstance(c, JointTrajectoryController)]
-        self._forwards = [ForwardNode(c) for c in controllers if isinstance(c, ForwardCommandController)]
+        self._faces = [face_of(controller) for controller in controllers]
         self._broadcasters = [c for c in controllers if isinstance(c, JointStateBroadcaster)]
-        self._states = [JointStateNode(c) for c in self._broadcasters]
         self._executor = SingleThreadedExecutor()
-        nodes = [self._manager.node, self._hardware.node, self._links.node]
-        nodes += [n.node for n in self._trajectories]
-        nodes += [n.node for n in self._forwards]
-        nodes += [n.node for n in self._states]
-        for node in nodes:
+        for node in (self._manager.node, self._hardware.node, self._links.node, *(face.node for face in self._faces)):
             self._executor.add_node(node)
         self._guard: GuardCondition = self._manager.node.create_guard_condition(self._drain)
 
@@ -69,8 +59,8 @@ class Surface:
     def say_goodbye(self) -> None:
         """The loop has ended: give the clients whose goals ended with it their results."""
         stamp = self._manager.node.get_clock().now().to_msg()
-        for trajectories in self._trajectories:
-            trajectories.publish(stamp)
+        for face in self._faces:
+            face.publish(stamp)
         deadline = self._stack.loop.clock.now() + GOODBYE_S
         self.spin(lambda: self._stack.loop.clock.now() > deadline)
 
@@ -90,10 +80,8 @@ class Surface:
         now_s = self._manager.node.get_clock().now().nanoseconds * 1e-9
         stamp = time_message(now_s - age_s)
         self._hardware.see(state)
-        for states in self._states:
-            states.publish(stamp)
-        for trajectories in self._trajectories:
-            trajectories.publish(stamp)
+        for face in self._faces:
+            face.publish(stamp)
         for broadcaster in self._broadcasters:
             if broadcaster.latest is not None:
                 self._links.publish(broadcaster.latest, stamp)

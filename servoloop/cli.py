@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from controller.controllers_file import ControllersFileError
+from controller.kinds import PluginError
 from controller.manager import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
@@ -34,7 +35,7 @@ def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError) as error:
+    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError) as error:
         typer.secho(f"servoloop: {error}", fg="red", err=True)
         raise SystemExit(1) from None
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from controller import factory
 from controller.ending import end
+from controller.interface import Surroundings
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
 from drivers.clock import MonotonicClock
@@ -135,7 +136,8 @@ def _run(loop: ControlLoop, below: Below, files: Files, signals: Signals, ready:
 def _loop(below: Below, files: Files) -> ControlLoop:
     limits = files.robot.limits()
     manager = ControllerManager(below.hardware.joints)
-    for controller in factory.build(files.controllers, files.description, files.component, limits, manager.settled):
+    surroundings = Surroundings(files.description, files.component, limits, manager.settled)
+    for controller in factory.build(files.controllers, surroundings):
         manager.add(controller)
     period_s = 1.0 / files.controllers.update_rate_hz
     return ControlLoop(below.hardware, manager, limits, MonotonicClock(), period_s)

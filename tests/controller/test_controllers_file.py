@@ -8,6 +8,7 @@ import pytest
 from controller.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from controller.factory import build
 from controller.forward_command_controller import ForwardCommandController
+from controller.interface import Surroundings
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.manager import ControllerManager
@@ -84,7 +85,8 @@ def arm_of(file: ControllersFile) -> JointTrajectoryController:
 
     parsed, component = description()
     limits = {name: JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0) for name in component.joints}
-    controllers = build(file, parsed, component, limits, ControllerManager(component.joints).settled)
+    settled = ControllerManager(component.joints).settled
+    controllers = build(file, Surroundings(parsed, component, limits, settled))
     assert [type(c) for c in controllers] == [
         JointStateBroadcaster,
         JointTrajectoryController,

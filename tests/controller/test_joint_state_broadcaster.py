@@ -37,7 +37,7 @@ def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() ->
 
 def test_it_claims_nothing_and_is_always_settled() -> None:
     controller = broadcaster()
-    assert controller.joints == ()
+    assert controller.command_interfaces == ()
     assert controller.command.shape == (0,)
     assert controller.settled()
 

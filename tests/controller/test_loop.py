@@ -8,6 +8,7 @@ import pytest
 
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
+from controller.parameters import Parameters
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
@@ -22,7 +23,9 @@ class Puppet:
 
     name = "puppet"
     kind = "test"
-    joints = JOINTS
+    parameters = Parameters()
+    command_interfaces = tuple(f"{joint}/position" for joint in JOINTS)
+    state_interfaces = command_interfaces
 
     def __init__(self) -> None:
         self.command: FloatArray = np.zeros(3)

@@ -33,7 +33,7 @@ def manager(*controllers: ForwardCommandController) -> ControllerManager:
 
 def test_a_joint_belongs_to_one_controller() -> None:
     made = manager(forward("first", "a", "b"))
-    with pytest.raises(ClaimError, match="second and first both command b: a joint belongs to one controller"):
+    with pytest.raises(ClaimError, match="second and first both command b/position: a joint belongs to one controller"):
         made.add(forward("second", "b", "c"))
     assert list(made.controllers) == ["first"]
 

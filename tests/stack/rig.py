@@ -8,7 +8,7 @@ import numpy as np
 from controller import factory
 from controller.forward_command_controller import ForwardCommandController
 from controller.goal import GoalHandle, GoalPoint, TrajectoryGoal
-from controller.interface import Controller
+from controller.interface import Controller, Surroundings
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
@@ -126,9 +126,8 @@ class StackRig:
         self.hardware.interpolate = interpolate
         limits = robot.limits()
         self.manager = ControllerManager(self.hardware.joints)
-        built = factory.build(
-            self.files.controllers, self.files.description, self.files.component, limits, self.manager.settled
-        )
+        surroundings = Surroundings(self.files.description, self.files.component, limits, self.manager.settled)
+        built = factory.build(self.files.controllers, surroundings)
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
         self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
         for controller in built:

@@ -11,6 +11,7 @@ import pytest
 from controller.ending import end
 from controller.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
 from controller.interface import Controller
+from controller.parameters import Parameters
 from drivers.bus import ServoGoal
 from drivers.errors import DriverError, PortLost
 from drivers.feetech import sts
@@ -42,8 +43,16 @@ class Rogue:
         return self.inner.kind
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        return self.inner.joints
+    def parameters(self) -> Parameters:
+        return self.inner.parameters
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return self.inner.command_interfaces
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        return self.inner.state_interfaces
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.inner.activate(state, command)
@@ -57,7 +66,7 @@ class Rogue:
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         self.inner.update(state, now_s, period_s)
         self.command = self.inner.command.copy()
-        if self.joints and self.chance.random() < 0.3:
+        if self.command_interfaces and self.chance.random() < 0.3:
             wrong = self.chance.choice((np.nan, np.inf, -np.inf, 1e9, -1e9, 0.0, 3.0, -3.0))
             self.command[self.chance.randrange(len(self.command))] = wrong
         if self.chance.random() < 0.005:
