@@ -55,13 +55,16 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
         *,
         supply: Supply | None = None,
         paced: bool = True,
+        firmware: Mapping[int, int] | None = None,
     ) -> "VirtualDynamixelBus":
         """A bus with a servo (its model by its ID) for each coupling of ``plant``.
 
         They are set up as for an arm: 1 Mbit/s and no return delay. Without ``supply``, those of one rated
         voltage share a supply of it, as where a converter feeds the 5 V servos of a 12 V arm.
+        ``firmware``: versions by ID, where they are not the usual one.
         """
-        servos = [VirtualXServo(models[coupling.servo_id], coupling.servo_id) for coupling in plant.couplings]
+        ids = [coupling.servo_id for coupling in plant.couplings]
+        servos = [VirtualXServo(models[i], i, (firmware or {}).get(i)) for i in ids]
         for servo in servos:
             servo.memory.put(x_series.baud_rate, _MEGABAUD)
             servo.memory.put(x_series.return_delay, 0)

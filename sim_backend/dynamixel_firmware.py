@@ -6,6 +6,8 @@ reboot. Assumed:
 - one unit of the loop's output is one unit of goal_pwm, one turn of the loop a millisecond;
 - feedforward gains do nothing; only position mode drives the motor;
 - overload is full drive for two seconds; all errors stay until a reboot;
+- present_velocity is smoothed with 15 ms more than what the loop acts on: a shaft that is held between two
+  counts is not said to move;
 - the position counts on beyond a turn, and goal_position is the present one after power-on.
 """
 
@@ -20,6 +22,7 @@ from sim_backend.motor import MotorConstants
 from sim_backend.protection import Limits, Protection
 
 LOOP_S: Final = 0.001
+SHOWN_FILTER_S: Final = 0.015
 OVERLOAD_DUTY: Final = 0.98
 OVERLOAD_S: Final = 2.0
 VOLTAGE: Final = 1 << 0
@@ -66,7 +69,13 @@ class XFirmware(Firmware):
 
     def observe(self, angle_rad: float) -> None:
         super().observe(angle_rad)
+        self._shown_velocity = 0.0
         self._memory.put(x.goal_position, int(self._count) + self._memory.get(x.homing_offset))
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
+        torque_nm = super().step(dt_s, angle_rad, velocity_rad_s)
+        self._shown_velocity += (self._velocity - self._shown_velocity) * dt_s / (SHOWN_FILTER_S + dt_s)
+        return torque_nm
 
     def load_settings(self) -> None:
         get = self._memory.get
@@ -103,7 +112,7 @@ class XFirmware(Firmware):
             put(x.present_load, round(self.duty * 1000.0))
         else:
             put(x.present_current, round(self.current_a / unit_a))
-        put(x.present_velocity, round(self._velocity / x.VELOCITY_UNIT_COUNTS_S))
+        put(x.present_velocity, round(self._shown_velocity / x.VELOCITY_UNIT_COUNTS_S))
         put(x.present_position, int(self.position))
         put(x.velocity_trajectory, round(self.profile.velocity / x.VELOCITY_UNIT_COUNTS_S))
         put(x.position_trajectory, round(self.profile.position))

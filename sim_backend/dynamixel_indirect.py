@@ -1,11 +1,15 @@
 """Indirect addresses of the X series: bytes from all over the RAM, side by side in data cells.
 
-From the e-manual: cell n stands for the byte that address n names, at first for itself; only RAM can be
-named; a cell has the size, range and access of what it stands for; they are RAM, so power-off forgets
-them. The manual locks nothing of it under torque. Assumed:
+From the e-manual (page text "Indirect Address, Indirect Data" and the tables of the models' pages): cell n
+stands for the byte that address n names, at first for itself, and it holds 0; only RAM can be named (64 to
+the last cell), another address is out of range; a cell has the size, range and access of what it stands for;
+they are RAM, so power-off and reboot forget them (also ROBOTIS in DynamixelSDK issue 375). Torque locks the
+EEPROM (page text "Torque Enable"), and so none of this.
+XL330 and XC330 have 20 cells at 208 "prior to V53", then 28 at 224 (note under the table of the XL330's page; the
+SDK's ``..._fw52.model`` beside ``xl330_m288.model``). Assumed:
+- an address of an indirect address may be named too: it lies between 64 and the last cell;
 - a cell that names a cell stands for that cell's own byte, not for what the other names;
-- a register is written through its cells if all its bytes come in order, else it is refused;
-- XL330 and XC330 have the table of the firmware up to 52; the e-manual's newer one has the data at 224.
+- a register is written through its cells if all its bytes come in order, else it is refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +17,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.dynamixel import x_series as x
-from drivers.registers import Register
+from drivers.registers import Register, ServoModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,23 +37,17 @@ class Window:
         return self.addresses + 2 * (cell - self.data)
 
 
-_LONG: Final = (Window(168, 224, 28), Window(578, 634, 28))
-_SHORT: Final = (Window(168, 208, 20),)
-WINDOWS: Final[dict[str, tuple[Window, ...]]] = {
-    x.XL330_M077.name: _SHORT,
-    x.XL330_M288.name: _SHORT,
-    x.XC330_M181.name: _SHORT,
-    x.XC330_M288.name: _SHORT,
-    x.XC330_T181.name: _SHORT,
-    x.XC330_T288.name: _SHORT,
-    x.XL430_W250.name: _LONG,
-    x.XC430_W150.name: _LONG,
-    x.XC430_W240.name: _LONG,
-    x.XM430_W210.name: _LONG,
-    x.XM430_W350.name: _LONG,
-    x.MX_28_2.name: _LONG,
-}
-"""By model name."""
+LONG: Final = (Window(168, 224, 28), Window(578, 634, 28))
+MIDDLE: Final = LONG[:1]
+SHORT: Final = (Window(168, 208, 20),)
+_LAST_SHORT: Final = 52
+
+
+def windows_of(model: ServoModel, firmware: int) -> tuple[Window, ...]:
+    """What a servo with this firmware version has."""
+    if model not in x.X330:
+        return LONG
+    return SHORT if firmware <= _LAST_SHORT else MIDDLE
 
 
 def pointers(windows: Sequence[Window]) -> Iterator[tuple[Register, int]]:

@@ -8,7 +8,7 @@ from typing import Final
 
 from drivers.dynamixel import x_series as x
 from drivers.registers import Access, Register, ServoModel
-from sim_backend.dynamixel_indirect import WINDOWS, cells, pointers, resolved, runs
+from sim_backend.dynamixel_indirect import cells, pointers, resolved, runs, windows_of
 from sim_backend.dynamixel_models import CURRENT_LIMITS, FACTORY, OWN
 
 SIZE: Final = 662
@@ -21,14 +21,16 @@ DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 class XMemory:
     """The bytes that the wire sees. EEPROM is saved with every write."""
 
-    def __init__(self, model: ServoModel, servo_id: int) -> None:
+    def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
+        """``firmware`` is the version, if not the usual one."""
         self._model = model
-        self._windows = WINDOWS[model.name]
+        version = FACTORY[x.firmware_version] if firmware is None else firmware
+        self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
         self._last_cell = max(self._pointers.values())
         listed = (*x.registers(model), *self._pointers, *cells(self._windows))
         self._registers = {register.address: register for register in listed}
-        self._factory = FACTORY | OWN[model.name] | self._pointers
+        self._factory = FACTORY | OWN[model.name] | self._pointers | {x.firmware_version: version}
         self._bytes = bytearray(SIZE)
         self.restore_factory()
         self.put(x.servo_id, servo_id)

@@ -24,9 +24,10 @@ _KEEP: Final = {0xFF: (), 0x01: (x.servo_id,), 0x02: (x.servo_id, x.baud_rate)}
 class VirtualXServo:
     """A servo below the wire. The bus hands it instructions and steps it."""
 
-    def __init__(self, model: ServoModel, servo_id: int) -> None:
+    def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
+        """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""
         self.model = model
-        self.memory = XMemory(model, servo_id)
+        self.memory = XMemory(model, servo_id, firmware)
         self.firmware = XFirmware(self.memory, model)
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0

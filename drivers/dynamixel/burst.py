@@ -1,17 +1,18 @@
 """One group read: ask several servos at once, wait for all their replies together, judge what came."""
 
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Final
 
 from drivers.burst import GAP_S, TRIED_GAP_S, Burst
 from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
-from drivers.dynamixel import state, wire
-from drivers.dynamixel.models import Series
-from drivers.dynamixel.plan import Plan, fast_plan_for, plan_for
+from drivers.dynamixel import wire
+from drivers.dynamixel.hearing import Hearing, corrupt_ones
+from drivers.dynamixel.plan import Plan, Plans
+from drivers.dynamixel.series import StateBlock
+from drivers.dynamixel.servos import Servos
 from drivers.echo import Echo
 from drivers.owed import Missed
 from drivers.port import Port
@@ -25,67 +26,25 @@ FAST_TRIES: Final = 5
 """After so many broken answers in a row there are no more fast sync reads."""
 
 
-@dataclass(slots=True)
-class _Hearing:
-    """What has come of one burst that did not come as a whole."""
-
-    plan: Plan
-    decoder: wire.ReplyDecoder
-    replies: list[wire.Reply] = field(default_factory=list)
-    answered: set[int] = field(default_factory=set)
-
-    def take(self, replies: Sequence[wire.Reply]) -> None:
-        """Note who has answered."""
-        self.replies += replies
-        self.answered.update(r.servo_id for r in replies if self.fits(r))
-
-    def fits(self, reply: wire.Reply) -> bool:
-        """Whether the reply is one to this question, by its size."""
-        return len(reply.data) == self.plan.sizes.get(reply.servo_id)
-
-    def lacking(self, servo_ids: tuple[int, ...]) -> int:
-        """Bytes to wait for; 0 when the last of them has answered: nobody answers out of turn."""
-        if not servo_ids or servo_ids[-1] in self.answered:
-            return 0
-        missing = tuple(i for i in servo_ids if i not in self.answered)
-        return max(1, self.plan.bytes_from(missing) - self.decoder.waiting)
-
-
 class BurstReader(Burst):
     """Group reads on one port. Counts what goes wrong; raises only PortLost."""
 
-    def __init__(
-        self, port: Port, clock: Clock, echo: Echo, counters: BusCounters, series: Mapping[int, Series]
-    ) -> None:
-        """``series`` by ID, of all servos that will be asked; the caller calls ``replan`` when it changes it."""
+    def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters, servos: Servos) -> None:
+        """``servos`` says what to ask each of."""
         super().__init__(port, clock, echo, counters)
-        self._series = series
-        self._plans: dict[tuple[tuple[int, ...], int], Plan] = {}
-        self._fast_plans: dict[tuple[int, ...], Plan | None] = {}
+        self._servos = servos
+        self.plans = Plans(servos)
         self._broken_in_a_row = 0
-        self._plan = plan_for((), {}, 0)
+        self._plan = self.plans.plan(())
+        self.unproven: set[int] = set()
+        """Who has answered well and not proved that it is the state: no value was made of it. The caller clears it."""
         self.fast = False
         """Whether the servos answer fast sync reads; ``try_fast`` finds out."""
 
-    def replan(self) -> None:
-        """What servos are has changed."""
-        self._plans.clear()
-        self._fast_plans.clear()
-
-    def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> Plan:
-        """How these servos are asked for their block number ``place``."""
-        plan = self._plans.get((servo_ids, place))
-        if plan is None:
-            plan = self._plans[servo_ids, place] = plan_for(servo_ids, self._series, place)
-        return plan
-
-    def fast_plan(self, servo_ids: tuple[int, ...]) -> Plan | None:
-        """How to ask them by a fast sync read; None where they are not of one series that may know it."""
-        if servo_ids not in self._fast_plans:
-            kinds = {self._series[i] for i in servo_ids}
-            kind = kinds.pop() if len(kinds) == 1 else None
-            self._fast_plans[servo_ids] = fast_plan_for(servo_ids, kind) if kind and kind.fast_sync_read else None
-        return self._fast_plans[servo_ids]
+    @property
+    def asked(self) -> Mapping[int, StateBlock]:
+        """What the last question was for."""
+        return self._plan.blocks
 
     def try_fast(self, servo_ids: tuple[int, ...]) -> None:
         """Ask servos that have just answered once more, fast, and remember whether they did.
@@ -94,7 +53,7 @@ class BurstReader(Burst):
         slow that the answer does not come soon gets no fast reads: a silent first servo silences all, and
         would cost the slow adapter's whole wait in the cycle.
         """
-        plan = self.fast_plan(servo_ids)
+        plan = self.plans.fast(servo_ids)
         if plan is None:
             return
         self._port.discard_input()
@@ -110,9 +69,10 @@ class BurstReader(Burst):
     def _free_plan(self, servo_ids: tuple[int, ...], now_s: float) -> Plan:
         """A question whose answers no late reply can be taken for."""
         if not self._owed:
-            return self.plan(servo_ids)
+            return self.plans.plan(servo_ids)
         self._owed.forget(now_s)
-        return self.plan(servo_ids, self._owed.free({i: self._series[i].state_sizes for i in servo_ids}))
+        sizes = {i: [block.size for block in self._servos.blocks(i)] for i in servo_ids}
+        return self.plans.plan(servo_ids, self._owed.free(sizes))
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """``ask`` and ``hear``."""
@@ -155,7 +115,7 @@ class BurstReader(Burst):
         """A fast sync read, unless a reply may still come late: only separate replies can be told apart."""
         if self._owed:
             self._owed.forget(now_s)
-        return None if self._owed else self.fast_plan(servo_ids)
+        return None if self._owed else self.plans.fast(servo_ids)
 
     def _hear_fast(
         self, plan: Plan, states: Mapping[int, ServoState] | None, data: bytes, deadline_s: float
@@ -164,11 +124,12 @@ class BurstReader(Burst):
         if states is not None:
             self.clean, self._broken_in_a_row = True, 0
             return self._all_well(plan.servo_ids, states)
-        self._broken_in_a_row += 1
+        outcome = self._judge_fast(plan, data, deadline_s)
+        self._broken_in_a_row += not self.unproven
         if self._broken_in_a_row == FAST_TRIES:
             self.fast = False
             LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", self._port.name, FAST_TRIES)
-        return self._judge_fast(plan, data, deadline_s)
+        return outcome
 
     def _judge_fast(self, plan: Plan, data: bytes, deadline_s: float) -> dict[int, Outcome]:
         """What can be believed of a packet that did not come as a whole; the caller asks for the rest again."""
@@ -177,15 +138,15 @@ class BurstReader(Burst):
         begin = data.find(wire.fast_head(len(plan.servo_ids), size))
         if begin > 0:  # behind noise, so as many bytes of it are still to come
             data += self._port.read(begin, min(self._clock.now() + begin * self._byte_s + GAP_S, deadline_s))
-        outcome: dict[int, Outcome] = dict(plan.fast_states(data[begin:])) if begin >= 0 else {}
+        states = plan.fast_states(data[begin:]) if begin >= 0 else {}
+        outcome = {i: self._proven(i, reading) for i, reading in states.items()}
         garbage = len(data) - max(begin, 0) - len(outcome) * piece - wire.FAST_HEAD_SIZE
         for servo_id in plan.servo_ids[len(outcome) :]:
             corrupt = garbage > piece - piece // 2
             outcome[servo_id] = "corrupt" if corrupt else "silent"
             garbage -= piece if corrupt else 0
         self._counters.noise += (begin > 0) + (garbage > 0)
-        self._count(outcome, plan.sizes, {})
-        return outcome
+        return self._counted(outcome, plan, {})
 
     def _listen_on(
         self, firm: tuple[int, ...], tried: tuple[int, ...], plan: Plan, data: bytes, deadline_s: float
@@ -193,7 +154,7 @@ class BurstReader(Burst):
         """Something is missing or there is garbage: piece by piece until the line falls silent."""
         size = min(plan.sizes.values())
         decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
-        hearing = _Hearing(plan, decoder)
+        hearing = Hearing(plan, decoder)
         hearing.take(decoder.feed(data))
         if data:
             self._wait_for(hearing, firm, TRIED_GAP_S, deadline_s)  # the long wait is over
@@ -202,53 +163,33 @@ class BurstReader(Burst):
         hearing.take(decoder.finish())
         return self._judge(hearing)
 
-    def _judge(self, hearing: _Hearing) -> dict[int, Outcome]:
+    def _proven(self, servo_id: int, reading: ServoState | None) -> Outcome:
+        """The state, or a fault where the reply does not prove to be one. Noted, for it will stay so."""
+        if reading is not None:
+            return reading
+        self.unproven.add(servo_id)
+        return "corrupt"
+
+    def _judge(self, hearing: Hearing) -> dict[int, Outcome]:
         """A value or a fault for everyone who was asked, each counted once."""
         outcome: dict[int, Outcome] = {}
         belated: dict[int, Missed] = {}
         for reply in hearing.replies:
             if hearing.fits(reply) and not reply.error & ~wire.ALERT:
                 self._counters.strange += reply.servo_id in outcome
-                outcome[reply.servo_id] = state.state(reply.error, reply.data, self._series[reply.servo_id])
+                block = hearing.plan.blocks[reply.servo_id]
+                outcome[reply.servo_id] = self._proven(reply.servo_id, block.decode(reply.error, reply.data))
             elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
                 belated[reply.servo_id] = counted_as
             else:
                 self._counters.strange += 1
-        corrupt = _corrupt(hearing, self._counters)
+        corrupt = corrupt_ones(hearing, self._counters)
         self._missed(hearing.plan.servo_ids, outcome, corrupt, belated)
-        self._count(outcome, hearing.plan.sizes, belated)
+        return self._counted(outcome, hearing.plan, belated)
+
+    def _counted(self, outcome: dict[int, Outcome], plan: Plan, belated: Mapping[int, Missed]) -> dict[int, Outcome]:
+        """The outcome, once it is accounted for. Who proved nothing has answered, and owes nothing."""
+        self._count(outcome, plan.sizes, belated)
+        for servo_id in self.unproven.intersection(outcome):
+            self._owed.settle(servo_id, plan.sizes[servo_id])
         return outcome
-
-
-def _corrupt(hearing: _Hearing, counters: BusCounters) -> set[int]:
-    """Whose reply lies in the garbage: replies come in turn, so the gap says who is missing in it.
-
-    As many as fit into the garbage, those first whose ID can still be read. What is left over, or
-    too little to be a reply, is noise.
-    """
-    corrupt: set[int] = set()
-    for garbage, missing in _gaps(hearing):
-        for servo_id in sorted(missing, key=lambda i: i not in hearing.decoder.corrupt_ids):
-            frame_size = hearing.plan.sizes[servo_id] + wire.OVERHEAD
-            if garbage <= frame_size - frame_size // 2:
-                break
-            corrupt.add(servo_id)
-            garbage -= frame_size
-        counters.noise += garbage > 0
-    return corrupt
-
-
-def _gaps(hearing: _Hearing) -> list[tuple[int, list[int]]]:
-    """Garbage and missing servos before each reply that was asked for, and after the last."""
-    gaps = []
-    turn, garbage, asked = 0, 0, hearing.plan.servo_ids
-    for reply in hearing.replies:
-        garbage += reply.garbage
-        if reply.servo_id not in asked[turn:] or not hearing.fits(reply):
-            continue
-        its_turn = asked.index(reply.servo_id)
-        gaps.append((garbage, [i for i in asked[turn:its_turn] if i not in hearing.answered]))
-        turn, garbage = its_turn + 1, 0
-    rest = [i for i in asked[turn:] if i not in hearing.answered]
-    gaps.append((garbage + hearing.decoder.garbage, rest))
-    return [gap for gap in gaps if gap[0]]

@@ -1,59 +1,15 @@
 """All Dynamixel models of protocol 2.0, and what a bus must know of the series that a model belongs to."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from struct import Struct
 from typing import Final
 
 from drivers.bus import ServoGoal, ServoState
 from drivers.dynamixel import x_series, xl320
-from drivers.dynamixel.wire import ALERT
+from drivers.dynamixel.series import Read, Series, alarmed, blocks
 from drivers.registers import Register, ServoModel
 
-Read = Callable[[Register], int]
-
-ALARMED: Final = ("hardware error",)
-"""What the alert bit says by itself. Which error it is stands in a register outside the block."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """Servos with one table.
-
-    All state blocks end at ``state_end``, with the state itself; ``state_sizes`` are how many bytes may
-    be asked for, the state alone first: a servo that owes an answer is asked for another size.
-    ``fields`` are the state's numbers for ``struct``, five of them, from which ``state`` makes values,
-    behind the reply's error byte. ``misfit`` reads a servo's settings: why they do not fit, if so.
-    """
-
-    name: str
-    models: tuple[ServoModel, ...]
-    state_end: int
-    state_sizes: tuple[int, ...]
-    fields: Struct
-    state: Callable[[int, int, int, int, int, int], ServoState]
-    goal_address: int
-    goal_size: int
-    goal: Callable[[ServoGoal], bytes]
-    torque_enable: Register
-    goal_position: Register
-    hardware_error_status: Register
-    alarms: Callable[[int], tuple[str, ...]]
-    before_torque: tuple[tuple[Register, int], ...]
-    position_p: Register
-    torque_limit: Register
-    torque_ceiling: Register
-    """What ``torque_limit`` must not exceed."""
-    full_torque: int
-    misfit: Callable[[Read], str | None]
-    fast_sync_read: bool
-    """Whether some firmware of the series answers a fast sync read."""
-
-
-def _block(start: tuple[Register, ...], end: int) -> tuple[int, ...]:
-    """Sizes of the blocks that begin with these registers."""
-    return tuple(end - register.address for register in start)
+_new: Final = tuple.__new__
 
 
 def _refused(register: Register, value: int) -> bytes:
@@ -67,19 +23,25 @@ LARGEST_PROFILE: Final = 32767
 _VOLTAGES_V: Final = tuple(raw * x_series.VOLTAGE_UNIT_V for raw in range(256))
 _X_GOAL: Final = Struct("<Ii")
 _MANY: Final = 1 << 31
-_new: Final = tuple.__new__
 
 
-def _x_state(error: int, pwm: int, velocity: int, position: int, voltage: int, temperature: int) -> ServoState:
+def x_state(
+    alarms: tuple[str, ...], pwm: int, velocity: int, position: int, voltage: int, temperature: int
+) -> ServoState:
+    """The numbers of an X series servo's registers in our units; ``alarms`` have their names already."""
     fields = (
         position,
         round(velocity * x_series.VELOCITY_UNIT_COUNTS_S),
         pwm / x_series.FULL_PWM,
         _VOLTAGES_V[voltage] if voltage < 256 else voltage * x_series.VOLTAGE_UNIT_V,
         float(temperature),
-        ALARMED if error & ALERT else (),
+        alarms,
     )
     return _new(ServoState, fields)
+
+
+def _x_direct(error: int, pwm: int, velocity: int, position: int, voltage: int, temperature: int) -> ServoState:
+    return x_state(alarmed(error), pwm, velocity, position, voltage, temperature)
 
 
 def profile_units(velocity_counts_s: int) -> int:
@@ -109,15 +71,15 @@ def _x_misfit(read: Read) -> str | None:
 X: Final = Series(
     name="Dynamixel X",
     models=tuple(x_series.MODELS.values()),
-    state_end=x_series.STATE_BLOCK_END,
-    state_sizes=_block(
+    blocks=blocks(
         (x_series.present_pwm, x_series.moving, x_series.realtime_tick, x_series.goal_position),
         x_series.STATE_BLOCK_END,
+        # PWM, velocity, position, voltage, temperature; between them what is current in one model and load
+        # in another, and the trajectory.
+        Struct("<h2xii8xHB"),
+        _x_direct,
+        fast=True,
     ),
-    # PWM, velocity, position, voltage, temperature; between them what is current in one model and load in
-    # another, and the trajectory.
-    fields=Struct("<h2xii8xHB"),
-    state=_x_state,
     goal_address=x_series.GOAL_BLOCK[0].address,
     goal_size=sum(register.size for register in x_series.GOAL_BLOCK),
     goal=_x_goal,
@@ -133,7 +95,6 @@ X: Final = Series(
     torque_ceiling=x_series.pwm_limit,
     full_torque=x_series.FULL_PWM,
     misfit=_x_misfit,
-    fast_sync_read=True,
 )
 
 
@@ -155,7 +116,7 @@ def _xl_state(error: int, position: int, speed: int, load: int, voltage: int, te
         _signed(load) / xl320.FULL_TORQUE,
         voltage * xl320.VOLTAGE_UNIT_V,
         float(temperature),
-        ALARMED if error & ALERT else (),
+        alarmed(error),
     )
 
 
@@ -178,12 +139,13 @@ def _xl_misfit(read: Read) -> str | None:
 XL: Final = Series(
     name="Dynamixel XL-320",
     models=tuple(xl320.MODELS.values()),
-    state_end=xl320.STATE_BLOCK_END,
-    state_sizes=_block(
-        (xl320.present_position, xl320.torque_limit, xl320.moving_speed, xl320.goal_position), xl320.STATE_BLOCK_END
+    blocks=blocks(
+        (xl320.present_position, xl320.torque_limit, xl320.moving_speed, xl320.goal_position),
+        xl320.STATE_BLOCK_END,
+        Struct("<HHH2xBB"),
+        _xl_state,
+        fast=False,
     ),
-    fields=Struct("<HHH2xBB"),
-    state=_xl_state,
     goal_address=xl320.GOAL_BLOCK[0].address,
     goal_size=sum(register.size for register in xl320.GOAL_BLOCK),
     goal=_xl_goal,
@@ -197,7 +159,6 @@ XL: Final = Series(
     torque_ceiling=xl320.max_torque,
     full_torque=xl320.FULL_TORQUE,
     misfit=_xl_misfit,
-    fast_sync_read=False,
 )
 SERIES: Final = (X, XL)
 

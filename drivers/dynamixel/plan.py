@@ -6,10 +6,11 @@ from itertools import groupby
 
 from drivers.bus import ServoState
 from drivers.dynamixel import state, wire
-from drivers.dynamixel.models import Series
+from drivers.dynamixel.series import StateBlock
+from drivers.dynamixel.servos import Servos
 
-_Run = tuple[tuple[int, ...], Series, int, int]
-"""Servos of one series that answer one after the other: IDs, series, data of a reply, bytes of all."""
+_Run = tuple[tuple[int, ...], StateBlock, int]
+"""Servos asked for one block that answer one after the other: IDs, block, bytes of all replies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +18,7 @@ class Plan:
     """One question for states. ``sizes`` are the data of each servo's reply, in the order of the question."""
 
     servo_ids: tuple[int, ...]
-    series: Mapping[int, Series]
+    blocks: Mapping[int, StateBlock]
     sizes: Mapping[int, int]
     request: bytes
     reply_size: int
@@ -29,60 +30,90 @@ class Plan:
     def states(self, data: bytes) -> Mapping[int, ServoState] | None:
         """All states where ``data`` is exactly the replies of all servos in their order; None otherwise."""
         if len(self.runs) == 1:
-            servo_ids, series, size, _ = self.runs[0]
-            decode = state.fast_whole if self.fast else state.burst
-            return decode(data, servo_ids, size, series)
+            servo_ids, block, _ = self.runs[0]
+            return state.fast_whole(data, servo_ids, block) if self.fast else state.burst(data, servo_ids, block)
         if len(data) != self.reply_size:
             return None
         states: dict[int, ServoState] = {}
         at = 0
-        for servo_ids, series, size, length in self.runs:
-            part = state.burst(data[at : at + length], servo_ids, size, series)
+        for servo_ids, block, length in self.runs:
+            part = state.burst(data[at : at + length], servo_ids, block)
             if part is None:
                 return None
             states.update(part)
             at += length
         return states
 
-    def fast_states(self, data: bytes) -> dict[int, ServoState]:
-        """The states in one packet, up to the first servo that cannot be believed."""
-        servo_ids, series, size, _ = self.runs[0]
-        return state.fast_burst(data, servo_ids, size, series)
+    def fast_states(self, data: bytes) -> dict[int, ServoState | None]:
+        """The states in one packet, up to the first servo that cannot be believed; None for one without proof."""
+        servo_ids, block, _ = self.runs[0]
+        return state.fast_burst(data, servo_ids, block)
 
     def bytes_from(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes of these servos' replies."""
         return sum(self.sizes[i] + wire.OVERHEAD for i in servo_ids)
 
 
-def plan_for(servo_ids: tuple[int, ...], series: Mapping[int, Series], place: int) -> Plan:
-    """Ask each servo for its series' block number ``place``: by a sync read, or a bulk read where series differ."""
-    sizes = {i: series[i].state_sizes[place] for i in servo_ids}
-    kinds = {series[i] for i in servo_ids}
-    if len(kinds) == 1:
-        (kind,) = kinds
-        size = kind.state_sizes[place]
-        request = wire.sync_read(servo_ids, kind.state_end - size, size)
+def plan_for(blocks: Mapping[int, StateBlock]) -> Plan:
+    """Ask each servo for its block: by a sync read where they lie alike in all, else by a bulk read."""
+    servo_ids = tuple(blocks)
+    spans = {i: (block.address, block.size) for i, block in blocks.items()}
+    if len(set(spans.values())) == 1:
+        request = wire.sync_read(servo_ids, *spans[servo_ids[0]])
     else:
-        request = wire.bulk_read({i: (series[i].state_end - sizes[i], sizes[i]) for i in servo_ids})
+        request = wire.bulk_read(spans)
     runs: list[_Run] = []
-    for kind, group in groupby(servo_ids, key=lambda i: series[i]):
+    for block, group in groupby(servo_ids, key=lambda i: blocks[i]):
         ids = tuple(group)
-        size = kind.state_sizes[place]
-        runs.append((ids, kind, size, (size + wire.OVERHEAD) * len(ids)))
+        runs.append((ids, block, (block.size + wire.OVERHEAD) * len(ids)))
     reply_size = sum(length for *_, length in runs)
-    return Plan(servo_ids, {i: series[i] for i in servo_ids}, sizes, request, reply_size, tuple(runs))
+    sizes = {i: size for i, (_, size) in spans.items()}
+    return Plan(servo_ids, blocks, sizes, request, reply_size, tuple(runs))
 
 
-def fast_plan_for(servo_ids: tuple[int, ...], series: Series) -> Plan:
-    """Ask them for their states by a fast sync read."""
-    size = series.state_sizes[0]
-    reply_size = wire.FAST_HEAD_SIZE + (size + wire.FAST_OVERHEAD) * len(servo_ids)
+def fast_plan_for(servo_ids: tuple[int, ...], block: StateBlock) -> Plan:
+    """Ask them for the block by a fast sync read."""
+    reply_size = wire.FAST_HEAD_SIZE + (block.size + wire.FAST_OVERHEAD) * len(servo_ids)
     return Plan(
         servo_ids,
-        dict.fromkeys(servo_ids, series),
-        dict.fromkeys(servo_ids, size),
-        wire.fast_sync_read(servo_ids, series.state_end - size, size),
+        dict.fromkeys(servo_ids, block),
+        dict.fromkeys(servo_ids, block.size),
+        wire.fast_sync_read(servo_ids, block.address, block.size),
         reply_size,
-        ((servo_ids, series, size, reply_size),),
+        ((servo_ids, block, reply_size),),
         fast=True,
     )
+
+
+class Plans:
+    """The plans that are used again and again, as long as the servos are asked for the same."""
+
+    def __init__(self, servos: Servos) -> None:
+        self._servos = servos
+        self._changes = servos.changes
+        self._plain: dict[tuple[tuple[int, ...], int], Plan] = {}
+        self._fast: dict[tuple[int, ...], Plan | None] = {}
+
+    def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> Plan:
+        """How these servos are asked for their block number ``place``."""
+        self._look_for_changes()
+        plan = self._plain.get((servo_ids, place))
+        if plan is None:
+            blocks = {i: self._servos.blocks(i)[place] for i in servo_ids}
+            plan = self._plain[servo_ids, place] = plan_for(blocks)
+        return plan
+
+    def fast(self, servo_ids: tuple[int, ...]) -> Plan | None:
+        """How to ask them by a fast sync read; None where they are not to be asked alike, or may not know it."""
+        self._look_for_changes()
+        if servo_ids not in self._fast:
+            blocks = {self._servos.blocks(i)[0] for i in servo_ids}
+            block = blocks.pop() if len(blocks) == 1 else None
+            self._fast[servo_ids] = fast_plan_for(servo_ids, block) if block and block.fast else None
+        return self._fast[servo_ids]
+
+    def _look_for_changes(self) -> None:
+        if self._changes != self._servos.changes:
+            self._changes = self._servos.changes
+            self._plain.clear()
+            self._fast.clear()

@@ -127,12 +127,13 @@ XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 46.0)
 MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 55.0)
 """An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
 
-_X330: Final = (XL330_M077, XL330_M288, XC330_M181, XC330_M288, XC330_T181, XC330_T288)
+X330: Final = (XL330_M077, XL330_M288, XC330_M181, XC330_M288, XC330_T181, XC330_T288)
+"""Their indirect registers are fewer, and lie elsewhere in old firmware."""
 _X430: Final = (XL430_W250, XC430_W150, XC430_W240, XM430_W210, XM430_W350)
-MODELS: Final = {model.name: model for model in (*_X330, *_X430, MX_28_2)}
+MODELS: Final = {model.name: model for model in (*X330, *_X430, MX_28_2)}
 
 CURRENT_UNIT_A: Final = {
-    **{model.name: 0.001 for model in _X330},
+    **{model.name: 0.001 for model in X330},
     XM430_W210.name: 0.00269,
     XM430_W350.name: 0.00269,
 }
@@ -146,7 +147,7 @@ def registers(model: ServoModel) -> tuple[Register, ...]:
         own += (acceleration_limit,) if model == MX_28_2 else ()
     else:
         own = (current_limit, goal_current, present_current)
-        own += (pwm_slope,) if model in _X330 else ()
+        own += (pwm_slope,) if model in X330 else ()
     return tuple(sorted(REGISTERS + own, key=lambda register: register.address))
 
 

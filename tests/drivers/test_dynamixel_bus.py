@@ -13,7 +13,7 @@ from drivers.burst import FIRST_REPLY_S
 from drivers.bus import ServoBus, ServoFault, ServoGoal, ServoState
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.state import profile_units
+from drivers.dynamixel.models import profile_units
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
 from drivers.registers import Register
 from hal.errors import ActivationError

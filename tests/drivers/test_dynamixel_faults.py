@@ -10,6 +10,7 @@ from drivers.counters import ServoCounters
 from drivers.dynamixel import state, wire
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel.bus import DynamixelBus
+from drivers.dynamixel.models import X
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import status_packet
@@ -22,6 +23,8 @@ PERIOD_S = 0.015
 BUDGET_S = 0.012
 CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "2000"))
 MODELS = {i: x.XL430_W250 if i % 2 else x.XM430_W350 for i in IDS}
+
+BLOCK = X.blocks[0]
 
 
 class EchoingPort(VirtualPort):
@@ -237,23 +240,24 @@ def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> 
 
 
 def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
-    blocks = [bytes((i * 37 + n * 11) & 0x7F for n in range(state.STATE_SIZE)) for i in IDS]
+    blocks = [bytes((i * 37 + n * 11) & 0x7F for n in range(BLOCK.size)) for i in IDS]
     data = b"".join(status_packet(i, 0x80 * (i == 3), block) for i, block in zip(IDS, blocks, strict=True))
-    fast = state.burst(data, IDS, state.STATE_SIZE)
-    replies = wire.ReplyDecoder(state.STATE_SIZE).feed(data)
-    assert fast == {r.servo_id: state.state(r.error, r.data) for r in replies}
+    fast = state.burst(data, IDS, BLOCK)
+    replies = wire.ReplyDecoder(BLOCK.size).feed(data)
+    assert fast == {r.servo_id: BLOCK.decode(r.error, r.data) for r in replies}
     spoiled = bytearray(data)
     counts: Counter[bool] = Counter()
     for bit in range(len(spoiled) * 8):
         spoiled[bit // 8] ^= 1 << bit % 8
-        counts[state.burst(bytes(spoiled), IDS, state.STATE_SIZE) is None] += 1
+        counts[state.burst(bytes(spoiled), IDS, BLOCK) is None] += 1
         spoiled[bit // 8] ^= 1 << bit % 8
     assert counts == {True: len(spoiled) * 8}
 
 
 def test_a_stuffed_reply_and_a_longer_block_are_understood() -> None:
-    block = b"\xff\xff\xfd" + bytes(state.STATE_SIZE + 1)
-    data = status_packet(1, 0, block)
-    assert state.burst(data, (1,), len(block)) is None
-    (reply,) = wire.ReplyDecoder(len(block)).feed(data)
-    assert state.state(reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, ())
+    longer = X.blocks[2]
+    content = b"\xff\xff\xfd" + bytes(longer.size - 3)
+    data = status_packet(1, 0, content)
+    assert state.burst(data, (1,), longer) is None
+    (reply,) = wire.ReplyDecoder(longer.size).feed(data)
+    assert longer.decode(reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, ())

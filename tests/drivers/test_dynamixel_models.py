@@ -57,8 +57,10 @@ def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
     for model in MODELS.values():
         series = models.series_of(model)
         assert model in series.models
-        assert len(set(series.state_sizes)) == len(series.state_sizes)
-        assert min(series.state_sizes) == series.state_sizes[0] == series.fields.size
+        sizes = [block.size for block in series.blocks]
+        assert len(set(sizes)) == len(sizes)
+        assert min(sizes) == sizes[0] == series.blocks[0].fields.size
+        assert len({block.address + block.size for block in series.blocks}) == 1
     with pytest.raises(ValueError, match="no Dynamixel of protocol 2"):
         models.series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 

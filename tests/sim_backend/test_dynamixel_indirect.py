@@ -7,10 +7,15 @@ import pytest
 
 from drivers.dynamixel import x_series as x
 from drivers.registers import Register
-from sim_backend.dynamixel_indirect import WINDOWS
+from sim_backend.dynamixel_indirect import LONG, MIDDLE, SHORT, Window, windows_of
 from sim_backend.dynamixel_servo import VirtualXServo
 
+USUAL = 46
 ALL = pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
+
+
+def windows(model: Any) -> tuple[Window, ...]:
+    return windows_of(model, USUAL)
 
 
 def a_servo(model: Any = x.XL430_W250) -> VirtualXServo:
@@ -26,7 +31,7 @@ def read(servo: VirtualXServo, address: int, size: int) -> int:
 
 def point(servo: VirtualXServo, number: int, *registers: Register, window: int = 0) -> int:
     """Let the cells from ``number`` on (0 is the first) stand for these registers; the first cell's address."""
-    table = WINDOWS[servo.model.name][window]
+    table = windows(servo.model)[window]
     targets = [register.address + i for register in registers for i in range(register.size)]
     data = b"".join(target.to_bytes(2, "little") for target in targets)
     assert servo.write(table.addresses + 2 * number, data) == 0
@@ -34,15 +39,38 @@ def point(servo: VirtualXServo, number: int, *registers: Register, window: int =
 
 
 def test_where_they_lie() -> None:
-    places = {name: [(w.addresses, w.data, w.count) for w in windows] for name, windows in WINDOWS.items()}
-    long, short = [(168, 224, 28), (578, 634, 28)], [(168, 208, 20)]
-    assert places == {name: short if "330" in name else long for name in x.MODELS}
+    assert [[(w.addresses, w.data, w.count) for w in windows] for windows in (LONG, MIDDLE, SHORT)] == [
+        [(168, 224, 28), (578, 634, 28)],
+        [(168, 224, 28)],
+        [(168, 208, 20)],
+    ]
+    for name, model in x.MODELS.items():
+        old, new = windows_of(model, 52), windows_of(model, 53)
+        assert (old, new) == ((SHORT, MIDDLE) if "330" in name else (LONG, LONG))
+
+
+def test_new_firmware_has_them_elsewhere() -> None:
+    servo = VirtualXServo(x.XL330_M288, 1, 53)
+    assert servo.memory.get(x.firmware_version) == 53
+    assert read(servo, 168, 2) == 224
+    assert servo.write(168, (251).to_bytes(2, "little")) == 0
+    assert servo.write(168, (252).to_bytes(2, "little")) == 4
+
+
+@ALL
+def test_an_indirect_address_can_be_shown_and_a_reboot_forgets_it(model: Any) -> None:
+    servo = a_servo(model)
+    window = windows(model)[0]
+    assert servo.write(window.addresses, window.addresses.to_bytes(2, "little")) == 0
+    assert read(servo, window.data, 1) == window.addresses & 0xFF
+    servo.power_cycle()
+    assert read(servo, window.data, 1) == 0
 
 
 @ALL
 def test_at_first_each_cell_stands_for_itself(model: Any) -> None:
     servo = a_servo(model)
-    for window in WINDOWS[model.name]:
+    for window in windows(model):
         for i in range(window.count):
             assert read(servo, window.addresses + 2 * i, 2) == window.data + i
         assert servo.write(window.data, b"\x01\x02\x03") == 0
@@ -52,7 +80,7 @@ def test_at_first_each_cell_stands_for_itself(model: Any) -> None:
 @ALL
 def test_reads_and_writes_reach_the_target(model: Any) -> None:
     servo = a_servo(model)
-    for window in range(len(WINDOWS[model.name])):
+    for window in range(len(windows(model))):
         at = point(servo, 2, x.led, x.goal_position, window=window)
         assert servo.write(at, b"\x01" + (1234).to_bytes(4, "little")) == 0
         assert (servo.memory.get(x.led), servo.memory.get(x.goal_position)) == (1, 1234)
@@ -97,7 +125,7 @@ def test_the_targets_rules_hold(register: Register, data: bytes, error: int) -> 
 
 def test_bytes_of_a_register_out_of_order_are_refused() -> None:
     servo = a_servo()
-    window = WINDOWS[servo.model.name][0]
+    window = windows(servo.model)[0]
     swapped = b"".join((x.goal_pwm.address + i).to_bytes(2, "little") for i in (1, 0))
     assert servo.write(window.addresses, swapped) == 0
     assert servo.write(window.data, b"\0\0") == 7
@@ -113,7 +141,7 @@ def test_one_refused_target_refuses_all() -> None:
 @ALL
 def test_only_ram_can_be_pointed_at(model: Any) -> None:
     servo = a_servo(model)
-    window, last = WINDOWS[model.name][0], WINDOWS[model.name][-1]
+    window, last = windows(model)[0], windows(model)[-1]
     for target, error in ((63, 4), (64, 0), (last.data + last.count - 1, 0), (last.data + last.count, 4)):
         assert servo.write(window.addresses, target.to_bytes(2, "little")) == error
 
@@ -124,7 +152,7 @@ def test_they_are_written_under_torque_and_forgotten_without_power() -> None:
     at = point(servo, 0, x.led)
     assert servo.write(at, b"\x01") == 0
     servo.power_cycle()
-    window = WINDOWS[servo.model.name][0]
+    window = windows(servo.model)[0]
     assert read(servo, window.addresses, 2) == window.data
     assert read(servo, at, 1) == 0
 
@@ -132,7 +160,7 @@ def test_they_are_written_under_torque_and_forgotten_without_power() -> None:
 def test_a_cell_that_points_at_a_cell_is_that_cells_own_byte() -> None:
     servo = a_servo()
     point(servo, 1, x.led)
-    window = WINDOWS[servo.model.name][0]
+    window = windows(servo.model)[0]
     assert servo.write(window.addresses, (window.data + 1).to_bytes(2, "little")) == 0
     assert servo.write(window.data, b"\x01") == 0
     assert (servo.memory.get(x.led), read(servo, window.data, 1)) == (0, 1)

@@ -1,0 +1,132 @@
+"""What one servo is asked and told by itself: through the SDK's packet handler, acknowledged."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, Protocol2PacketHandler
+
+from drivers.clock import Clock
+from drivers.dynamixel import wire
+from drivers.dynamixel.models import SERIES
+from drivers.dynamixel.servos import Servos
+from drivers.echo import Echo
+from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.port import Port
+from drivers.registers import Register
+from drivers.sdk_port import SdkPort
+
+ORDER: Final = "little"
+
+
+class Wire:
+    """Registers of one servo. Raises ServoError, and PortLost once the line is gone."""
+
+    def __init__(self, port: Port, clock: Clock, echo: Echo, before: Callable[[], None]) -> None:
+        """``before`` is called before anything is sent."""
+        self._port = SdkPort(port, clock, echo)
+        self._sdk = Protocol2PacketHandler()
+        self._before = before
+
+    def limit(self, latest_s: float) -> None:
+        """Give up at this time, whatever else is granted; infinity for none."""
+        self._port.latest_s = latest_s
+
+    def number(self, servo_id: int) -> int:
+        """The servo's model number, by a ping."""
+        self._before()
+        number, result, _ = self._sdk.ping(self._port, servo_id)
+        _raise_for(servo_id, result)
+        return int(number)
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """What the register holds."""
+        # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
+        request = [0, 0, 0, 0, servo_id, 7, 0, wire.READ, *wire.span(register.address, register.size), 0, 0]
+        self._before()
+        reply: Any
+        reply, result, error = self._sdk.txRxPacket(self._port, request)
+        _raise_for(servo_id, result, error)
+        data = bytes(reply[9 : reply[5] + (reply[6] << 8) + 5])
+        if len(data) != register.size:
+            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
+        return register.decode(data, ORDER)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
+        data = list(register.encode(value, ORDER))
+        self._before()
+        result, error = self._sdk.writeTxRx(self._port, servo_id, register.address, register.size, data)
+        _raise_for(servo_id, result, error)
+
+
+class ServoCalls:
+    """The single-servo calls of a ServoBus: each servo's goal, torque and limit in the registers that it has for it."""
+
+    def __init__(self, single: Wire, servos: Servos, send: Callable[[bytes], None], gains: Mapping[int, int]) -> None:
+        """``send`` takes a packet that nobody answers; ``gains`` are position P gains by ID."""
+        self._single = single
+        self._servos = servos
+        self._send = send
+        self._gains = dict(gains)
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """One register of one servo."""
+        return self._single.read(servo_id, register)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """One register of one servo, acknowledged."""
+        self._single.write(servo_id, register, value)
+
+    def goal(self, servo_id: int) -> int:
+        """The goal position that the servo holds, in counts."""
+        return self.read(servo_id, self._servos.series(servo_id).goal_position)
+
+    def torque_is_on(self, servo_id: int) -> bool:
+        """Whether the servo drives its motor."""
+        return self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
+
+    def torque_on(self, servo_id: int) -> None:
+        """Drive the motor, with the gain that it is to have."""
+        series = self._servos.series(servo_id)
+        for register, value in series.before_torque:
+            self.write(servo_id, register, value)
+        if servo_id in self._gains:
+            self.write(servo_id, series.position_p, self._gains[servo_id])
+        self.write(servo_id, series.torque_enable, 1)
+
+    def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
+        """Let go of all; what failed."""
+        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
+        for kind in SERIES:
+            register = kind.torque_enable
+            off = {i: register.encode(0, ORDER) for i in servo_ids if self._servos.series(i) is kind}
+            if off:
+                self._send(wire.sync_write(register.address, register.size, off))
+        failed: list[ServoError] = []
+        for servo_id in servo_ids:
+            try:
+                self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
+            except ServoError as error:
+                failed.append(error)
+        return failed
+
+    def limit_torque(self, servo_id: int, share: float) -> None:
+        """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        # Beyond its ceiling the servo would refuse.
+        series = self._servos.series(servo_id)
+        limit = self.read(servo_id, series.torque_ceiling)
+        self.write(servo_id, series.torque_limit, min(round(share * series.full_torque), limit))
+
+
+def _raise_for(servo_id: int, result: int, error: int = 0) -> None:
+    """Turn the SDK's result code and the reply's error number into an error.
+
+    The alert bit is no failure: alarms are states.
+    """
+    if result == COMM_RX_CORRUPT:
+        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
+    if result != COMM_SUCCESS:
+        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")
+    number = error & ~wire.ALERT
+    if number:
+        raise ServoRefused(servo_id, wire.ERRORS.get(number, f"answered error {number}"))

@@ -1,0 +1,497 @@
+"""The whole state in one read, through indirect registers: its bytes, its proof, and what happens without one."""
+
+import importlib
+import logging
+import os
+import random
+from collections import Counter
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.dynamixel import indirect, mapping, wire, xl320
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel.indirect import AT_208, AT_224, MAP, block_for
+from drivers.dynamixel.series import ALARMED
+from drivers.registers import Register
+from sim_backend.dynamixel_indirect import windows_of
+from sim_backend.dynamixel_memory import ACCESS, DATA_RANGE
+from sim_backend.dynamixel_servo import VirtualXServo
+from sim_backend.dynamixel_wire import Code
+from sim_backend.faults import Disturbance
+from tests.drivers.dynamixel_lines import TrueLine
+from tests.drivers.tape import Tape
+
+# By name, because it has no types.
+sdk: Any = importlib.import_module("dynamixel_sdk")
+
+SEVEN = {i: x.XL430_W250 if i % 2 else x.XM430_W350 for i in range(1, 8)}
+MIXED = {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XC330_T288, 4: x.MX_28_2}
+OLD_AND_NEW = {2: 52, 3: 53}
+CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "2000"))
+OVERLOAD = 1 << 5
+
+
+def seven() -> TrueLine:
+    return TrueLine(SEVEN).identified()
+
+
+def mixed() -> TrueLine:
+    return TrueLine(MIXED, OLD_AND_NEW).identified()
+
+
+# One read
+
+
+def test_one_transaction_a_cycle_with_the_names_of_all_alarms() -> None:
+    line = seven()
+    line.errors.update({2: OVERLOAD, 5: 1 << 0 | 1 << 2})
+    readings = line.cycle()
+    assert [r.alarms for r in readings.values() if isinstance(r, ServoState)] == [
+        (), ("overload",), (), (), ("voltage", "temperature"), (), (),
+    ]  # fmt: skip
+    (question,) = line.taken()
+    assert question.code == Code.FAST_SYNC_READ
+    assert question.parameters == bytes((224, 0, 18, 0, *line.ids))
+
+
+def test_by_plain_sync_reads_where_the_firmware_knows_no_other() -> None:
+    line = TrueLine(SEVEN, dict.fromkeys(SEVEN, 44)).identified()
+    line.errors[3] = OVERLOAD
+    reading = line.cycle()[3]
+    assert isinstance(reading, ServoState)
+    assert reading.alarms == ("overload",)
+    assert [i.code for i in line.taken()] == [Code.SYNC_READ]
+
+
+def test_a_line_whose_cells_lie_apart_by_one_bulk_read() -> None:
+    line = mixed()
+    line.errors[3] = OVERLOAD
+    reading = line.cycle()[3]
+    assert isinstance(reading, ServoState)
+    assert reading.alarms == ("overload",)
+    (question,) = line.taken()
+    assert question.code == Code.BULK_READ
+    assert question.parameters == bytes.fromhex("01e0001200 02d0001200 03e0001200 04e0001200")
+
+
+@pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
+@pytest.mark.parametrize("firmware", [46, 53])
+def test_every_model_shows_what_its_registers_hold(model: Any, firmware: int) -> None:
+    line = TrueLine({1: model}, {1: firmware}).identified()
+    at_126 = x.present_current if model.name in x.CURRENT_UNIT_A else x.present_load
+    line.servos.servo(1).memory.put(at_126, -321)
+    block = block_for(model, firmware)
+    assert block is not None
+    window = windows_of(model, firmware)[0]
+    assert (indirect.POINTERS, block.address) == (window.addresses, window.data)
+    assert block.size <= window.count
+    assert line.mapped() == {1}
+    cells = line.servos.servo(1).memory.read(block.address, block.size)
+    shown = {}
+    at = 1
+    for register in indirect._SHOWN:
+        shown[register.name] = register.decode(cells[at : at + register.size], "little")
+        at += register.size
+    assert at == block.size - 1
+    assert shown.pop("present_current") == -321
+    assert shown == {name: line.bus.read(1, getattr(x, name)) for name in shown}
+
+
+def test_a_servo_that_is_not_identified_is_read_directly() -> None:
+    line = TrueLine(SEVEN)
+    line.cycle()
+    assert [i.parameters[:4] for i in line.taken()] == [bytes((124, 0, 23, 0))]
+    assert block_for(xl320.XL320, 46) is None
+
+
+# Bytes
+
+
+@pytest.mark.parametrize(("block", "models"), [(AT_224, SEVEN), (AT_208, {1: x.XL330_M288, 2: x.XC330_M181})])
+def test_the_questions_are_the_sdks_bytes(block: Any, models: Any) -> None:
+    for fast, firmware in ((True, 46), (False, 40)):
+        line = TrueLine(models, dict.fromkeys(models, firmware)).identified()
+        tape, ours = Tape(), Tape()
+        group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), block.address, 18)
+        assert all(group.addParam(i) for i in line.ids)
+        (group.fastSyncReadTxPacket if fast else group.txPacket)()
+        line.port.write = ours.write  # type: ignore[method-assign]
+        line.bus.read_states(line.ids, line.clock.now())
+        assert ours.sent == tape.sent
+
+
+def test_a_bulk_question_is_the_sdks_bytes() -> None:
+    line = mixed()
+    tape, ours = Tape(), Tape()
+    group = sdk.GroupBulkRead(tape, sdk.PacketHandler(2.0))
+    for servo_id in line.ids:
+        assert group.addParam(servo_id, 208 if servo_id == 2 else 224, 18)
+    group.txPacket()
+    line.port.write = ours.write  # type: ignore[method-assign]
+    line.bus.read_states(line.ids, line.clock.now())
+    assert ours.sent == tape.sent
+
+
+@pytest.mark.parametrize(
+    ("firmware", "identified", "size"), [(46, False, 218), (46, True, 183), (40, False, 259), (40, True, 224)]
+)
+def test_what_a_read_of_seven_puts_on_the_wire(firmware: int, identified: bool, size: int) -> None:
+    """Request and replies; an alarm costs the direct block 26 bytes more, and an adapter's delay."""
+    line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware))
+    line = line.identified() if identified else line
+    line.bus.read_states(line.ids)
+    goals = 14 + 7 * 9
+    assert line.bus.exchange_size(line.ids) - goals == size
+
+
+def test_the_map_names_the_registers_and_its_own_ends() -> None:
+    places = [int.from_bytes(MAP[i : i + 2], "little") for i in range(0, len(MAP), 2)]
+    assert places == [168, 70, *range(124, 136), *range(144, 147)[:0], *places[14:]]
+    assert places[14:] == [144, 145, 146, 202]
+    assert (AT_224.proof, AT_208.proof) == (((0, 168), (7, 202)),) * 2
+
+
+# Proof
+
+
+def test_cells_that_were_reset_are_no_state() -> None:
+    for block in (AT_208, AT_224):
+        assert block.decode(0, bytes(18)) is None
+
+
+@given(st.binary(min_size=18, max_size=18))
+def test_nothing_is_a_state_without_both_ends(data: bytes) -> None:
+    assert (AT_224.decode(0, data) is None) == ((data[0], data[-1]) != (168, 202))
+
+
+@pytest.mark.parametrize("make", [seven, mixed], ids=["fast", "bulk"])
+def test_a_servo_that_was_reset_is_a_fault_then_direct_then_mapped_again(
+    make: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    for victim in make().ids:
+        line = make()
+        line.cycle()
+        line.reset(victim)
+        caplog.clear()
+        readings = line.cycle()
+        fault = readings.pop(victim)
+        assert isinstance(fault, ServoFault)
+        assert (fault.kind, "lost the map" in fault.text) == ("corrupt", True)
+        assert all(isinstance(reading, ServoState) for reading in readings.values())
+        assert line.mapped() == set(line.ids) - {victim}
+        for _ in range(30):
+            assert line.faults() == {}
+        assert line.mapped() == set(line.ids)
+        assert [r.levelname for r in caplog.records if f"servo {victim} has lost" in r.message] == ["WARNING"]
+        account = line.bus.counters.of(victim)
+        assert (account.corrupt, account.silent, account.late) == (1, 0, 0)
+
+
+def test_all_of_them_at_once() -> None:
+    line = seven()
+    for servo_id in line.ids:
+        line.reset(servo_id)
+    assert set(line.faults()) == set(line.ids)
+    for _ in range(40):
+        assert line.faults() == {}
+    assert line.mapped() == set(line.ids)
+
+
+def test_one_that_reboots_by_instruction_is_silent_then_direct_then_mapped_again() -> None:
+    line = seven()
+    line.port.write(wire.packet(3, Code.REBOOT, b""))
+    kinds = [line.faults() for _ in range(60)]
+    assert kinds[0] == {3: "silent"}
+    assert kinds[-1] == {}
+    assert line.mapped() == set(line.ids)
+
+
+def test_mapping_again_keeps_the_deadline_and_is_one_transaction_a_cycle() -> None:
+    line = seven()
+    line.reset(1)
+    line.reset(2)
+    line.cycle()
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    seen = Counter[int]()
+    for _ in range(8):
+        line.port.sent.clear()
+        line.number += 1
+        begin_s = line.clock.now()
+        line.bus.read_states(line.ids, begin_s + 0.012)
+        assert line.clock.now() <= begin_s + 0.012
+        alone = [i.code for i in line.port.sent if i.code in (Code.READ, Code.WRITE)]
+        assert len(alone) <= 1
+        seen.update(alone)
+    assert seen == {Code.WRITE: 2, Code.READ: 4}
+    assert line.mapped() == set(line.ids)
+
+
+def test_without_time_in_the_cycle_it_stays_direct() -> None:
+    line = seven()
+    line.reset(1)
+    line.cycle()
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    for _ in range(10):
+        line.port.sent.clear()
+        line.number += 1
+        line.bus.read_states(line.ids, line.clock.now() + 0.0055)
+        assert not [i for i in line.port.sent if i.code in (Code.READ, Code.WRITE)]
+
+
+def test_one_whose_map_never_holds_has_few_faults() -> None:
+    line = seven()
+    faults = 0
+    for _ in range(2000):
+        if 4 in line.mapped():
+            line.reset(4)
+        faults += 4 in line.faults()
+    assert 5 <= faults <= 12
+
+
+@pytest.mark.parametrize(("firmware", "faulty"), [(46, 1), (44, 0)], ids=["fast", "plain"])
+def test_one_that_refuses_what_it_was_mapped_for_is_asked_directly(firmware: int, faulty: int) -> None:
+    """Another servo in its place, whose table ends before. Plain reads get its state by the first retry."""
+    line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware)).identified()
+    servo = line.servos.servo(6)
+    read = servo._read
+    servo._read = lambda address, size: (ACCESS, b"") if address >= 208 else read(address, size)  # type: ignore[method-assign]
+    assert sum(6 in line.faults() for _ in range(400)) == faulty
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    assert line.mapped() == set(line.ids) - {6}
+    retries = line.bus.counters.of(6).retries
+    for _ in range(5):
+        assert line.faults() == {}
+    assert line.bus.counters.of(6).retries == retries
+    assert line.bus._burst.fast == (firmware == 46)
+
+
+# Set-up
+
+
+def refusing(line: TrueLine, servo_id: int, error: int) -> None:
+    """Firmware that does not let an indirect address be named."""
+    memory = line.servos.servo(servo_id).memory
+    write = memory.write
+
+    def write_some(address: int, data: bytes) -> int:
+        return error if address == indirect.POINTERS else write(address, data)
+
+    memory.write = write_some  # type: ignore[method-assign]
+
+
+def forgetful(line: TrueLine, servo_id: int) -> None:
+    """Firmware that takes the addresses and does not keep them."""
+    refusing(line, servo_id, 0)
+
+
+def blind(line: TrueLine, servo_id: int) -> None:
+    """Firmware whose cells do not show an indirect address."""
+    memory = line.servos.servo(servo_id).memory
+    read = memory.read
+    memory.read = lambda address, size: bytes(size) if address >= 208 else read(address, size)  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda line, i: refusing(line, i, DATA_RANGE), "was given a value out of range"),
+        (lambda line, i: refusing(line, i, ACCESS), "has no such register"),
+        (forgetful, "does not keep it"),
+        (blind, "does not show what it is to show"),
+    ],
+    ids=["range", "access", "forgetful", "blind"],
+)
+def test_who_does_not_take_the_map_stays_direct_and_it_is_said_once(
+    spoil: Any, says: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    line = TrueLine(SEVEN)
+    spoil(line, 5)
+    with caplog.at_level(logging.INFO, "servoloop.drivers"):
+        line.identified()
+        line.identified()
+        line.errors[5] = OVERLOAD
+        for _ in range(50):
+            assert line.faults() == {}
+    (said,) = [r.message for r in caplog.records if "direct block" in r.message]
+    assert "servo 5" in said
+    assert says in said
+    assert line.mapped() == set(line.ids) - {5}
+    reading = line.cycle()[5]
+    assert isinstance(reading, ServoState)
+    assert reading.alarms == ("overload",)  # by a second read
+
+
+def test_a_lost_answer_at_set_up_is_asked_for_again() -> None:
+    line = TrueLine(SEVEN)
+    for servo_id, model in SEVEN.items():
+        line.servos.faults.corrupt_next(servo_id, 0)
+        line.bus.identify(servo_id, model)
+    writes = 0
+    fault = line.servos.faults
+    write = line.port.write
+
+    def spoiled(data: bytes) -> None:
+        nonlocal writes
+        if data[7] == wire.WRITE and not writes:
+            writes += 1
+            fault.corrupt_next(data[4])
+        write(data)
+
+    line.port.write = spoiled  # type: ignore[method-assign]
+    line.bus.identify(3, SEVEN[3])
+    assert writes == 1
+    assert 3 in line.mapped()
+
+
+def test_mapping_touches_nothing_else_and_works_under_torque() -> None:
+    """Whatever another program left in the cells: none of them is written to."""
+    line = TrueLine(SEVEN)
+    for servo in line.servos.servos:
+        assert servo.write(x.torque_enable.address, b"\x01") == 0
+        assert servo.write(indirect.POINTERS, b"\x40\0\x74\0\x75\0\x76\0\x77\0") == 0
+    before = {i: bytes(line.servos.servo(i).memory._bytes) for i in line.ids}
+    line.identified()
+    assert line.mapped() == set(line.ids)
+    for servo_id, table in before.items():
+        after = line.servos.servo(servo_id).memory._bytes
+        changed = {at for at, (old, new) in enumerate(zip(table, after, strict=True)) if old != new}
+        state = {at for r in indirect._SHOWN for at in range(r.address, r.address + r.size)}
+        assert changed - state <= set(range(indirect.POINTERS, indirect.POINTERS + len(MAP)))
+        assert line.bus.torque_is_on(servo_id)
+
+
+def test_goals_torque_and_another_rate_are_as_before() -> None:
+    line = mixed()
+    states = line.bus.exchange({i: ServoGoal(100 * i) for i in line.ids}, line.ids, line.clock.now() + 0.012)
+    assert all(isinstance(state, ServoState) for state in states.values())
+    assert [i.code for i in line.taken()] == [Code.SYNC_WRITE, Code.BULK_READ]
+    assert [line.bus.goal(i) for i in line.ids] == [100 * i for i in line.ids]
+    line.bus.torque_on(1)
+    assert line.bus.torque_off(line.ids) == []
+    assert sum(i.code == Code.SYNC_WRITE for i in line.taken()) == 1
+    with line.bus.at_baud(1_000_000) as other:
+        assert all(isinstance(state, ServoState) for state in other.read_states(line.ids).values())
+    assert line.mapped() == set(line.ids)
+
+
+def test_an_alarm_without_a_name_is_an_alarm_and_costs_no_second_read() -> None:
+    line = seven()
+    line.errors[1] = 1 << 7
+    line.number += 1
+    reading = line.bus.read_states(line.ids, line.clock.now() + 0.012)[1]
+    assert isinstance(reading, ServoState)
+    assert reading.alarms == ("unknown hardware error",)
+    assert reading.alarms != ALARMED
+    assert [i.code for i in line.taken()] == [Code.FAST_SYNC_READ]
+
+
+# A bad line
+
+
+@pytest.mark.parametrize("servo_id", SEVEN)
+def test_a_late_reply_is_never_taken_for_the_present_one(servo_id: int) -> None:
+    line = TrueLine(SEVEN, dict.fromkeys(SEVEN, 44)).identified()
+    for number in range(60):
+        if number % 5 == 0:
+            line.servos.faults.delay_next(servo_id)
+        line.cycle()
+        line.number += 1  # whatever arrives from now on is old
+    assert line.bus.counters.of(servo_id).late > 0
+    line.clock.sleep_until(line.clock.now() + 1.0)
+    for _ in range(5):
+        line.cycle()
+    assert line.mapped() == set(line.ids)
+
+
+@pytest.mark.parametrize(
+    ("make", "firmware"),
+    [(SEVEN, {}), (SEVEN, dict.fromkeys(SEVEN, 44)), (MIXED, OLD_AND_NEW)],
+    ids=["fast", "plain", "bulk"],
+)
+def test_thousands_of_cycles_on_a_bad_line_with_servos_that_are_reset(make: Any, firmware: Any) -> None:
+    """Every value is right and of this very cycle, whatever is lost, garbled, late or forgotten."""
+    line = TrueLine(make, firmware).identified()
+    line.errors[2] = OVERLOAD
+    chance = random.Random(7)
+    line.servos.faults.disturbance = Disturbance(seed=3, drop=0.02, flip=0.02, noise=0.02)
+    states = resets = 0
+    for _ in range(CYCLES):
+        for servo_id in line.ids:
+            if chance.random() < 0.002:
+                resets += 1
+                line.reset(servo_id)
+        if chance.random() < 0.02:
+            line.servos.faults.delay_next(chance.choice(line.ids))
+        states += sum(isinstance(reading, ServoState) for reading in line.cycle().values())
+    assert resets > CYCLES * len(line.ids) * 0.001
+    assert states > 0.97 * CYCLES * len(line.ids)
+    line.servos.faults.disturbance = None
+    line.clock.sleep_until(line.clock.now() + mapping.LONGEST_PAUSE_S)
+    for _ in range(30):
+        line.cycle()
+    assert line.mapped() == set(line.ids)
+
+
+def test_a_reset_between_any_two_packets_is_never_a_wrong_value() -> None:
+    """The servo loses its memory before each single packet in turn: while it is mapped, used, and mapped again."""
+    for when in range(40):
+        line = TrueLine({1: x.XL430_W250, 2: x.XM430_W350})
+        sent = 0
+        write = line.port.write
+
+        def counted(data: bytes, line: TrueLine = line, write: Any = write, when: int = when) -> None:
+            nonlocal sent
+            if sent == when:
+                line.reset(1)
+            sent += 1
+            write(data)
+
+        line.port.write = counted  # type: ignore[method-assign]
+        for servo_id, model in line.models.items():
+            line.bus.identify(servo_id, model)
+        for _ in range(60):
+            line.cycle()
+        assert sent > when
+
+
+def test_a_virtual_servo_forgets_like_a_real_one() -> None:
+    servo = VirtualXServo(x.XL430_W250, 1)
+    register = Register("map", indirect.POINTERS, len(MAP))
+    assert servo.write(register.address, MAP) == 0
+    assert servo.memory.read(224, 1) == b"\xa8"
+    assert servo.memory.read(241, 1) == b"\xca"
+    servo.power_cycle()
+    assert servo.memory.read(224, 18) == bytes(18)
+
+
+def test_behind_our_own_echo_too() -> None:
+    line = TrueLine(SEVEN)
+    own = b""
+    write, read, discard = line.port.write, line.port.read, line.port.discard_input
+
+    def echoing(data: bytes) -> None:
+        nonlocal own
+        write(data)
+        own += data
+
+    def heard(size: int, deadline_s: float) -> bytes:
+        nonlocal own
+        begin, own = own[:size], own[size:]
+        return begin + read(size - len(begin), deadline_s)
+
+    def discarded() -> None:
+        nonlocal own
+        own = b""
+        discard()
+
+    line.port.write, line.port.read, line.port.discard_input = echoing, heard, discarded  # type: ignore[method-assign]
+    line.identified()
+    line.reset(3)
+    assert set(line.faults()) == {3}
+    for _ in range(40):
+        assert line.faults() == {}
+    assert line.mapped() == set(line.ids)
