@@ -1,0 +1,91 @@
+"""The YAML files in config/moveit name what exists, with the limits of the URDF and the robot files."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from hal.robot import load_robot_file
+from sim_backend.world import World
+from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controllers, groups, read
+
+
+@pytest.mark.parametrize("name", ["robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses"])
+def test_limits_are_those_of_the_urdf_and_of_every_robot_file(name: str) -> None:
+    limits = read(MOVEIT / "joint_limits.yaml")
+    robot = load_robot_file(CONFIG / f"{name}.yaml")
+    assert limits["joint_limits"] == {
+        joint: {
+            "has_velocity_limits": True,
+            "max_velocity": DESCRIPTION.joints[joint].velocity,
+            "has_acceleration_limits": True,
+            "max_acceleration": file.acceleration,
+            "has_jerk_limits": True,
+            "max_jerk": file.jerk,
+        }
+        for joint, file in robot.joints.items()
+    }
+    assert 0 < limits["default_velocity_scaling_factor"] <= 1
+    assert 0 < limits["default_acceleration_scaling_factor"] <= 1
+
+
+def test_limits_are_written_as_floating_point_numbers() -> None:
+    """ROS parameters have types: MoveIt refuses an integer there."""
+    limits = read(MOVEIT / "joint_limits.yaml")
+    numbers = [value for joint in limits["joint_limits"].values() for key, value in joint.items() if "max" in key]
+    assert {type(number) for number in numbers} == {float}
+
+
+def test_moveit_s_controllers_are_ours() -> None:
+    file = read(MOVEIT / "moveit_controllers.yaml")
+    assert file["moveit_controller_manager"] == "moveit_simple_controller_manager/MoveItSimpleControllerManager"
+    manager = file["moveit_simple_controller_manager"]
+    assert manager["controller_names"] == [name for name in manager if name != "controller_names"]
+    types = controllers()["controller_manager"]["ros__parameters"]
+    wanted = {"type": "joint_trajectory_controller/JointTrajectoryController"}
+    trajectory = [name for name, entry in types.items() if entry == wanted]
+    assert manager["controller_names"] == trajectory
+    for name in trajectory:
+        entry = manager[name]
+        assert (entry["type"], entry["action_ns"]) == ("FollowJointTrajectory", "follow_joint_trajectory")
+        assert entry["default"] is True
+        assert entry["joints"] == controllers()[name]["ros__parameters"]["joints"]
+
+
+def test_moveit_waits_as_long_as_the_arm_may_wait_for_the_hand() -> None:
+    execution = read(MOVEIT / "moveit_controllers.yaml")["trajectory_execution"]
+    defaults = load_robot_file(CONFIG / "robot_arm.yaml").controller_defaults["arm_controller"]
+    assert execution["allowed_goal_duration_margin"] >= defaults["wait_for_timeout"] + 0.5
+    assert execution["allowed_start_tolerance"] <= 0.01
+
+
+def test_kinematics_and_planners_are_for_groups_that_exist() -> None:
+    assert set(read(MOVEIT / "kinematics.yaml")) == {"arm"}
+    ompl = read(MOVEIT / "ompl_planning.yaml")
+    known = ompl["planner_configs"]
+    for group in groups():
+        assert set(ompl[group]["planner_configs"]) <= set(known)
+        assert ompl[group]["default_planner_config"] in known
+    for name, planner in known.items():
+        assert planner["type"] == f"geometric::{name}"
+
+
+def test_rviz_looks_at_this_arm() -> None:
+    manager = read(MOVEIT / "moveit.rviz")["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] in LINKS
+    (planning,) = [display for display in manager["Displays"] if "MotionPlanning" in display["Class"]]
+    assert planning["Planning Request"]["Planning Group"] in groups()
+    scale = read(MOVEIT / "joint_limits.yaml")["default_velocity_scaling_factor"]
+    assert planning["Velocity_Scaling_Factor"] == scale
+
+
+def test_the_arm_reaches_five_dimensions_as_kinematics_yaml_says() -> None:
+    random = np.random.default_rng(3)
+    ranks = set()
+    for _ in range(50):
+        world = World(initial_position=[*random.uniform(-1.5, 1.5, 6), 0.0])
+        position, rotation = np.zeros((3, world.model.nv)), np.zeros((3, world.model.nv))
+        body = world.model.body("gripper_base_link").id
+        mujoco.mj_jacBody(world.model, world.data, position, rotation, body)
+        columns = [int(world.model.joint(name).dofadr[0]) for name in ARM]
+        ranks.add(int(np.linalg.matrix_rank(np.vstack((position, rotation))[:, columns], tol=1e-6)))
+    assert ranks == {5}

@@ -1,0 +1,70 @@
+"""servoloop, installed as a ROS 2 workspace installs it: by CMake, into a prefix of its own."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.launch.recorders import modules
+from tests.ros.conftest import ros_domain
+
+__all__ = ["installed", "ros_domain", "share", "workspace"]
+
+ROOT = Path(__file__).parents[2]
+
+
+def ros_prefixes() -> str:
+    """Where ROS is, for those who look it up in the environment."""
+    return os.pathsep.join(filter(None, [sys.prefix, os.environ.get("AMENT_PREFIX_PATH")]))
+
+
+def install(folder: Path, *options: str) -> Path:
+    """Configure, build and install the package; the prefix."""
+    prefix, build = folder / "install", str(folder / "build")
+    search = os.pathsep.join([str(Path(sys.prefix) / "bin"), os.environ["PATH"]])
+    cmake = shutil.which("cmake", path=search)
+    assert cmake, "no cmake"
+    # as a sourced ROS environment says it; the wheels have put ROS into Python's own prefix
+    environment = os.environ | {
+        "PATH": search,
+        "CMAKE_PREFIX_PATH": ros_prefixes(),
+        "AMENT_PREFIX_PATH": ros_prefixes(),
+    }
+    definitions = [f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DPython3_EXECUTABLE={sys.executable}", *options]
+    for command in (
+        ["-S", str(ROOT), "-B", build, *definitions],
+        ["--build", build],
+        ["--install", build],
+    ):
+        # in folder: with links, the manifest of the installation is written where one stands
+        run = subprocess.run([cmake, *command], cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
+        assert run.returncode == 0, run.stdout + run.stderr
+    return prefix
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The prefix, made once for all tests."""
+    pytest.importorskip("ament_package")
+    return install(tmp_path_factory.mktemp("workspace"))
+
+
+@pytest.fixture
+def workspace(installed: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The same prefix, in an environment as its set-up script would make it."""
+    (packages,) = installed.glob("lib/python*/site-packages")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{installed}{os.pathsep}{ros_prefixes()}")
+    monkeypatch.setenv("PYTHONPATH", str(packages))
+    yield installed
+
+
+@pytest.fixture
+def share(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What the workspace shares; launch files can be read."""
+    for name, module in modules().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    return workspace / "share" / "servoloop"

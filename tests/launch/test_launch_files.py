@@ -1,0 +1,79 @@
+"""The launch files, as far as they run without launch, of which there is no wheel.
+
+They are read with tests/launch/recorders.py in launch's place. What they then ask for is real: the files are those
+that a workspace installs, and the programs are started.
+"""
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.launch.conftest import ROOT
+from tests.launch.reading import CONTROL, MOVEIT, actions, parse, words
+from tests.ros.stack_process import until
+
+pytestmark = pytest.mark.ros
+
+PATIENCE_S = 60
+
+
+def test_every_launch_file_is_covered_here() -> None:
+    assert {path.name for path in (ROOT / "launch").iterdir() if path.is_file()} == {CONTROL, MOVEIT}
+
+
+def test_without_arguments_servoloop_gets_the_shared_files_and_its_own_defaults(share: Path) -> None:
+    (process,) = actions(share / "launch" / CONTROL)
+    parsed = parse(process.cmd[1:])
+    assert parsed["urdf"] == share / "urdf" / "robot_arm.urdf"
+    assert parsed["controllers"] == share / "config" / "arm_controllers.yaml"
+    assert not any(parsed[name] for name in ("robot", "hardware", "port", "ready_file"))
+
+
+def test_every_argument_reaches_servoloop(share: Path) -> None:
+    given = {"urdf": "/a.urdf", "controllers": "/b.yaml", "robot": "/c.yaml", "hardware": "mujoco"}
+    (process,) = actions(share / "launch" / CONTROL, **given, port="arm=/dev/ttyACM0 hand=/dev/ttyUSB0")
+    parsed = parse(process.cmd[1:])
+    assert {name: str(parsed[name]) for name in given} == given
+    assert list(parsed["port"]) == ["arm=/dev/ttyACM0", "hand=/dev/ttyUSB0"]
+
+
+def test_there_is_time_to_park(share: Path) -> None:
+    """launch sends a second signal after sigterm_timeout; that one lets a real arm go wherever it is."""
+    from servoloop.files import read_files
+
+    robot = read_files().robot
+    park = robot.file.park
+    assert park is not None
+    slowest_s = max((joint.limits.upper - joint.limits.lower) / joint.limits.velocity for joint in robot.joints)
+    (process,) = actions(share / "launch" / CONTROL)
+    assert float(process.sigterm_timeout) >= 5 * slowest_s / park.velocity_scale
+
+
+@pytest.mark.parametrize("hardware", ["mock", ""])
+def test_the_stack_comes_up_and_ends(
+    share: Path, workspace: Path, hardware: str, ros_domain: int, tmp_path: Path
+) -> None:
+    (process,) = actions(share / "launch" / CONTROL, hardware=hardware)
+    assert_runs(words(process, workspace), "ready: robot_arm", tmp_path)
+
+
+def test_the_node_comes_up_with_its_parameters(share: Path, workspace: Path, ros_domain: int, tmp_path: Path) -> None:
+    _, node = actions(share / "launch" / CONTROL, pick_place="true")
+    assert_runs(words(node, workspace), "ready for goals", tmp_path)
+
+
+def assert_runs(command: list[str], ready: str, folder: Path) -> None:
+    """It says that it is ready, and Ctrl-C ends it with 0."""
+    log = folder / "log"
+    with log.open("w") as out:
+        process = subprocess.Popen(command, cwd=folder, stdout=out, stderr=subprocess.STDOUT)
+    try:
+        until(lambda: ready in log.read_text(), lambda: process.poll() is not None and log.read_text())
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0, log.read_text()
+    finally:
+        process.kill()

@@ -1,0 +1,90 @@
+"""What MoveIt and RViz would be started with: neither has a wheel, but ROS's own parser reads their parameters here."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from tests.launch.reading import MOVEIT, actions, parse
+
+pytestmark = pytest.mark.ros
+
+
+def test_moveit_stands_above_the_stack(share: Path) -> None:
+    process, move_group, rviz = actions(share / "launch" / MOVEIT, hardware="mujoco")
+    assert parse(process.cmd[1:])["hardware"] == "mujoco"
+    assert (move_group.package, move_group.executable) == ("moveit_ros_move_group", "move_group")
+    assert (rviz.package, rviz.executable) == ("rviz2", "rviz2")
+    assert Path(rviz.arguments[rviz.arguments.index("-d") + 1]) == share / "config" / "moveit" / "moveit.rviz"
+    assert Path(rviz.arguments[-1]).is_file()
+
+
+def test_rviz_can_be_left_out(share: Path) -> None:
+    assert [action.package for action in actions(share / "launch" / MOVEIT, rviz="false")[1:]] == [
+        "moveit_ros_move_group"
+    ]
+
+
+def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path) -> None:
+    manifest = ElementTree.parse(share / "package.xml").getroot()
+    known = {"servoloop"} | {element.text for element in manifest.findall("exec_depend")}
+    _, *nodes = actions(share / "launch" / MOVEIT, pick_place="true")
+    assert {node.package for node in nodes} <= known
+    controllers = yaml.safe_load((share / "config" / "moveit" / "moveit_controllers.yaml").read_text())
+    planner = yaml.safe_load((share / "config" / "moveit" / "ompl_planning.yaml").read_text())
+    assert controllers["moveit_controller_manager"].split("/")[0] in known
+    assert planner["planning_plugins"] == ["ompl_interface/OMPLPlanner"]
+    assert {"moveit_planners_ompl", "moveit_kinematics"} <= known
+
+
+def test_move_group_and_stack_get_the_same_robot(share: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.urdf"
+    other.write_text((share / "urdf" / "robot_arm.urdf").read_text() + "<!-- another -->\n")
+    process, move_group, _ = actions(share / "launch" / MOVEIT, urdf=str(other))
+    assert parse(process.cmd[1:])["urdf"] == other
+    assert move_group.parameters[0]["robot_description"] == other.read_text()
+
+
+def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: int, tmp_path: Path) -> None:
+    """As launch_ros does it: each dictionary goes into a file, and the file to the node."""
+    _, move_group, _ = actions(share / "launch" / MOVEIT)
+    wanted: dict[str, Any] = {}
+    arguments = ["--ros-args"]
+    for number, parameters in enumerate(move_group.parameters):
+        file = tmp_path / f"{number}.yaml"
+        file.write_text(yaml.dump({"/**": {"ros__parameters": parameters}}, default_flow_style=False))
+        arguments += ["--params-file", str(file)]
+        wanted |= flat(parameters)
+    assert values_in_a_node(arguments) == wanted
+    assert wanted["robot_description"] == (share / "urdf" / "robot_arm.urdf").read_text()
+    assert wanted["robot_description_planning.joint_limits.joint1.max_acceleration"] == 12.0
+    assert wanted["moveit_simple_controller_manager.arm_controller.joints"] == [f"joint{i}" for i in range(1, 7)]
+
+
+def flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted names, as ROS parameters have them."""
+    found: dict[str, Any] = {}
+    for name, value in tree.items():
+        found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
+    """The parameters of a node that is called move_group and takes whatever it is given, as move_group does."""
+    import rclpy
+    from rclpy.node import Node as RosNode
+
+    context = rclpy.Context()
+    rclpy.init(args=arguments, context=context)
+    try:
+        node = RosNode("move_group", context=context, automatically_declare_parameters_from_overrides=True)
+        parameters = {name: node.get_parameter(name).value for name in node.list_parameters([], 0).names}
+        node.destroy_node()
+    finally:
+        context.shutdown()
+    own = ("use_sim_time", "start_type_description_service")
+    return {name: value for name, value in parameters.items() if name not in own and not name.startswith("qos_")}
