@@ -1,7 +1,7 @@
-"""Ours against feetech-servo-sdk and rustypot: one bus, one run, without and with the wire's own time.
+"""Ours against the servo makers' SDKs and rustypot: one bus, one run, without and with the wire's own time.
 
-``python -m bench.bus [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take turns, round by round, so
-that whatever else the machine does hits all of them; the median round is shown.
+``python -m bench.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
+turns, round by round, so that whatever else the machine does hits all of them; the median round is shown.
 """
 
 import argparse
@@ -11,18 +11,25 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from bench.clients import CLIENTS
+from bench import clients, dynamixel_clients
+from bench.clients import Client
 from drivers.bus import ServoGoal
+from drivers.dynamixel import wire as dynamixel_wire
+from drivers.dynamixel.models import X
 from drivers.feetech import state, wire
 
 BAUD = 1_000_000
+CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]] = {
+    "feetech": clients.CLIENTS,
+    "dynamixel": dynamixel_clients.CLIENTS,
+}
 WARM_UP = 50
 
 Round = tuple[float, float, int]
@@ -62,14 +69,15 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
     return statistics.median(took_s) * 1e6, cpu_s / cycles * 1e6, failed
 
 
-def compare(servos: int, cycles: int, rounds: int, *options: str) -> dict[str, Round]:
+def compare(make: str, servos: int, cycles: int, rounds: int, *options: str) -> dict[str, Round]:
     """The median round of every client on one simulated bus."""
+    makers = CLIENTS[make]
     ids = list(range(1, servos + 1))
-    found: dict[str, list[Round]] = {name: [] for name in CLIENTS}
-    with simulator(f"1-{servos}", *options) as device:
+    found: dict[str, list[Round]] = {name: [] for name in makers}
+    with simulator(f"1-{servos}", "--make", make, *options) as device:
         for _ in range(rounds):
-            for name, make in CLIENTS.items():
-                cycle, close = make(device, BAUD, ids)
+            for name, maker in makers.items():
+                cycle, close = maker(device, BAUD, ids)
                 try:
                     found[name].append(one_round(cycle, cycles))
                 finally:
@@ -95,9 +103,14 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: floa
     console.print(table)
 
 
-def wire_us(servos: int) -> float:
-    """The wire's own time for one cycle's bytes: goals, question, answers."""
+def wire_us(make: str, servos: int) -> float:
+    """The wire's own time for one cycle's bytes, as all but our own fast way send them: goals, question, answers."""
     ids = range(1, servos + 1)
+    if make == "dynamixel":
+        block, data = X.blocks[0], X.goal(ServoGoal(0))
+        goals = len(dynamixel_wire.sync_write(X.goal_address, len(data), dict.fromkeys(ids, data)))
+        question = len(dynamixel_wire.sync_read(ids, block.address, block.size))
+        return (goals + question + (block.size + dynamixel_wire.OVERHEAD) * servos) * 1e7 / BAUD
     goals = len(state.goals_packet({i: ServoGoal(0) for i in ids}))
     question = len(wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE))
     return (goals + question + (state.STATE_SIZE + wire.OVERHEAD) * servos) * 1e7 / BAUD
@@ -106,14 +119,15 @@ def wire_us(servos: int) -> float:
 def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser()
+    parser.add_argument("--make", choices=tuple(CLIENTS), default="feetech")
     parser.add_argument("--cycles", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--servos", type=int, default=7)
     arguments = parser.parse_args()
     console = Console(width=110)
-    sizes = arguments.servos, arguments.cycles, arguments.rounds
+    sizes = arguments.make, arguments.servos, arguments.cycles, arguments.rounds
     show(console, "no wire time", compare(*sizes), None)
-    on_wire_us = wire_us(arguments.servos)
+    on_wire_us = wire_us(arguments.make, arguments.servos)
     paced = compare(*sizes, "--paced", str(BAUD))
     show(console, f"paced at {BAUD} bit/s: the wire itself {on_wire_us:.0f} us", paced, on_wire_us)
 

@@ -10,6 +10,7 @@ import time
 import tty
 from pathlib import Path
 
+from bench.dynamixel_servos import DynamixelServos
 from drivers.feetech import wire
 from servoloop.bench_bus import parse_ids
 
@@ -28,6 +29,11 @@ class Servos:
         self.ids = servo_ids
         self.silent: set[int] = set()
         self._kept: dict[bytes, bytes] = {}
+
+    @staticmethod
+    def size(data: bytes) -> int:
+        """Bytes of the packet with which ``data`` begins; 0 if its head is not there yet."""
+        return data[3] + 4 if len(data) > 5 else 0
 
     def answer(self, packet: bytes) -> bytes:
         """All replies to one packet."""
@@ -57,7 +63,7 @@ class Servos:
 class Line:
     """The servos' end of a pseudo-terminal. Both ends are open here, as with most simulators."""
 
-    def __init__(self, link: Path, servos: Servos, baud: int) -> None:
+    def __init__(self, link: Path, servos: Servos | DynamixelServos, baud: int) -> None:
         """``baud`` 0 takes no time on the wire."""
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -71,8 +77,7 @@ class Line:
         """Wait for bytes and answer all packets in them."""
         data = os.read(self.master, 4096)
         now_s = time.perf_counter()
-        while len(data) > 5:
-            size = data[3] + 4
+        while size := self._servos.size(data):
             packet, data = data[:size], data[size:]
             replies = self._servos.answer(packet)
             if self._byte_s:
@@ -96,10 +101,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("link", type=Path)
     parser.add_argument("--ids", default="1-7")
+    parser.add_argument("--make", choices=("feetech", "dynamixel"), default="feetech")
     parser.add_argument("--paced", type=int, default=0, metavar="BAUD")
     parser.add_argument("--silence", default="", metavar="ID,FROM,TO")
     arguments = parser.parse_args()
-    servos = Servos(parse_ids(arguments.ids))
+    kind = DynamixelServos if arguments.make == "dynamixel" else Servos
+    servos = kind(parse_ids(arguments.ids))
     line = Line(arguments.link, servos, arguments.paced)
     print("ready", flush=True)
     servo_id, from_s, to_s = (float(part) for part in (arguments.silence or "0,0,0").split(","))
