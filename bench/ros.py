@@ -1,0 +1,215 @@
+"""What the ROS 2 surface costs and how prompt it is: ``python -m bench.ros [--seconds 600]``.
+
+The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
+its only client. First one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run
+one after the other for ``--seconds``: when each is answered, when the arm begins to move, how even the stamps of
+/joint_states are. Every third goal is cancelled on its way. Last, ros2_control's figures as they were recorded on
+another machine of two cores, to compare with.
+"""
+
+import argparse
+import os
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from rich.console import Console
+from rich.table import Table
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from nodes.session import client_session
+
+JOINTS = [f"joint{i}" for i in range(1, 7)]
+HERE = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
+THERE = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
+PERIOD_S = 0.05
+PATIENCE_S = 30.0
+SETTLE_S = 2.0
+MOVED_RAD = 1e-6
+UPSTREAM = {
+    "CPU, % of a core": "1.2",
+    "memory, MB": "57",
+    "goal to answer, ms": "1.7 / - / 5.6",
+    "goal to first motion, ms": "75 to 81 / - / 101",
+    "period's deviation, us": "39 / 168 / 594 / 598 (real-time: 19 / 98 / 191 / 196)",
+}
+"""ros2_control 4.46 in C++ with GenericSystem; recorded elsewhere, not in this run."""
+
+
+@dataclass(slots=True)
+class Figures:
+    """Everything that was measured; seconds, but for ``cpu_share`` (of a core) and ``memory_mb``."""
+
+    cpu_share: float = 0.0
+    busy_cpu_share: float = 0.0
+    memory_mb: float = 0.0
+    answers_s: list[float] = field(default_factory=list)
+    cancels_s: list[float] = field(default_factory=list)
+    motions_s: list[float] = field(default_factory=list)
+    stamps_s: list[float] = field(default_factory=list)
+    goals: int = 0
+    failed: int = 0
+
+
+class Client:
+    """A client of the arm, which also listens to /joint_states."""
+
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, figures: Figures) -> None:
+        self._executor = executor
+        self._figures = figures
+        self._arm = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
+        self._position: list[float] = []
+        self._waiting_since_s: float | None = None
+        self._start: list[float] = []
+        self.recording = False
+        node.create_subscription(JointState, "/joint_states", self._on_state, 100)
+        assert self._arm.wait_for_server(PATIENCE_S)
+
+    def spin(self, seconds: float) -> None:
+        """Serve callbacks for so long."""
+        end_s = time.perf_counter() + seconds
+        while (left_s := end_s - time.perf_counter()) > 0.0:
+            self._executor.spin_once(timeout_sec=left_s)
+
+    def go(self, position: Sequence[float], seconds: float, cancel_after_s: float | None) -> None:
+        """One goal to its end; cancelled on its way where ``cancel_after_s`` says so."""
+        goal = FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = JOINTS
+        point = JointTrajectoryPoint(positions=list(position))
+        point.time_from_start.sec, point.time_from_start.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
+        goal.trajectory.points = [point]
+        self.spin(random.uniform(0.0, PERIOD_S))  # at any point of the cycle
+        sent_s = self._waiting_since_s = time.perf_counter()
+        self._start = self._position
+        handle = self._wait(self._arm.send_goal_async(goal))
+        self._figures.answers_s.append(time.perf_counter() - sent_s)
+        self._figures.goals += 1
+        result = handle.get_result_async()
+        if cancel_after_s is not None:
+            self.spin(cancel_after_s)
+            asked_s = time.perf_counter()
+            self._wait(handle.cancel_goal_async())
+            self._figures.cancels_s.append(time.perf_counter() - asked_s)
+        wanted = 0 if handle.accepted else -1
+        self._figures.failed += self._wait(result).result.error_code != wanted
+        self._waiting_since_s = None
+
+    def _wait(self, future: Future) -> Any:
+        self._executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
+        assert future.done(), "the stack does not answer"
+        return future.result()
+
+    def _on_state(self, message: JointState) -> None:
+        if self.recording:
+            self._figures.stamps_s.append(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
+        self._position = list(message.position)
+        moved = any(abs(a - b) > MOVED_RAD for a, b in zip(self._start, self._position, strict=False))
+        if moved and self._waiting_since_s is not None:
+            self._figures.motions_s.append(time.perf_counter() - self._waiting_since_s)
+            self._waiting_since_s = None
+
+
+@contextmanager
+def stack() -> Iterator[psutil.Process]:
+    """``servoloop up`` on the mock, ready for goals, in a ROS domain of its own."""
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        os.environ |= {"ROS_DOMAIN_ID": str(random.randint(1, 100)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        ready, log = Path(folder) / "ready", Path(folder) / "log"
+        command = [sys.executable, "-m", "servoloop", "up", "--hardware", "mock", "--ready-file", str(ready)]
+        with log.open("wb") as out:
+            process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+        try:
+            while not ready.exists():
+                assert process.poll() is None, log.read_text()
+                time.sleep(0.05)
+            yield psutil.Process(process.pid)
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def measure(idle_s: float, goals_s: float) -> Figures:
+    """Run it all."""
+    figures = Figures()
+    with stack() as process, client_session("bench_ros") as (node, executor):
+        client = Client(node, executor, figures)
+        client.spin(SETTLE_S)
+        figures.cpu_share = _cpu_share(process, lambda: client.spin(idle_s))
+        client.recording = True
+        figures.busy_cpu_share = _cpu_share(process, lambda: _goals(client, goals_s))
+        figures.memory_mb = process.memory_info().rss / 1e6
+    return figures
+
+
+def _cpu_share(process: psutil.Process, during: Any) -> float:
+    before, begin_s = process.cpu_times(), time.perf_counter()
+    during()
+    after, end_s = process.cpu_times(), time.perf_counter()
+    return float(after.user + after.system - before.user - before.system) / (end_s - begin_s)
+
+
+def _goals(client: Client, seconds: float) -> None:
+    end_s = time.perf_counter() + seconds
+    count = 0
+    while time.perf_counter() < end_s:
+        count += 1
+        target = HERE if count % 2 else THERE
+        client.go(target, 2.5, cancel_after_s=random.uniform(0.2, 0.8) if count % 3 == 0 else None)
+
+
+def _quantiles(values: Sequence[float], scale: float, shares: Sequence[float]) -> str:
+    ordered = sorted(values)
+    found = [ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in shares] + ordered[-1:]
+    return " / ".join(f"{value * scale:.3g}" for value in found) if ordered else "-"
+
+
+def show(console: Console, figures: Figures) -> None:
+    """One table."""
+    periods = [b - a for a, b in zip(figures.stamps_s, figures.stamps_s[1:], strict=False)]
+    middle_s = statistics.median(periods)
+    deviations = [abs(period - middle_s) for period in periods]
+    rows = {
+        "CPU, % of a core": f"{figures.cpu_share * 100:.1f} at rest, {figures.busy_cpu_share * 100:.1f} with goals",
+        "memory, MB": f"{figures.memory_mb:.0f}",
+        "goal to answer, ms": _quantiles(figures.answers_s, 1e3, (0.5, 0.99)),
+        "cancel to answer, ms": _quantiles(figures.cancels_s, 1e3, (0.5, 0.99)),
+        "goal to first motion, ms": _quantiles(figures.motions_s, 1e3, (0.5, 0.99)),
+        "period's deviation, us": _quantiles(deviations, 1e6, (0.5, 0.99, 0.999)),
+    }
+    table = Table("p50 / p99 (/ p99.9) / largest", "servoloop", "ros2_control, recorded", title="ROS 2 surface")
+    for name, value in rows.items():
+        table.add_row(name, value, UPSTREAM.get(name, "-"))
+    console.print(table)
+    console.print(
+        f"{figures.goals} goals, {figures.failed} failed; {len(periods) + 1} joint states, "
+        f"median period {middle_s * 1e3:.3f} ms"
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seconds", type=float, default=600.0, help="how long goals run")
+    parser.add_argument("--idle", type=float, default=30.0, help="how long the stack is watched at rest")
+    arguments = parser.parse_args()
+    random.seed(1)
+    show(Console(width=130), measure(arguments.idle, arguments.seconds))
+
+
+if __name__ == "__main__":
+    main()
