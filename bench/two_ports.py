@@ -108,7 +108,7 @@ def run(devices: Mapping[str, str], make: type[FeetechBus], cycles: int) -> Figu
     hardware = TimedHardware("twelve", JOINTS, open_buses, clock)
     hardware.reads_s = []
     limits = {joint.name: joint.limits for joint in JOINTS}
-    loop = ControlLoop(hardware, ControllerManager(hardware.joints), limits, clock, PERIOD_S)
+    loop = ControlLoop(hardware, ControllerManager(hardware.command_interfaces), limits, clock, PERIOD_S)
     hardware.configure()
     try:
         loop.activate()

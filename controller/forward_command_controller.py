@@ -1,42 +1,27 @@
-"""forward_command_controller/ForwardCommandController: the newest message is the command."""
+"""forward_command_controller/ForwardCommandController and upstream's groups: the newest message is the command."""
 
 import logging
-from collections import deque
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
-from controller.interface import Surroundings, indices, limits_of
+from controller.forward_commands import ForwardParameters, Inbox
+from controller.interface import Controller, Surroundings, indices, limits_of
 from controller.parameters import Parameters
+from controller.rate_command_controller import RateCommandController
+from controller.settling import Settling
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
-ARRIVED_SHARE = 0.02
-"""Share of a joint's range within which it has arrived."""
-STILL_SHARE = 0.03
-"""Share of a joint's velocity limit below which it stands still."""
-STILL_S = 0.1
-"""So long it must stand still short of its goal to count as stalled (fingers on an object)."""
-
-
-class ForwardParameters(Parameters):
-    """Of a forward command controller."""
-
-    joints: tuple[str, ...] = Field(min_length=1)
-    interface_name: Literal["position"]
-
-    def claims(self) -> tuple[str, ...]:
-        return tuple(f"{joint}/{self.interface_name}" for joint in self.joints)
-
 
 class ForwardCommandController:
-    """Holds the measured position until the first command comes; then repeats the last one."""
+    """Positions: holds the commanded position until the first message comes; then repeats the last one."""
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
     parameters_type: ClassVar[type[Parameters]] = ForwardParameters
+    settable: ClassVar[frozenset[str]] = RateCommandController.settable
 
     def __init__(
         self,
@@ -44,6 +29,7 @@ class ForwardCommandController:
         joints: Sequence[str],
         limits: Sequence[JointLimits],
         hardware_joints: Sequence[str],
+        strict: bool = False,
     ) -> None:
         self.name = name
         self.parameters = Parameters()
@@ -51,66 +37,91 @@ class ForwardCommandController:
         self.command_interfaces = tuple(f"{joint}/position" for joint in joints)
         self.state_interfaces = tuple(f"{joint}/{name}" for joint in joints for name in ("position", "velocity"))
         self.command: FloatArray = np.full(len(joints), np.nan)
-        self._index = indices(joints, hardware_joints)
-        self._range = np.array([limit.upper - limit.lower for limit in limits])
         self._lower = np.array([limit.lower for limit in limits])
         self._upper = np.array([limit.upper for limit in limits])
-        self._velocity = np.array([limit.velocity for limit in limits])
-        self._inbox: deque[FloatArray] = deque(maxlen=1)
-        self._still_s = 0.0
-        self._settled = True
+        self._inbox = Inbox(joints, strict)
+        self._settling = Settling(limits, indices(joints, hardware_joints))
 
     @classmethod
-    def build(cls, name: str, parameters: ForwardParameters, surroundings: Surroundings) -> "ForwardCommandController":
+    def build(cls, name: str, parameters: ForwardParameters, surroundings: Surroundings) -> Controller:
         """As the controllers file wants it."""
+        if parameters.interface_name != "position":
+            return RateCommandController.build_as(cls.kind, name, parameters, surroundings)
         limits = limits_of(parameters.joints, surroundings.limits)
-        made = cls(name, parameters.joints, limits, surroundings.component.joints)
+        joints = surroundings.component.joints
+        made = cls(name, parameters.joints, limits, joints, parameters.deactivate_on_wrong_length)
         made.parameters = parameters
         return made
 
+    def reconfigure(self, parameters: ForwardParameters) -> None:
+        """Raises ValueError: what can be set is not for positions."""
+        raise ValueError("a position is held: command_timeout is for velocities and efforts")
+
     def submit(self, values: Sequence[float]) -> str | None:
         """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""
-        if not values:
-            return None
-        if len(values) != len(self.joints):
-            return f"command size ({len(values)}) does not match number of interfaces ({len(self.joints)}): dropped"
-        if not np.isfinite(values).all():
-            return "Non-finite value received. Dropping message"
-        self._inbox.append(np.array(values, dtype=np.float64))
-        return None
+        return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._inbox.clear()
         self.command = command.copy()
-        self._settled = True
+        self._settling.settled = True
 
     def deactivate(self) -> None:
         self._inbox.clear()
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
-        changed = False
-        if self._inbox:
-            wanted = self._inbox.popleft()
-            clipped = np.clip(wanted, self._lower, self._upper)
-            if (clipped != wanted).any():
-                LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
-            changed = bool((clipped != self.command).any())
-            if changed:
-                self._settled, self._still_s = False, 0.0
-            self.command = clipped
-        if not self._settled:
-            # A state that is older than the command says nothing of a stall.
-            self._settled = self._arrived(state) or (not changed and self._stalled(state, period_s))
+        wanted = self._inbox.take()
+        if wanted is not None:
+            self._go(wanted)
+        self._settling.look(self.command, state, period_s)
 
     def settled(self) -> bool:
-        return self._settled and not self._inbox
+        return self._settling.settled and not self._inbox
 
-    def _arrived(self, state: JointState) -> bool:
-        error = np.abs(state.position[self._index] - self.command)
-        return bool((error <= ARRIVED_SHARE * self._range).all())
+    def _go(self, wanted: FloatArray) -> None:
+        clipped = np.clip(wanted, self._lower, self._upper)
+        if (clipped != wanted).any():
+            LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
+        if (clipped != self.command).any():
+            self._settling.told()
+        self.command = clipped
 
-    def _stalled(self, state: JointState, period_s: float) -> bool:
-        slow = np.abs(state.velocity[self._index]) <= STILL_SHARE * self._velocity
-        self._still_s = self._still_s + period_s if bool(slow.all()) else 0.0
-        # The first cycles after a command are still because nothing has begun to move yet.
-        return self._still_s > STILL_S
+
+class PositionGroupParameters(ForwardParameters):
+    """The interface goes without saying."""
+
+    interface_name: Literal["position"] = "position"
+
+
+class JointGroupPositionController(ForwardCommandController):
+    """Upstream's name for a forward command controller of positions."""
+
+    kind: ClassVar[str] = "position_controllers/JointGroupPositionController"
+    parameters_type: ClassVar[type[Parameters]] = PositionGroupParameters
+    settable: ClassVar[frozenset[str]] = frozenset()
+
+
+class VelocityGroupParameters(ForwardParameters):
+    """The interface goes without saying."""
+
+    interface_name: Literal["velocity"] = "velocity"
+
+
+class JointGroupVelocityController(ForwardCommandController):
+    """Upstream's name for a forward command controller of velocities."""
+
+    kind: ClassVar[str] = "velocity_controllers/JointGroupVelocityController"
+    parameters_type: ClassVar[type[Parameters]] = VelocityGroupParameters
+
+
+class EffortGroupParameters(ForwardParameters):
+    """The interface goes without saying."""
+
+    interface_name: Literal["effort"] = "effort"
+
+
+class JointGroupEffortController(ForwardCommandController):
+    """Upstream's name for a forward command controller of efforts."""
+
+    kind: ClassVar[str] = "effort_controllers/JointGroupEffortController"
+    parameters_type: ClassVar[type[Parameters]] = EffortGroupParameters

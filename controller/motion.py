@@ -3,16 +3,20 @@
 Units: rad (m for a prismatic joint) and seconds; arrays have shape (n,).
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Trajectory
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from hal.types import FloatArray, JointLimits
 
 _ROUNDING = 1e-6
 """Of positions (rad, m) and times (s)."""
+STRETCHED_S = 1e-3
+"""So much longer than asked is said."""
 
 
 class MotionError(Exception):
@@ -33,6 +37,26 @@ class Kinematics:
         return cls(position.copy(), np.zeros_like(position), np.zeros_like(position))
 
 
+class Path(Protocol):
+    """Where the joints are when. It can be sampled from any thread."""
+
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def asked_s(self) -> float:
+        """The duration that was asked for; it takes longer where the limits forbid it."""
+        ...
+
+    def sample(self, time_s: float) -> Kinematics:
+        """``time_s`` after the start; before it the start, after the end the end at rest."""
+        ...
+
+
+def stretched(path: Path) -> bool:
+    """Whether the limits made it longer than asked."""
+    return path.duration_s > path.asked_s + STRETCHED_S
+
+
 @dataclass(frozen=True, slots=True)
 class WayPoint:
     """Pass through ``state`` ``time_s`` after the motion's start, or later where limits forbid it."""
@@ -43,7 +67,7 @@ class WayPoint:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One ruckig trajectory and when it begins, in seconds after the motion's start."""
+    """One ruckig trajectory and when it begins, in seconds."""
 
     trajectory: Trajectory
     start_s: float
@@ -51,28 +75,29 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Segments end to end. Before its start it gives the start, after its end the end at rest."""
+    """A first segment, and segments end to end behind it: a path."""
 
-    segments: tuple[Segment, ...]
-    duration_s: float
+    first: Trajectory
     asked_s: float
-    """The duration that was asked for; the motion takes longer where the limits forbid it."""
+    others: tuple[Segment, ...] = ()
+    """They begin ``others_from_s`` after what they say: so they can be shared by motions that begin elsewhere."""
+    others_from_s: float = 0.0
 
     @property
-    def stretched(self) -> bool:
-        """Whether the limits made it longer than asked."""
-        return self.duration_s > self.asked_s + 1e-3
+    def duration_s(self) -> float:
+        """Until the last segment's end."""
+        if not self.others:
+            return float(self.first.duration)
+        return self.others_from_s + self.others[-1].start_s + float(self.others[-1].trajectory.duration)
 
     def sample(self, time_s: float) -> Kinematics:
         """Where the joints are ``time_s`` after the start."""
-        time_s = max(0.0, time_s)
-        segment = self.segments[0]
-        for later in self.segments[1:]:
-            if time_s < later.start_s:
-                break
-            segment = later
-        at_s = min(time_s - segment.start_s, segment.trajectory.duration)
-        position, velocity, acceleration = segment.trajectory.at_time(at_s)
+        trajectory, at_s = self.first, max(0.0, time_s)
+        if self.others and at_s >= self.first.duration:
+            at_s -= self.others_from_s
+            index = max(bisect_right(self.others, at_s, key=lambda segment: segment.start_s) - 1, 0)
+            trajectory, at_s = self.others[index].trajectory, at_s - self.others[index].start_s
+        position, velocity, acceleration = trajectory.at_time(min(max(at_s, 0.0), trajectory.duration))
         if time_s > self.duration_s:
             return Kinematics.at_rest(np.array(position))
         return Kinematics(np.array(position), np.array(velocity), np.array(acceleration))
@@ -80,29 +105,46 @@ class Motion:
 
 def plan(start: Kinematics, points: Sequence[WayPoint], limits: Sequence[JointLimits]) -> Motion:
     """From ``start`` through every point, segment by segment. Raises MotionError."""
-    segments: list[Segment] = []
-    elapsed_s, asked_before_s = 0.0, 0.0
+    trajectories: list[Trajectory] = []
+    before_s = 0.0
     for point in points:
-        span_s = max(point.time_s - asked_before_s, 0.0)
-        trajectory = _segment(start, point.state, limits, span_s)
+        trajectories.append(segment(start, point.state, limits, max(point.time_s - before_s, 0.0)))
+        before_s, start = point.time_s, point.state
+    asked_s = max(points[-1].time_s, 0.0)
+    return Motion(trajectories[0], asked_s, end_to_end(trajectories[1:]), trajectories[0].duration)
+
+
+def end_to_end(trajectories: Sequence[Trajectory]) -> tuple[Segment, ...]:
+    """One after the other, the first at 0."""
+    elapsed_s, segments = 0.0, list[Segment]()
+    for trajectory in trajectories:
         segments.append(Segment(trajectory, elapsed_s))
         elapsed_s += trajectory.duration
-        asked_before_s = point.time_s
-        start = point.state
-    return Motion(tuple(segments), elapsed_s, max(points[-1].time_s, 0.0))
+    return tuple(segments)
 
 
 def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
-    """Come to rest as soon as acceleration and jerk allow, wherever that is."""
+    """Come to rest as soon as acceleration and jerk allow, each joint wherever that is. Raises MotionError."""
     task = _task(start, limits)
+    task.synchronization = Synchronization.No  # a joint that waited for the others would go further
     task.control_interface = ControlInterface.Velocity
     task.target_velocity = [0.0] * len(limits)
     task.target_acceleration = [0.0] * len(limits)
     trajectory = _calculate(task, len(limits))
-    return Motion((Segment(trajectory, 0.0),), trajectory.duration, trajectory.duration)
+    return Motion(trajectory, trajectory.duration)
 
 
-def _segment(start: Kinematics, end: Kinematics, limits: Sequence[JointLimits], span_s: float) -> Trajectory:
+def segment(
+    start: Kinematics,
+    end: Kinematics,
+    limits: Sequence[JointLimits],
+    span_s: float,
+    names: Sequence[str] = (),
+) -> Trajectory:
+    """From one state to the other in ``span_s`` or, where that is too short, as fast as the limits allow.
+
+    Raises MotionError, calling the joints by ``names`` where there are some.
+    """
     task = _task(start, limits)
     task.target_position = list(end.position)
     task.target_velocity = list(end.velocity)
@@ -110,18 +152,24 @@ def _segment(start: Kinematics, end: Kinematics, limits: Sequence[JointLimits], 
     if span_s > _ROUNDING:
         task.minimum_duration = span_s
     trajectory = _calculate(task, len(limits))
-    _check_positions(trajectory, limits)
+    _check_positions(trajectory, start.position, limits, names)
     return trajectory
 
 
-def _check_positions(trajectory: Trajectory, limits: Sequence[JointLimits]) -> None:
-    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it."""
-    for number, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True), start=1):
+def _check_positions(
+    trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
+) -> None:
+    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it.
+
+    A joint that stands outside may come back in.
+    """
+    for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
+        lower, upper = min(limit.lower, start[index]), max(limit.upper, start[index])
         for reached in (swing.min, swing.max):
-            if not limit.lower - _ROUNDING <= reached <= limit.upper + _ROUNDING:
+            if not lower - _ROUNDING <= reached <= upper + _ROUNDING:
                 raise MotionError(
-                    f"joint {number} would swing to {reached:.4f}, outside its limits "
-                    f"{limit.lower:.4f} to {limit.upper:.4f}"
+                    f"{names[index] if names else f'joint {index + 1}'} would swing to {reached:.4f}, outside its "
+                    f"limits {limit.lower:.4f} to {limit.upper:.4f}: pass the points near it slower"
                 )
 
 

@@ -5,7 +5,11 @@ HalError
 ├── RobotFileError     the robot file
 ├── LifecycleError     a call that this state does not allow
 └── ActivationError    torque may not go on now
+
+PartLost is a PortLost of the drivers: one of several lines is gone.
 """
+
+from drivers.errors import PortLost
 
 
 class HalError(Exception):
@@ -26,3 +30,7 @@ class LifecycleError(HalError):
 
 class ActivationError(HalError):
     """Torque may not go on now."""
+
+
+class PartLost(PortLost):
+    """A line is gone and the others have been told what they were to be told."""

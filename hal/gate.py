@@ -1,9 +1,11 @@
 """The safety gate: the last word before the hardware. It does not trust the controllers.
 
-Pure: command in, command out. What comes out is finite, within the position limits, and no further
-from the last output than the joint may travel in one period.
+Pure: command in, command out. What comes out is finite and within the limits. A position is no further from
+the last one than the joint may travel in one period. A velocity changes no faster than the joint may accelerate, and
+no joint is driven faster towards the end of its range than it can brake before it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,38 +16,75 @@ from hal.types import FloatArray, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Gated:
-    """``position`` of shape (n,), safe; ``reasons`` says for each changed joint index why."""
+    """``values`` of shape (m,), safe; ``reasons`` says for each changed index why."""
 
-    position: FloatArray
+    values: FloatArray
     reasons: dict[int, str]
 
 
 class SafetyGate:
-    """Limits for n joints, in joint order (rad, m, and per second)."""
+    """Limits for m command interfaces, in their order (rad, m, N m, N, and per second)."""
 
-    def __init__(self, limits: Sequence[JointLimits]) -> None:
-        self._lower = np.array([limit.lower for limit in limits])
-        self._upper = np.array([limit.upper for limit in limits])
-        self._velocity = np.array([limit.velocity for limit in limits])
+    def __init__(self, limits: Sequence[JointLimits], kinds: Sequence[str] | None = None) -> None:
+        """``limits`` of each interface's joint; ``kinds``: position (unless said), velocity or effort."""
+        kinds = kinds or ["position"] * len(limits)
+        bounds = [_bounds(kind, limit) for kind, limit in zip(kinds, limits, strict=True)]
+        self._lower, self._upper, self._rate = (np.array([bound[i] for bound in bounds]) for i in range(3))
+        self._held = np.array([kind == "position" for kind in kinds], dtype=bool)
+        self._speeds = [i for i, kind in enumerate(kinds) if kind == "velocity"]
+        self._ends = np.array([(limits[i].lower, limits[i].upper) for i in self._speeds]).reshape(-1, 2)
 
-    def limit(self, wanted: FloatArray, last: FloatArray, period_s: float) -> Gated:
-        """``wanted`` made safe; ``last`` is what the gate let through before (shape (n,))."""
-        finite = np.where(np.isfinite(wanted), wanted, last)
+    def limit(self, wanted: FloatArray, last: FloatArray, period_s: float, measured: FloatArray | None = None) -> Gated:
+        """``wanted`` made safe; ``last`` is what the gate let through before (shape (m,)).
+
+        ``measured``: the position of each interface's joint (shape (m,); NaN where it is unknown).
+        """
+        finite = np.where(np.isfinite(wanted), wanted, np.where(self._held, last, 0.0))
         inside = np.clip(finite, self._lower, self._upper)
-        reach = self._velocity * period_s
+        if self._speeds and measured is not None:
+            inside[self._speeds] = self._braked(inside, period_s, measured[self._speeds])
+        reach = self._rate * period_s
         safe = np.clip(inside, last - reach, last + reach)
         # A command that follows the limit exactly differs from it by rounding only.
         if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:  # NaN is not smaller either
             return Gated(safe, self._reasons(wanted, inside, safe))
         return Gated(safe, {})
 
+    def _braked(self, wanted: FloatArray, period_s: float, measured: FloatArray) -> FloatArray:
+        """The velocities at which, one period later, there is still enough of the joint's range to brake in."""
+        rate = self._rate[self._speeds]
+        room = np.stack([measured - self._ends[:, 0], self._ends[:, 1] - measured])
+        down, up = _brakable(np.maximum(room, 0.0), rate, period_s)
+        speeds: FloatArray = np.where(
+            np.isnan(measured), wanted[self._speeds], np.clip(wanted[self._speeds], -down, up)
+        )
+        return speeds
+
     def _reasons(self, wanted: FloatArray, inside: FloatArray, safe: FloatArray) -> dict[int, str]:
         reasons: dict[int, str] = {}
         for i, value in enumerate(wanted):
             if not np.isfinite(value):
-                reasons[i] = f"the command is {value}: holding"
+                reasons[i] = f"the command is {value}: {'holding' if self._held[i] else 'stopping'}"
+            elif abs(inside[i] - value) > 1e-9 and self._lower[i] <= value <= self._upper[i]:
+                reasons[i] = f"{value:.4f} is too fast so near to the end of the joint's range: going at {safe[i]:.4f}"
             elif abs(inside[i] - value) > 1e-9:
                 reasons[i] = f"{value:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}"
             elif not abs(safe[i] - value) <= 1e-9:
                 reasons[i] = f"{value:.4f} is too far for one period: going to {safe[i]:.4f}"
         return reasons
+
+
+def _bounds(kind: str, limit: JointLimits) -> tuple[float, float, float]:
+    """Lowest, highest, and how far it may go in one second."""
+    if kind == "position":
+        return limit.lower, limit.upper, limit.velocity
+    if kind == "velocity":
+        return -limit.velocity, limit.velocity, limit.acceleration
+    return -limit.effort, limit.effort, math.inf
+
+
+def _brakable(room: FloatArray, rate: FloatArray, period_s: float) -> FloatArray:
+    """The v of which one period and then braking take just ``room``: v * period_s + v² / (2 * rate)."""
+    finite = np.where(np.isinf(room), 0.0, room)
+    speed = 2.0 * finite / (period_s + np.sqrt(period_s**2 + 2.0 * finite / rate))  # also for a rate without bound
+    return np.where(np.isinf(room), np.inf, speed)

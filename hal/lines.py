@@ -9,6 +9,7 @@ from drivers.counters import ServoCounters
 from drivers.diagnose import NOWHERE, diagnose
 from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.turns import Steps, overlapped
+from hal.errors import PartLost
 from hal.joint import Joint
 
 ATTEMPTS = 3
@@ -82,7 +83,7 @@ class Lines:
             except PortError as error:
                 lost.append(error)
         if lost:
-            raise lost[0]
+            raise lost[0] if len(lost) == len(self._buses) else PartLost(str(lost[0]))
 
     def goal(self, joint: Joint) -> int:
         """The goal that the servo holds, in counts."""

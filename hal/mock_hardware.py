@@ -1,29 +1,81 @@
-"""What mock_components/GenericSystem does: the position is the command."""
+"""What mock_components/GenericSystem does: the state is the command."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drivers.clock import Clock
+from hal.description import Component
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import JointCommand, JointState
+
+KINDS = ("position", "velocity", "effort")
 
 
 class MockHardware:
     """Joints that are at once where they are told to be.
 
-    ``calculate_dynamics`` is GenericSystem's parameter: the velocity is the difference quotient of
-    the commands; without it the velocity stays 0.
+    A command is mirrored into the joint's state of the same name. ``calculate_dynamics`` is GenericSystem's
+    parameter: with it the velocity is the difference quotient of the position commands, and a velocity command
+    moves the joint; without it each state follows its own command only. ``disable_commands`` freezes all states.
     """
 
-    def __init__(self, name: str, joints: Sequence[str], clock: Clock, calculate_dynamics: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        joints: Sequence[str],
+        clock: Clock,
+        calculate_dynamics: bool = False,
+        command_interfaces: Sequence[str] | None = None,
+    ) -> None:
+        """``command_interfaces`` are by default the positions of all joints."""
         self.name = name
         self.joints = tuple(joints)
+        positions = [f"{joint}/position" for joint in joints]
+        self.command_interfaces = tuple(positions if command_interfaces is None else command_interfaces)
         self.state = LifecycleState.UNCONFIGURED
         self._clock = clock
         self._calculate_dynamics = calculate_dynamics
+        self._disable_commands = False
         self._position = np.zeros(len(self.joints))
         self._velocity = np.zeros(len(self.joints))
+        self._effort = np.full(len(self.joints), np.nan)
+        self._extra: dict[str, float] = {}
+        self._joints_of = {kind: self._commanded(kind) for kind in KINDS}
+
+    @classmethod
+    def of(cls, component: Component, clock: Clock) -> "MockHardware":
+        """As the ``<ros2_control>`` block says."""
+        made = cls(
+            component.name,
+            component.joints,
+            clock,
+            component.flag("calculate_dynamics"),
+            component.commands,
+        )
+        made._disable_commands = component.flag("disable_commands")
+        made._begin(component.state_interfaces, component.initial_values)
+        return made
+
+    def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
+        """Where it begins: a position at 0 and everything else unknown, as upstream, where nothing is said."""
+        arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
+        for index, joint in enumerate(self.joints):
+            for kind in states.get(joint, ()):
+                value = initial.get(f"{joint}/{kind}")
+                if kind not in arrays:
+                    self._extra[f"{joint}/{kind}"] = np.nan if value is None else value
+                elif value is not None:
+                    arrays[kind][index] = value
+
+    def _commanded(self, kind: str) -> tuple[list[int], list[int]]:
+        """The joints with a command of this kind, and where in a command theirs stand."""
+        pairs = [
+            (self.joints.index(joint), place)
+            for place, (joint, _, own) in enumerate(name.rpartition("/") for name in self.command_interfaces)
+            if own == kind
+        ]
+        return [joint for joint, _ in pairs], [place for _, place in pairs]
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
@@ -43,11 +95,30 @@ class MockHardware:
 
     def read(self) -> JointState:
         require_configured(self.state, "read")
-        unknown = np.full(len(self.joints), np.nan)
-        return JointState(self._clock.now(), self._position.copy(), self._velocity.copy(), unknown)
+        return JointState(
+            self._clock.now(),
+            self._position.copy(),
+            self._velocity.copy(),
+            self._effort.copy(),
+            extra=self._extra,
+        )
 
     def write(self, command: JointCommand) -> None:
         require(self.state, LifecycleState.ACTIVE, "write")
+        if self._disable_commands:
+            return
+        before = self._position.copy()
+        for kind, array in (("velocity", self._velocity), ("effort", self._effort)):
+            joints, places = self._joints_of[kind]
+            array[joints] = command.values[places]
+        self._move(command)
         if self._calculate_dynamics:
-            self._velocity = (command.position - self._position) / command.period_s
-        self._position = command.position.copy()
+            self._velocity = (self._position - before) / command.period_s
+
+    def _move(self, command: JointCommand) -> None:
+        """Where there is a position command, it counts; else, with dynamics, the velocity moves the joint."""
+        if self._calculate_dynamics:
+            driven, places = self._joints_of["velocity"]
+            self._position[driven] += command.values[places] * command.period_s
+        joints, places = self._joints_of["position"]
+        self._position[joints] = command.values[places]

@@ -208,6 +208,7 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     extra = [name for name in file.joints if name not in component.joints]
     problems = [f"the URDF commands {name}, for which the robot file has no servo" for name in missing]
     problems += [f"the robot file has a servo for {name}, which the URDF does not command" for name in extra]
+    problems += [problem for name in component.joints for problem in _not_position_only(name, component)]
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
@@ -217,6 +218,17 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     if problems:
         raise RobotFileError("\n".join(problems))
     return Robot(tuple(joints), file)
+
+
+def _not_position_only(name: str, component: Component) -> list[str]:
+    commands = component.command_interfaces[name]
+    if not commands:
+        return [f"{name} has no command interface and mimics no joint: its servo needs one, position"]
+    return [
+        f"the URDF asks for {name}/{command} commands, and servos take positions only: use a controller of positions"
+        for command in commands
+        if command != "position"
+    ]
 
 
 def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
@@ -255,7 +267,7 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         name=name,
         servo_id=file.servo_id,
         model=model,
-        limits=JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk),
+        limits=JointLimits(urdf.lower, urdf.upper, urdf.velocity, file.acceleration, file.jerk, urdf.effort),
         sign=file.sign,
         zero_counts=(model.last_count + 1) // 2 if file.zero_counts is None else file.zero_counts,
         transmission=file.metres_per_radian or 1.0,

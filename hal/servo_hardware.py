@@ -47,6 +47,7 @@ class ServoHardware:
         """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
+        self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
         self.interpolate = True
         self._joints = tuple(joints)
@@ -132,7 +133,10 @@ class ServoHardware:
                 velocity[index] = reading.velocity_counts_s * joint.units_per_count
                 effort[index] = reading.load * joint.full_effort * joint.sign
                 account = lines.counters(joint)
-                health[joint.name] = ServoHealth(reading.voltage_v, reading.temperature_c, reading.alarms, account)
+                load = reading.load * joint.sign
+                health[joint.name] = ServoHealth(
+                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load
+                )
         self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last
 
@@ -141,14 +145,15 @@ class ServoHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
-        for joint, position in zip(self._joints, command.position, strict=True):
+        for joint, position in zip(self._joints, command.values, strict=True):
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
             held = self._goals[joint.name]
             # A joint that began outside its limits has a goal there, and must not leap back in.
             counts = min(max(joint.counts(float(position)), held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
-        self._opened("write").write_goals(goals)
+        # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
         self._goals = {name: goal.position_counts for name, goal in goals.items()}
+        self._opened("write").write_goals(goals)
 
     def _speed(self, joint: Joint, counts: int, reach: int) -> int:
         """Counts/s. ``reach``: counts that the joint may go in one period.

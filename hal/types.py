@@ -1,5 +1,6 @@
 """What the layers say to each other: joints in SI units, arrays in joint order."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -20,6 +21,8 @@ class JointLimits:
     velocity: float
     acceleration: float
     jerk: float
+    effort: float = math.inf
+    """N m, or N for a prismatic joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,8 @@ class ServoHealth:
     alarms: tuple[str, ...] = ()
     counters: ServoCounters | None = None
     """What went wrong with it on the wire so far: the bus's own account, which goes on counting."""
+    load: float = math.nan
+    """Drive as a share of full drive, -1 to 1, in the joint's direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +54,17 @@ class JointState:
     """Joint name → what is wrong with it, naming the servo. Empty when all is well."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
     """Joint name → health, where there is a servo to ask."""
+    extra: Mapping[str, float] = field(default_factory=dict)
+    """State interfaces beyond the three, by their full name (``joint1/acceleration``)."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """Where the joints shall be one period from now: ``position`` of shape (n,), rad or m."""
+    """What the joints shall do in the coming period.
 
-    position: FloatArray
+    ``values`` of shape (m,), in the order of the hardware's ``command_interfaces``: positions (rad, m) for the
+    period's end, velocities (rad/s, m/s), efforts (N m, N).
+    """
+
+    values: FloatArray
     period_s: float

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 from geometry_msgs.msg import TransformStamped
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from controller.goal import GoalPoint, Tolerances, TrajectoryGoal
+from controller.goal import ERASE, GoalPoint, Tolerances, TrajectoryGoal
 from controller.motion import Kinematics
 from hal.types import FloatArray
 
@@ -29,14 +30,27 @@ def time_message(stamp_s: float) -> Time:
 def trajectory_goal(goal: FollowJointTrajectory.Goal, now_s: float) -> TrajectoryGoal:
     """An action goal; ``now_s`` is ROS time, against which its stamp counts."""
     tolerances = Tolerances(
-        path={t.name: t.position for t in goal.path_tolerance},
-        goal={t.name: t.position for t in goal.goal_tolerance},
+        path={t.name: _tolerance(t) for t in goal.path_tolerance},
+        goal={t.name: _tolerance(t) for t in goal.goal_tolerance},
         goal_time_s=seconds(goal.goal_time_tolerance),
     )
-    return _trajectory(goal.trajectory, tolerances, now_s)
+    return trajectory_of(goal.trajectory, now_s, tolerances)
 
 
-def _trajectory(message: JointTrajectory, tolerances: Tolerances, now_s: float) -> TrajectoryGoal:
+def _tolerance(message: JointTolerance) -> float:
+    """The position's. Those of velocity and acceleration have no effect on position commands, but if they
+    make no sense, then as upstream the whole tolerance makes none."""
+    others = (message.velocity, message.acceleration)
+    return next((float(other) for other in others if other < 0.0 and other != ERASE), float(message.position))
+
+
+NO_TOLERANCES = Tolerances()
+
+
+def trajectory_of(
+    message: JointTrajectory, now_s: float, tolerances: Tolerances = NO_TOLERANCES, from_topic: bool = False
+) -> TrajectoryGoal:
+    """A trajectory; ``now_s`` is ROS time, against which its stamp counts."""
     stamp_s = seconds(message.header.stamp)
     points = tuple(
         GoalPoint(
@@ -49,7 +63,7 @@ def _trajectory(message: JointTrajectory, tolerances: Tolerances, now_s: float) 
         for point in message.points
     )
     delay_s = stamp_s - now_s if stamp_s else 0.0
-    return TrajectoryGoal(tuple(message.joint_names), points, tolerances, delay_s)
+    return TrajectoryGoal(tuple(message.joint_names), points, tolerances, delay_s, from_topic)
 
 
 def point_message(

@@ -1,19 +1,27 @@
-"""The face of a controller: its ROS node. A kind that has none of its own has a node with nothing but its name."""
+"""The face of a controller: what its kind offers on the controller's ROS node beside parameters."""
 
 from collections.abc import Callable, Mapping
-from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, Final, Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
-from controller.forward_command_controller import ForwardCommandController
+from controller.forward_command_controller import (
+    ForwardCommandController,
+    JointGroupEffortController,
+    JointGroupPositionController,
+    JointGroupVelocityController,
+)
+from controller.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.interface import Controller
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from controller.joint_trajectory_controller import JointTrajectoryController
+from controller.servo_state_broadcaster import ServoStateBroadcaster
 from nodes.forward_node import ForwardNode
+from nodes.gripper_node import ParallelGripperNode, PositionGripperNode
 from nodes.joint_state_node import JointStateNode
+from nodes.servo_state_node import ServoStateNode
 from nodes.trajectory_node import TrajectoryNode
 
 ENTRY_POINTS: Final = "servoloop.faces"
@@ -21,10 +29,11 @@ ENTRY_POINTS: Final = "servoloop.faces"
 
 
 class Face(Protocol):
-    """Lives in the ROS thread, from the controller's configuration to its end."""
+    """Lives in the ROS thread, from the controller's configuration to its cleanup.
 
-    @property
-    def node(self) -> Node: ...
+    Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings) and takes it
+    off the graph, with everything that the face put on it.
+    """
 
     def publish(self, stamp: Time) -> None:
         """A cycle has ended: ``stamp`` is the ROS time of its measurement."""
@@ -32,25 +41,31 @@ class Face(Protocol):
 
 
 class PlainFace:
-    """A node of the controller's name."""
+    """Of a kind that has none of its own."""
 
-    def __init__(self, controller: Controller) -> None:
-        self.node = Node(controller.name)
+    def __init__(self, node: Node, controller: Controller) -> None:
+        self.node = node
 
     def publish(self, stamp: Time) -> None:
         """There is nothing to say."""
 
 
-@cache
-def _makers() -> Mapping[str, Callable[[Any], Face]]:
-    found: dict[str, Callable[[Any], Face]] = {
-        JointTrajectoryController.kind: TrajectoryNode,
-        ForwardCommandController.kind: ForwardNode,
-        JointStateBroadcaster.kind: JointStateNode,
-    }
-    return found | {point.name: point.load() for point in entry_points(group=ENTRY_POINTS)}
+_OURS: Final[Mapping[str, Callable[[Node, Any], Face]]] = {
+    JointTrajectoryController.kind: TrajectoryNode,
+    ForwardCommandController.kind: ForwardNode,
+    JointGroupPositionController.kind: ForwardNode,
+    JointGroupVelocityController.kind: ForwardNode,
+    JointGroupEffortController.kind: ForwardNode,
+    GripperActionController.kind: ParallelGripperNode,
+    PositionGripperActionController.kind: PositionGripperNode,
+    JointStateBroadcaster.kind: JointStateNode,
+    ServoStateBroadcaster.kind: ServoStateNode,
+}
 
 
-def face_of(controller: Controller) -> Face:
-    """Its node, on the graph from now on."""
-    return _makers().get(controller.kind, PlainFace)(controller)
+def face_of(node: Node, controller: Controller) -> Face:
+    """What its kind offers, on ``node`` from now on. Raises what an installed face raises."""
+    installed = entry_points(group=ENTRY_POINTS, name=controller.kind)
+    maker = next((point.load() for point in installed), _OURS.get(controller.kind, PlainFace))
+    face: Face = maker(node, controller)
+    return face

@@ -1,19 +1,31 @@
-"""The forward command controller's face: ``~/commands``."""
+"""The face of the forward command controllers: ``~/commands``."""
+
+from typing import Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray
 
-from controller.forward_command_controller import ForwardCommandController
+# As upstream's: a best effort subscriber hears every publisher, and the next command makes up for a lost one.
+_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class TakesCommands(Protocol):
+    """A forward command controller of whatever interface."""
+
+    def submit(self, values: list[float]) -> str | None:
+        """Returns why the command is dropped, or None."""
+        ...
 
 
 class ForwardNode:
-    """One node named after its controller."""
+    """On the node of its controller."""
 
-    def __init__(self, controller: ForwardCommandController) -> None:
-        self.node = Node(controller.name)
+    def __init__(self, node: Node, controller: TakesCommands) -> None:
+        self.node = node
         self._controller = controller
-        self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, 10)
+        self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, _QOS)
 
     def publish(self, stamp: Time) -> None:
         """It has nothing to say."""

@@ -1,45 +1,46 @@
-"""The hardware component's own node: its parameters, and ``/diagnostics`` once a second."""
+"""The hardware components' own nodes: their parameters, and ``/diagnostics`` once a second."""
+
+from collections.abc import Callable, Iterator
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from hal.lifecycle import LifecycleState
+from hal.member import Member
 from hal.types import JointState
 from nodes.stack import Stack
 
 INTERPOLATION = "servo_interpolation"
 
 
-class HardwareNode:
-    """Named after the ``<ros2_control>`` block. ``see`` runs after each cycle."""
+class HardwareNodes:
+    """One node for each ``<ros2_control>`` block, named after it. ``see`` runs after each cycle."""
 
     def __init__(self, stack: Stack) -> None:
-        self.node = Node(stack.component.name)
+        self.nodes = [Node(component.name) for component in stack.description.components]
         self._stack = stack
         self._state: JointState | None = None
-        self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.node.create_timer(1.0, self._publish)
-        if stack.set_interpolation is not None:
-            self.node.declare_parameter(INTERPOLATION, True)
-            self.node.add_on_set_parameters_callback(self._on_parameters)
+        # The first one speaks for all: they are one process, and its report is one message.
+        self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.nodes[0].create_timer(1.0, self._publish)
+        for node in self.nodes:
+            if switch := stack.set_interpolation.get(node.get_name()):
+                node.declare_parameter(INTERPOLATION, True)
+                node.add_on_set_parameters_callback(_switching(switch))
 
     def see(self, state: JointState) -> None:
         """Keep the newest state for the next report."""
         self._state = state
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name == INTERPOLATION and self._stack.set_interpolation is not None:
-                self._stack.set_interpolation(bool(parameter.value))
-        return SetParametersResult(successful=True)
-
     def _publish(self) -> None:
         message = DiagnosticArray()
-        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.header.stamp = self.nodes[0].get_clock().now().to_msg()
         message.status = [self._loop_status()]
-        if self._state is not None:
-            message.status += [self._servo_status(self._state, joint) for joint in self._stack.servo_ids]
+        for member in self._stack.loop.hardware.members:
+            message.status.append(_component_status(member))
+            message.status += self._servo_statuses(member)
         self._diagnostics.publish(message)
 
     def _loop_status(self) -> DiagnosticStatus:
@@ -60,11 +61,16 @@ class HardwareNode:
             ),
         )
 
-    def _servo_status(self, state: JointState, joint: str) -> DiagnosticStatus:
+    def _servo_statuses(self, member: Member) -> Iterator[DiagnosticStatus]:
+        for joint in member.hardware.joints:
+            if self._state is not None and joint in self._stack.servo_ids:
+                yield self._servo_status(self._state, joint, member.name)
+
+    def _servo_status(self, state: JointState, joint: str, component: str) -> DiagnosticStatus:
         servo_id = self._stack.servo_ids[joint]
         status = DiagnosticStatus(
             name=f"servoloop: {joint} (servo {servo_id})",
-            hardware_id=f"{self._stack.component.name}/{servo_id}",
+            hardware_id=f"{component}/{servo_id}",
             level=DiagnosticStatus.OK,
             message="ok",
         )
@@ -79,6 +85,30 @@ class HardwareNode:
         if joint in state.faults:
             status.level, status.message = DiagnosticStatus.ERROR, state.faults[joint]
         return status
+
+
+def _component_status(member: Member) -> DiagnosticStatus:
+    error = member.error  # the loop's thread may take it away meanwhile
+    active = member.state is LifecycleState.ACTIVE and error is None
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.OK if active else DiagnosticStatus.WARN,
+        name=f"servoloop: {member.name}",
+        message=member.state.name.lower(),
+        hardware_id=member.name,
+    )
+    if error is not None:
+        status.level, status.message = DiagnosticStatus.ERROR, f"lost: {error}. Mend it, then activate it again"
+    return status
+
+
+def _switching(switch: Callable[[bool], None]) -> Callable[[list[Parameter]], SetParametersResult]:
+    def on_parameters(parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == INTERPOLATION:
+                switch(bool(parameter.value))
+        return SetParametersResult(successful=True)
+
+    return on_parameters
 
 
 def _values(**values: object) -> list[KeyValue]:

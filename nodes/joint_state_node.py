@@ -1,34 +1,48 @@
-"""The joint state broadcaster's face: ``/joint_states``."""
+"""The joint state broadcaster's face: ``joint_states`` and ``dynamic_joint_states``."""
+
+from array import array
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 
 from controller.joint_state_broadcaster import JointStateBroadcaster
-
-# Upstream's publisher is transient local: a late subscriber gets the newest state at once.
-_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from hal.types import FloatArray
+from nodes.dynamic_states import LATCHED, DynamicStates
+from nodes.topic import Topic
 
 
 class JointStateNode:
-    """One node named after its controller. ``publish`` runs after each cycle."""
+    """On the node of its controller. ``publish`` runs after each cycle."""
 
-    def __init__(self, controller: JointStateBroadcaster) -> None:
-        self.node = Node(controller.name)
+    def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
+        self.node = node
         self._controller = controller
-        self._publisher = self.node.create_publisher(JointState, "/joint_states", _QOS)
+        parameters = controller.parameters
+        folder = "~/" if parameters.use_local_topics else ""
+        self._topic = Topic(node, JointState, f"{folder}joint_states", LATCHED)
+        self._message = JointState(name=list(controller.names))
+        self._message.header.frame_id = parameters.frame_id
+        self._dynamic: DynamicStates | None = None
+        if parameters.publish_dynamic_joint_states:
+            topic = f"{folder}dynamic_joint_states"
+            self._dynamic = DynamicStates(node, topic, controller, parameters.frame_id)
 
     def publish(self, stamp: Time) -> None:
-        """The newest state, once."""
-        states = self._controller.latest
-        if states is None:
+        """The newest state, once. One message serves all cycles: publishing writes it out at once."""
+        state, states = self._controller.state, self._controller.latest
+        if state is None or states is None:
             return
-        message = JointState()
+        message = self._message
         message.header.stamp = stamp
-        message.header.frame_id = "base_link"
-        message.name = list(states.names)
-        message.position = states.position.tolist()
-        message.velocity = states.velocity.tolist()
-        message.effort = states.effort.tolist()
-        self._publisher.publish(message)
+        message.position = _numbers(states.position)
+        message.velocity = _numbers(states.velocity)
+        message.effort = _numbers(states.effort)
+        self._topic.publish(message)
+        if self._dynamic is not None:
+            self._dynamic.publish(state, stamp)
+
+
+def _numbers(values: FloatArray) -> "array[float]":
+    """A message takes an array as it is, and looks at every number of a list."""
+    return array("d", values.tobytes())

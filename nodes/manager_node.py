@@ -1,96 +1,195 @@
-"""``/controller_manager``: who controls what, as ``ros2 control`` asks it."""
+"""``/controller_manager``: who controls what, as ``ros2 control`` and the spawner ask and order it."""
 
-from controller_manager_msgs.msg import ControllerState, HardwareComponentState, HardwareInterface
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from controller_manager_msgs.msg import ControllerManagerActivity, ControllerState, NamedLifecycleState
 from controller_manager_msgs.srv import (
+    CleanupController,
+    ConfigureController,
     ListControllers,
-    ListHardwareComponents,
-    ListHardwareInterfaces,
+    ListControllerTypes,
+    LoadController,
+    ReloadControllerLibraries,
+    SwitchController,
+    UnloadController,
 )
-from lifecycle_msgs.msg import State
-from rclpy.node import Node
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from std_msgs.msg import String
 
-from controller.interface import Controller
+from controller.desk import Desk
+from controller.requests import Request
+from controller.switching import Loaded, Strictness, Wish
 from hal.lifecycle import LifecycleState
+from nodes.controller_nodes import state_message
+from nodes.controller_parameters import ParameterNode
 from nodes.stack import Stack
+from nodes.waiting import Waiting
+
+BASE_CLASS = "controller_interface::ControllerInterface"
+SERVICES = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
+"""No call of a burst is lost."""
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ManagerNode:
-    """The services that list. Switching and loading come with the full surface."""
+    """Everything runs in the ROS thread; what the loop does for it, is waited for without holding up others."""
 
-    def __init__(self, stack: Stack) -> None:
-        self.node = Node("controller_manager")
+    def __init__(self, stack: Stack, desk: Desk, waiting: Waiting) -> None:
+        self.node = ParameterNode("controller_manager", allow_undeclared_parameters=True)
         self._stack = stack
-        self.node.create_service(ListControllers, "~/list_controllers", self._controllers)
-        self.node.create_service(ListHardwareComponents, "~/list_hardware_components", self._components)
-        self.node.create_service(ListHardwareInterfaces, "~/list_hardware_interfaces", self._interfaces)
+        self._desk = desk
+        self._waiting = waiting
+        self._told: object = None
+        self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
+        self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
+        self._declare(stack.factory.file.manager)
+        group = ReentrantCallbackGroup()  # while one waits for the loop, others are served
+        for kind, name, callback in (
+            (ListControllers, "list_controllers", self._controllers),
+            (ListControllerTypes, "list_controller_types", self._types),
+            (LoadController, "load_controller", self._served(self._load)),
+            (ConfigureController, "configure_controller", self._served(lambda r: desk.configure(r.name))),
+            (CleanupController, "cleanup_controller", self._served(lambda r: desk.cleanup(r.name))),
+            (UnloadController, "unload_controller", self._served(lambda r: desk.unload(r.name))),
+            (
+                ReloadControllerLibraries,
+                "reload_controller_libraries",
+                self._served(lambda r: desk.reload(r.force_kill)),
+            ),
+            (SwitchController, "switch_controller", self._switch),
+        ):
+            self.node.create_service(kind, f"~/{name}", callback, qos_profile=SERVICES, callback_group=group)
+
+    def publish(self) -> None:
+        """``~/activity``, where anything has changed."""
+        components = self._components()
+        seen = (self._stack.loop.manager.loaded, components)
+        if self._told != seen:
+            self._told = seen
+            message = ControllerManagerActivity()
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            loaded = self._stack.loop.manager.loaded.values()
+            message.controllers = [NamedLifecycleState(name=c.name, state=state_message(c.state)) for c in loaded]
+            message.hardware_components = [NamedLifecycleState(name=n, state=state_message(s)) for n, s in components]
+            self._activity.publish(message)
+
+    # Parameters
+
+    def _declare(self, parameters: Mapping[str, Any]) -> None:
+        """What the controllers file says, as upstream has it; the description that is in use."""
+        fixed = ParameterDescriptor(read_only=True)
+        rate = round(1.0 / self._stack.loop.period_s)
+        self.node.declare_parameter("update_rate", rate, fixed)
+        self.node.declare_parameter("robot_description", self._stack.description.xml, fixed)
+        for name, value in _flat(parameters):
+            if not self.node.has_parameter(name):
+                self.node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))
+
+    def _said(self, controller: str, what: str) -> Any:
+        """The parameter ``<controller>.<what>``, or None."""
+        return self.node.get_parameter_or(f"{controller}.{what}").value if controller else None
+
+    def _on_description(self, message: String) -> None:
+        if message.data != self._stack.description.xml:
+            self.node.get_logger().warning(
+                "another robot description is on /robot_description: it is not used. "
+                "Start the stack with that URDF (servoloop up --urdf FILE)"
+            )
+
+    # Services
+
+    def _served(self, act: Callable[[Any], Request[None]]) -> Callable[[Any, Any], Awaitable[Any]]:
+        """A service that answers ``ok``, and tells the log why not."""
+
+        async def serve(request: Any, response: Any) -> Any:
+            try:
+                await self._waiting.result(act(request))
+                response.ok = True
+            except Exception as error:  # also whatever a plug-in raises
+                self.node.get_logger().error(str(error))
+                response.ok = False
+            return response
+
+        return serve
+
+    def _load(self, request: LoadController.Request) -> Request[None]:
+        name = request.name
+        return self._desk.load(
+            name,
+            str(self._said(name, "type") or ""),
+            [Path(path) for path in _listed(self._said(name, "params_file"))],
+            _listed(self._said(name, "fallback_controllers")),
+            _listed(self._said(name, "node_options_args")),
+        )
+
+    def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
+        return self._desk.reload(request.force_kill)
+
+    async def _switch(
+        self, request: SwitchController.Request, response: SwitchController.Response
+    ) -> SwitchController.Response:
+        try:
+            wish = Wish(
+                tuple(request.activate_controllers), tuple(request.deactivate_controllers), self._strictness(request)
+            )
+            timeout_s = Duration.from_msg(request.timeout).nanoseconds * 1e-9
+            response.message = await self._waiting.result(self._desk.switch(wish, timeout_s))
+            response.ok = True
+        except Exception as error:
+            self.node.get_logger().error(str(error))
+            response.ok, response.message = False, str(error)
+        return response
+
+    def _strictness(self, request: SwitchController.Request) -> Strictness:
+        if request.strictness == 0:
+            self.node.get_logger().warning("no strictness is given: BEST_EFFORT (1) is taken, STRICT would be 2")
+            return Strictness.BEST_EFFORT
+        return Strictness(request.strictness)
+
+    def _types(
+        self, request: ListControllerTypes.Request, response: ListControllerTypes.Response
+    ) -> ListControllerTypes.Response:
+        response.types = self._desk.kinds()
+        response.base_classes = [BASE_CLASS] * len(response.types)
+        return response
 
     def _controllers(
         self, request: ListControllers.Request, response: ListControllers.Response
     ) -> ListControllers.Response:
-        controllers = self._stack.loop.manager.controllers.values()
-        response.controller = [self._controller(controller) for controller in controllers]
+        rate = round(1.0 / self._stack.loop.period_s)
+        response.controller = [controller_message(c, rate) for c in self._stack.loop.manager.loaded.values()]
         return response
 
-    def _controller(self, controller: Controller) -> ControllerState:
-        manager = self._stack.loop.manager
-        active = manager.state(controller.name) is LifecycleState.ACTIVE
-        commands = list(controller.command_interfaces)
-        return ControllerState(
-            name=controller.name,
-            state=manager.state(controller.name).name.lower(),
-            type=controller.kind,
-            update_rate=round(1.0 / self._stack.loop.period_s),
-            claimed_interfaces=commands if active else [],
-            required_command_interfaces=commands,
-            required_state_interfaces=list(controller.state_interfaces),
-        )
+    def _components(self) -> tuple[tuple[str, LifecycleState], ...]:
+        return tuple((member.name, member.state) for member in self._stack.loop.hardware.members)
 
-    def _state_names(self) -> list[str]:
-        by_joint = self._stack.component.state_interfaces
-        return [f"{joint}/{name}" for joint, names in by_joint.items() for name in names]
 
-    def _command_interfaces(self) -> list[HardwareInterface]:
-        manager = self._stack.loop.manager
-        claimed = {
-            name
-            for controller in manager.controllers.values()
-            if manager.state(controller.name) is LifecycleState.ACTIVE
-            for name in controller.command_interfaces
-        }
-        return [
-            HardwareInterface(
-                name=f"{joint}/{name}",
-                data_type="double",
-                is_available=True,
-                is_claimed=f"{joint}/{name}" in claimed,
-            )
-            for joint, names in self._stack.component.command_interfaces.items()
-            for name in names
-        ]
+def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
+    """One controller. There are no chained ones here, and none that run on their own."""
+    return ControllerState(
+        name=entry.name,
+        state=entry.state.name.lower(),
+        type=entry.order.kind,
+        update_rate=rate_hz,
+        claimed_interfaces=list(entry.commands) if entry.active else [],
+        required_command_interfaces=list(entry.commands),
+        required_state_interfaces=list(entry.states),
+    )
 
-    def _state_interfaces(self) -> list[HardwareInterface]:
-        return [HardwareInterface(name=name, data_type="double", is_available=True) for name in self._state_names()]
 
-    def _interfaces(
-        self, request: ListHardwareInterfaces.Request, response: ListHardwareInterfaces.Response
-    ) -> ListHardwareInterfaces.Response:
-        response.command_interfaces = self._command_interfaces()
-        response.state_interfaces = self._state_interfaces()
-        return response
+def _listed(value: Any) -> list[str]:
+    """One or several, as upstream takes them."""
+    return [value] if isinstance(value, str) and value else list(value or [])
 
-    def _components(
-        self, request: ListHardwareComponents.Request, response: ListHardwareComponents.Response
-    ) -> ListHardwareComponents.Response:
-        component, state = self._stack.component, self._stack.loop.hardware.state
-        response.component = [
-            HardwareComponentState(
-                name=component.name,
-                type=component.kind,
-                rw_rate=round(1.0 / self._stack.loop.period_s),
-                plugin_name=component.plugin,
-                state=State(id=state.value, label=state.name.lower()),
-                command_interfaces=self._command_interfaces(),
-                state_interfaces=self._state_interfaces(),
-            )
-        ]
-        return response
+
+def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif value is not None and value != []:
+            yield f"{prefix}{key}", value

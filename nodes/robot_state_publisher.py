@@ -1,47 +1,122 @@
-"""``/robot_description``, ``/tf`` and ``/tf_static``: the arm's links, and the scene's objects."""
+"""``robot_description``, ``/tf`` and ``/tf_static``: the arm's links, and the scene's objects.
+
+As upstream's node of this name, but for three things: the joint states come from within the process and not by topic,
+``frame_prefix`` acts on the fixed links too when it is set, and the ``robot_description`` cannot be changed, because
+the stack drives the robot that it was started with.
+"""
+
+from typing import Final
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from controller.joint_state_broadcaster import JointStates
-from hal.kinematics import child_pose
+from controller.node_parameters import parameters_of
 from nodes.conversions import transform_message
+from nodes.links import Links, fixed_links
+from nodes.pace import Pace
 from nodes.stack import Stack
+from nodes.topic import Topic
+
+NAME: Final = "robot_state_publisher"
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_BASE = "base_link"
+_BASE: Final = "base_link"
+_LOOK_HZ: Final = 1.0
+"""So often the scene is looked at when nobody listens: a feed that is left unread for long hangs up."""
+
+
+class LinkParameters(BaseModel):
+    """Under upstream's names; the controllers file may give them in a section ``robot_state_publisher``."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    publish_frequency: float = Field(default=20.0, gt=0, le=1000.0)
+    frame_prefix: str = ""
+    ignore_timestamp: bool = False
 
 
 class RobotStatePublisher:
-    """Fixed joints once, the others after each cycle; mimic joints follow theirs."""
+    """Fixed joints once, the others after each cycle, at most ``publish_frequency`` times a second."""
 
     def __init__(self, stack: Stack) -> None:
-        self.node = Node("robot_state_publisher")
+        self.node = Node(NAME)
         self._stack = stack
-        joints = stack.description.joints.values()
-        self._fixed = [joint for joint in joints if joint.kind == "fixed"]
-        self._moving = [joint for joint in joints if joint.kind != "fixed"]
-        self._tf = self.node.create_publisher(TFMessage, "/tf", 100)
+        self._parameters = self._initial()
+        self._pace, self._idle = Pace(), Pace()
+        self._tf = Topic(self.node, TFMessage, "/tf", 100)
         self._tf_static = self.node.create_publisher(TFMessage, "/tf_static", _LATCHED)
-        self._description = self.node.create_publisher(String, "/robot_description", _LATCHED)
+        self._description = self.node.create_publisher(String, "robot_description", _LATCHED)
         self._description.publish(String(data=stack.description.xml))
-        self._publish_fixed(self.node.get_clock().now().to_msg())
+        self._declare()
+        self._draw()
 
     def publish(self, states: JointStates, stamp: Time) -> None:
         """The moving links at the measured positions, and what the simulation sees."""
-        position = dict(zip(states.names, states.position, strict=True))
-        transforms = [
-            transform_message(j.parent, j.child, *child_pose(j, float(position[j.name])), stamp)
-            for j in self._moving
-            if j.name in position and position[j.name] == position[j.name]  # not NaN
-        ]
-        for name, pose in self._stack.scene().items():
-            transforms.append(transform_message(_BASE, name, *pose, stamp))
-        self._tf.publish(TFMessage(transforms=transforms))
+        due = self._pace.due(states.stamp_s, self._parameters.publish_frequency)
+        if not (due or self._parameters.ignore_timestamp):
+            return
+        if not self._tf.listeners:
+            if self._idle.due(states.stamp_s, _LOOK_HZ):
+                self._stack.scene()
+            return
+        transforms = self._links.transforms(states.names, states.position.tolist(), stamp)
+        self._tf.publish(TFMessage(transforms=transforms + self._scene(stamp)))
 
-    def _publish_fixed(self, stamp: Time) -> None:
-        transforms = [transform_message(j.parent, j.child, *child_pose(j, 0.0), stamp) for j in self._fixed]
-        self._tf_static.publish(TFMessage(transforms=transforms))
+    def _scene(self, stamp: Time) -> list[TransformStamped]:
+        prefix = self._parameters.frame_prefix
+        return [
+            transform_message(prefix + _BASE, prefix + name, *pose, stamp) for name, pose in self._stack.scene().items()
+        ]
+
+    def _initial(self) -> LinkParameters:
+        try:
+            return LinkParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
+        except ValidationError as error:
+            self.node.get_logger().error(f"{_words(error)}: going with upstream's defaults")
+            return LinkParameters()
+
+    def _declare(self) -> None:
+        self.node.declare_parameter("robot_description", self._stack.description.xml)
+        for name, value in self._parameters:
+            self.node.declare_parameter(name, value)
+        self.node.add_on_set_parameters_callback(self._check)
+        self.node.add_post_set_parameters_callback(self._take)
+
+    def _changed(self, parameters: list[Parameter]) -> LinkParameters:
+        return LinkParameters.model_validate({**dict(self._parameters), **{p.name: p.value for p in parameters}})
+
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        own = self._stack.description.xml
+        if any(p.name == "robot_description" and p.value != own for p in parameters):
+            reason = "the stack drives the robot that it was started with: end it and start it with the other URDF"
+            return SetParametersResult(successful=False, reason=reason)
+        try:
+            self._changed(parameters)
+        except ValidationError as error:
+            return SetParametersResult(successful=False, reason=_words(error))
+        return SetParametersResult(successful=True)
+
+    def _take(self, parameters: list[Parameter]) -> None:
+        before, self._parameters = self._parameters, self._changed(parameters)
+        self._pace = Pace()
+        if self._parameters.frame_prefix != before.frame_prefix:
+            self._draw()
+
+    def _draw(self) -> None:
+        """Prepare the moving links and publish the fixed ones."""
+        joints, prefix = self._stack.description.joints, self._parameters.frame_prefix
+        self._links = Links(joints.values(), prefix)
+        stamp = self.node.get_clock().now().to_msg()
+        self._tf_static.publish(TFMessage(transforms=fixed_links(joints, prefix, stamp)))
+
+
+def _words(error: ValidationError) -> str:
+    return "; ".join(f"{item['loc'][0]}: {item['msg']}" for item in error.errors())

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from controller.factory import Factory
 from controller.loop import ControlLoop
 from hal.description import Component, Description, Vector
 from hal.kinematics import Quaternion
@@ -18,7 +19,15 @@ class Stack:
     loop: ControlLoop
     description: Description
     component: Component
+    """All hardware components as one."""
     servo_ids: Mapping[str, str]
     """By joint: the ID, behind its bus where buses have names (``hand/1``). Empty where there are no servos."""
     scene: Scene
-    set_interpolation: Callable[[bool], None] | None
+    set_interpolation: Mapping[str, Callable[[bool], None]]
+    """By component, where it has servos."""
+    factory: Factory
+    """Makes the controllers that clients load."""
+    relax: bool
+    """Whether a component that is deactivated lets go of its joints, by the robot file's ``on_exit``."""
+    links: bool = True
+    """Whether to publish the ``robot_description`` and the links' transforms."""

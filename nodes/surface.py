@@ -6,21 +6,36 @@ from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.guard_condition import GuardCondition
 from rclpy.signals import SignalHandlerOptions
 
+from controller.desk import Desk
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from hal.types import JointState
+from nodes.controller_nodes import ControllerNodes
 from nodes.conversions import time_message
-from nodes.faces import face_of
-from nodes.hardware_node import HardwareNode
+from nodes.hardware_node import HardwareNodes
+from nodes.hardware_services import HardwareServices
 from nodes.manager_node import ManagerNode
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.stack import Stack
+from nodes.waiting import Waiting
 
 GOODBYE_S = 0.2
 
 LOG = logging.getLogger("servoloop.nodes")
+
+
+class _Posted:
+    """What the executor takes for a future: it is done when there is a cycle to show."""
+
+    def __init__(self, cycles: deque[JointState]) -> None:
+        self._cycles = cycles
+
+    def done(self) -> bool:
+        return bool(self._cycles)
+
+    def add_done_callback(self, callback: Callable[[object], None]) -> None:
+        """``post`` wakes the executor itself."""
 
 
 class Surface:
@@ -30,44 +45,52 @@ class Surface:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # the wiring has its own
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
-        self._manager = ManagerNode(stack)
-        self._hardware = HardwareNode(stack)
-        self._links = RobotStatePublisher(stack)
-        controllers = stack.loop.manager.controllers.values()
-        self._faces = [face_of(controller) for controller in controllers]
-        self._broadcasters = [c for c in controllers if isinstance(c, JointStateBroadcaster)]
+        self._waiting = Waiting()
+        desk = Desk(stack.loop, stack.factory)
         self._executor = SingleThreadedExecutor()
-        for node in (self._manager.node, self._hardware.node, self._links.node, *(face.node for face in self._faces)):
+        self._manager = ManagerNode(stack, desk, self._waiting)
+        HardwareServices(self._manager.node, stack, self._waiting)
+        self._hardware = HardwareNodes(stack)
+        self._links = RobotStatePublisher(stack) if stack.links else None
+        links = [self._links.node] if self._links is not None else []
+        self._own = (self._manager.node, *self._hardware.nodes, *links)
+        self._controllers = ControllerNodes(stack.loop.manager, desk, self._executor)
+        for node in self._own:
             self._executor.add_node(node)
-        self._guard: GuardCondition = self._manager.node.create_guard_condition(self._drain)
+        self._posted = _Posted(self._cycles)
+        self._follow()
 
     def post(self, state: JointState) -> None:
         """One cycle is done: wake the ROS thread. Never waits."""
         self._cycles.append(state)
-        self._guard.trigger()
+        self._executor.wake()
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
         while not stop() and rclpy.ok():
             try:
-                self._executor.spin_once(timeout_sec=0.1)
+                # A cycle is no callback: one would make rclpy build its wait set a second time, the dearest thing here.
+                self._executor.spin_once_until_future_complete(self._posted, timeout_sec=0.1)
+                self._drain()
+                if self._cycles:  # the next one has come already: clients are served nevertheless
+                    self._executor.spin_once(timeout_sec=0.0)
             except ExternalShutdownException:
                 return
             except Exception:  # a client's oddity must not take the surface from the others
                 LOG.exception("in a ROS callback")
 
     def say_goodbye(self) -> None:
-        """The loop has ended: give the clients whose goals ended with it their results."""
-        stamp = self._manager.node.get_clock().now().to_msg()
-        for face in self._faces:
-            face.publish(stamp)
+        """The loop has ended: give the clients whose goals ended with it their results, and the others their answer."""
+        self._controllers.publish(self._manager.node.get_clock().now().to_msg())
+        self._waiting.settle()
         deadline = self._stack.loop.clock.now() + GOODBYE_S
         self.spin(lambda: self._stack.loop.clock.now() > deadline)
 
     def close(self) -> None:
         """Take all nodes off the graph."""
         self._executor.shutdown(timeout_sec=1.0)
-        for node in self._executor.get_nodes():
+        self._controllers.close()
+        for node in self._own:
             node.destroy_node()
         rclpy.try_shutdown()
 
@@ -80,8 +103,20 @@ class Surface:
         now_s = self._manager.node.get_clock().now().nanoseconds * 1e-9
         stamp = time_message(now_s - age_s)
         self._hardware.see(state)
-        for face in self._faces:
-            face.publish(stamp)
+        self._controllers.publish(stamp)
         for broadcaster in self._broadcasters:
-            if broadcaster.latest is not None:
+            if self._links is not None and broadcaster.latest is not None:
                 self._links.publish(broadcaster.latest, stamp)
+        self._follow()
+
+    def _follow(self) -> None:
+        """Who is loaded has its node before the client that wanted it gets the answer."""
+        there = self._controllers.follow()
+        self._manager.publish()
+        self._broadcasters = [
+            c
+            for c in self._controllers.controllers
+            if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
+        ]
+        if there:
+            self._waiting.settle()

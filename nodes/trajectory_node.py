@@ -1,27 +1,34 @@
-"""The joint trajectory controller's face: ``~/follow_joint_trajectory`` and ``~/controller_state``."""
+"""The joint trajectory controller's face: ``~/follow_joint_trajectory``, and what trajectory_topics.py adds."""
 
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
-from control_msgs.msg import JointTrajectoryControllerState
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 
-from controller.goal import GoalHandle, GoalStatus
-from controller.joint_trajectory_controller import JointTrajectoryController, Tracking
+from controller.goal import GoalHandle, GoalStatus, TrajectoryGoal
+from controller.joint_trajectory_controller import JointTrajectoryController
+from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_goal
+from nodes.trajectory_topics import TrajectoryTopics, error_message
+
+MONITOR_SLACK = 0.1
+"""Of a feedback period: a cycle that is a little early counts."""
 
 
 class TrajectoryNode:
-    """One node named after its controller. ``publish`` runs after each cycle."""
+    """On the node of its controller. ``publish`` runs after each cycle."""
 
-    def __init__(self, controller: JointTrajectoryController) -> None:
-        self.node = Node(controller.name)
+    def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
+        self.node = node
         self._controller = controller
+        self._topics = TrajectoryTopics(node, controller)
+        self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
         self._goals: dict[bytes, GoalHandle] = {}
         self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
-        self._state = self.node.create_publisher(JointTrajectoryControllerState, "~/controller_state", 10)
+        self._feedback_s = 1.0 / controller.parameters.action_monitor_rate
+        self._feedback_due_s = 0.0
         self._server = ActionServer(
             self.node,
             FollowJointTrajectory,
@@ -35,30 +42,48 @@ class TrajectoryNode:
     def publish(self, stamp: Time) -> None:
         """State, feedback of the goals under way, and the end of those that are decided."""
         tracking = self._controller.tracking
-        if tracking is not None:
-            self._state.publish(self._state_message(tracking, stamp))
+        self._topics.publish(tracking, stamp)
+        if not self._waiting:
+            return
+        due = tracking is not None and self._feedback_due(seconds(stamp))
         for key, (server_goal, future) in list(self._waiting.items()):
             if self._goals[key].done:
                 future.set_result(None)
                 del self._waiting[key]
-            elif tracking is not None:
+            elif due and tracking is not None:
                 server_goal.publish_feedback(self._feedback(tracking, stamp))
 
-    def _now_s(self) -> float:
-        return seconds(self.node.get_clock().now().to_msg())
+    def _feedback_due(self, now_s: float) -> bool:
+        """At ``action_monitor_rate``, but not more often than there are cycles."""
+        if now_s < self._feedback_due_s - MONITOR_SLACK * self._feedback_s:
+            return False
+        next_s = self._feedback_due_s + self._feedback_s
+        self._feedback_due_s = next_s if next_s > now_s else now_s + self._feedback_s
+        return True
 
     def _on_goal(self, request: FollowJointTrajectory.Goal) -> GoalResponse:
-        reason = self._controller.check(trajectory_goal(request, self._now_s()))
+        goal = trajectory_goal(request, seconds(self.node.get_clock().now().to_msg()))
+        reason = self._controller.check(goal)
         if reason:
-            self.node.get_logger().error(f"goal rejected: {reason}")
+            self._topics.refuse(f"goal rejected: {reason}")
             return GoalResponse.REJECT
+        self._offered = request, goal
         return GoalResponse.ACCEPT
 
     def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
         # Handed over here and not in _execute, which runs only when the executor comes round again.
-        goal = trajectory_goal(server_goal.request, self._now_s())
-        self._goals[bytes(server_goal.goal_id.uuid)] = self._controller.submit(goal)
+        key = bytes(server_goal.goal_id.uuid)
+        self._goals[key] = self._controller.submit(self._taken(server_goal.request))
+        future: Future = Future()
+        self._waiting[key] = (server_goal, future)
         server_goal.execute()
+
+    def _taken(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
+        """The goal as it was checked, with its plan."""
+        offered, self._offered = self._offered, None
+        if offered is not None and offered[0] is request:
+            return offered[1]
+        return trajectory_goal(request, seconds(self.node.get_clock().now().to_msg()))
 
     def _on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
         handle = self._goals.get(bytes(server_goal.goal_id.uuid))
@@ -69,9 +94,8 @@ class TrajectoryNode:
 
     async def _execute(self, server_goal: ServerGoalHandle) -> FollowJointTrajectory.Result:
         key = bytes(server_goal.goal_id.uuid)
-        future: Future = Future()
-        self._waiting[key] = (server_goal, future)
-        await future
+        if key in self._waiting:  # else it has been decided already
+            await self._waiting[key][1]
         return self._finish(server_goal, self._goals.pop(key))
 
     def _finish(self, server_goal: ServerGoalHandle, handle: GoalHandle) -> FollowJointTrajectory.Result:
@@ -91,23 +115,5 @@ class TrajectoryNode:
         feedback.joint_names = list(self._controller.joints)
         feedback.desired = kinematics_message(tracking.reference)
         feedback.actual = point_message(tracking.feedback_position, tracking.feedback_velocity)
-        feedback.error = _error(tracking)
+        feedback.error = error_message(tracking)
         return feedback
-
-    def _state_message(self, tracking: Tracking, stamp: Time) -> JointTrajectoryControllerState:
-        message = JointTrajectoryControllerState()
-        message.header.stamp = stamp
-        message.joint_names = list(self._controller.joints)
-        message.reference = kinematics_message(tracking.reference)
-        message.feedback = point_message(tracking.feedback_position, tracking.feedback_velocity)
-        message.error = _error(tracking)
-        message.output = point_message(tracking.output)
-        message.speed_scaling_factor = 1.0
-        return message
-
-
-def _error(tracking: Tracking) -> object:
-    return point_message(
-        tracking.reference.position - tracking.feedback_position,
-        tracking.reference.velocity - tracking.feedback_velocity,
-    )

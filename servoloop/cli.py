@@ -2,6 +2,7 @@
 
 import logging
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from controller.controllers_file import ControllersFileError
 from controller.kinds import PluginError
-from controller.manager import ClaimError
+from controller.roster import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.files import CONTROLLERS, URDF, Files, read_files
@@ -53,6 +54,24 @@ def up(
     controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
+    stay: Annotated[
+        bool,
+        typer.Option("--stay", help="Keep up when servos are lost or missing, and wait to be told to activate them."),
+    ] = False,
+    links: Annotated[
+        bool,
+        typer.Option(
+            "--robot-state-publisher/--no-robot-state-publisher",
+            help="Publish robot_description and the links' transforms; not where a node of yours does.",
+        ),
+    ] = True,
+    spawn: Annotated[
+        bool,
+        typer.Option(
+            "--spawn/--no-spawn",
+            help="Load and activate the file's controllers; not where ros2_control's spawner does.",
+        ),
+    ] = True,
     ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
 ) -> None:
     """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
@@ -64,6 +83,8 @@ def up(
 
     _log_to_terminal()
     files = read_files(urdf, controllers, robot)
+    if not spawn:
+        files = replace(files, controllers=replace(files.controllers, controllers=()))
     devices = parse_ports(port or [], files.robot.file.lines())
 
     def ready(what: str) -> None:
@@ -73,7 +94,7 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready))
+    raise typer.Exit(run(hardware, devices, files, ready, stay, links))
 
 
 @app.command()

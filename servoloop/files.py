@@ -1,29 +1,45 @@
-"""Where the arm's own files are, and how the three of them are read together."""
+"""Where the arm's own files are, and how they are read together."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from controller.controllers_file import ControllersFile, load_controllers_file
-from hal.description import Component, Description, parse_urdf
-from hal.errors import DescriptionError
+from hal.component import Component
+from hal.description import Description, merged, parse_urdf
+from hal.errors import DescriptionError, RobotFileError
 from hal.robot import Robot, assemble, load_robot_file
+from hal.robots import all_limits, together
+from hal.types import JointLimits
 
 HOME = Path(__file__).resolve().parent.parent
 CONFIG = HOME / "config"
 URDF = HOME / "urdf" / "robot_arm.urdf"
 CONTROLLERS = CONFIG / "arm_controllers.yaml"
+OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
+"""The plug-ins that cannot do without a robot file."""
+ROBOT = "robot_arm.yaml"
 
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What the three files say: URDF, robot file, controllers file."""
+    """What the files say: URDF, robot files, controllers file."""
 
     description: Description
     component: Component
+    """All components as one."""
     robot: Robot
+    """All servos; those of several components as one robot."""
+    limits: dict[str, JointLimits]
+    """Of every joint that has hardware."""
     controllers: ControllersFile
     urdf_path: Path
-    robot_path: Path
+    robot_paths: dict[str, Path]
+    """By component; one that needs no robot file has none."""
+
+    @property
+    def robot_path(self) -> Path:
+        """That of the first component with one."""
+        return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
 
 def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None) -> Files:
@@ -31,32 +47,56 @@ def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path |
 
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
     """
-    description, component = read_description(urdf)
-    robot_path = robot or _named_robot_file(component)
-    robot_file = load_robot_file(robot_path)
+    description = read_description(urdf)
+    paths = _robot_paths(description, urdf, robot)
+    parts = [(c, _robot(paths[c.name], description, c)) for c in description.components if c.name in paths]
+    whole = together(parts)
+    component = merged(description.components)
     return Files(
         description,
         component,
-        assemble(robot_file, description, component),
-        load_controllers_file(controllers, robot_file.controller_defaults, component),
+        whole,
+        all_limits(description.components, whole, description.joints),
+        load_controllers_file(controllers, whole.file.controller_defaults, component),
         urdf,
-        robot_path,
+        paths,
     )
 
 
-def read_description(urdf: Path) -> tuple[Description, Component]:
-    """The URDF and its one hardware component."""
+def read_description(urdf: Path) -> Description:
+    """The URDF. Raises DescriptionError."""
     try:
-        description = parse_urdf(urdf.read_text())
+        return parse_urdf(urdf.read_text())
     except OSError as error:
         raise DescriptionError(f"cannot read the URDF {urdf}: {error.strerror}") from error
     except DescriptionError as error:
         raise DescriptionError(f"{urdf}: {error}") from error
-    if len(description.components) > 1:
-        names = ", ".join(component.name for component in description.components)
-        raise DescriptionError(f"{urdf} has several <ros2_control> blocks ({names}); one is driven")
-    return description, description.components[0]
 
 
-def _named_robot_file(component: Component) -> Path:
-    return CONFIG / component.parameters.get("robot", "robot_arm.yaml")
+def _robot_paths(description: Description, urdf: Path, said: Path | None) -> dict[str, Path]:
+    """By component: what the command line says, or its ``robot`` param; a mock, for one, needs none."""
+    needy = [c for c in description.components if "robot" in c.parameters or c.plugin in OWN_SERVOS]
+    if said is None:
+        return {c.name: _found(c.parameters.get("robot", ROBOT), urdf) for c in needy}
+    asked = needy or list(description.components)
+    if len(asked) > 1:
+        names = ", ".join(component.name for component in asked)
+        raise DescriptionError(
+            f"{urdf} has several components with servos ({names}): instead of --robot, name each one's robot "
+            'file in its <hardware> as <param name="robot">'
+        )
+    return {asked[0].name: said}
+
+
+def _found(name: str, urdf: Path) -> Path:
+    """Beside the URDF, or else among our own; an absolute path is both."""
+    beside = urdf.parent / name
+    return beside if beside.exists() else CONFIG / name
+
+
+def _robot(path: Path, description: Description, component: Component) -> Robot:
+    file = load_robot_file(path)
+    try:
+        return assemble(file, description, component)
+    except RobotFileError as error:
+        raise RobotFileError("\n".join(f"{path}: {line}" for line in str(error).splitlines())) from error

@@ -1,16 +1,23 @@
-"""Which hardware: servos on a port, the arm in MuJoCo, or the mock. Nothing else differs."""
+"""Which hardware: servos on a port, the arm in MuJoCo, the mock, or a user's own. Nothing else differs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.metadata import entry_points
 
+from controller.kinds import PluginError
 from drivers.bus import ServoBus
 from drivers.clock import Clock
+from drivers.errors import PortError
 from drivers.makes import MODELS, bus_for
 from drivers.port import Port
 from drivers.serial_port import SerialPort
+from hal.component import Component
+from hal.components import Components
 from hal.description import Vector
-from hal.errors import DescriptionError
+from hal.errors import DescriptionError, HalError
+from hal.joint import Joint
 from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
@@ -36,49 +43,114 @@ PLUGINS = {
     "servoloop/MujocoHardware": HardwareKind.MUJOCO,
     "mock_components/GenericSystem": HardwareKind.MOCK,
 }
+ENTRY_POINTS = "servoloop.hardware"
+"""The group of entry points in which a user's package names its hardware: ``package/Class = module:make``, where
+``make(component, clock)`` returns a hal.lifecycle.Hardware of that ``<ros2_control>`` block."""
 
 
 @dataclass(frozen=True, slots=True)
 class Below:
     """What the loop stands on."""
 
-    hardware: Hardware
+    hardware: Components
     scene: Callable[[], Mapping[str, Pose]]
-    set_interpolation: Callable[[bool], None] | None
+    set_interpolation: Mapping[str, Callable[[bool], None]]
+    """By component, where it has servos."""
     virtual: bool
     """Whether nothing real moves."""
 
 
-def choose(kind: HardwareKind | None, files: Files) -> HardwareKind:
-    """What the command line says, or else the URDF's ``<plugin>``."""
-    plugin = files.component.plugin
-    if kind is None and plugin not in PLUGINS:
-        raise DescriptionError(f"unknown <plugin> {plugin}: known are {', '.join(PLUGINS)}")
-    return kind or PLUGINS[plugin]
+def choose(kind: HardwareKind | None, component: Component) -> HardwareKind | str:
+    """What the command line says for all, or else the block's ``<plugin>``: one of ours, or a user's by its name."""
+    plugin = component.plugin
+    users = sorted(entry_points(group=ENTRY_POINTS).names)
+    if kind is None and plugin not in PLUGINS and plugin not in users:
+        known = ", ".join([*PLUGINS, *users])
+        raise DescriptionError(f"{component.name}: unknown <plugin> {plugin}: known are {known}")
+    return kind or PLUGINS.get(plugin) or plugin
 
 
-def build(kind: HardwareKind, files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
-    """The hardware component, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
+def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
+    """All hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
+    components = files.description.components
+    kinds = {component.name: choose(kind, component) for component in components}
+    world = _World(clock) if HardwareKind.MUJOCO in kinds.values() else None
+    if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
+        raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
+    made = [_made(kinds[c.name], c, files, devices, clock, world) for c in components]
+    every = [_every(component, files.controllers.update_rate_hz) for component in components]
+    servos = {one.name: _interpolation(one) for one in made if isinstance(one, ServoHardware)}
+    feed = world_feed(devices) if servos else None
+    scene = world.scene if world else Scene(WorldFeedClient(feed)) if feed else dict
+    real = (bool(servos) and feed is None) or any(kinds[c.name] not in tuple(HardwareKind) for c in components)
+    return Below(Components(made, clock, every), scene, servos, virtual=not real)
+
+
+def _every(component: Component, update_rate_hz: int) -> int:
+    """In every how many-th cycle its ``rw_rate`` has it read and written; never more often than in each."""
+    return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
+
+
+def _made(
+    kind: HardwareKind | str,
+    component: Component,
+    files: Files,
+    devices: Mapping[str, str],
+    clock: Clock,
+    world: "_World | None",
+) -> Hardware:
+    joints = [joint for joint in files.robot.joints if joint.name in component.joints]
     if kind is HardwareKind.MOCK:
-        dynamics = files.component.parameters.get("calculate_dynamics", "false").lower() == "true"
-        mock = MockHardware(files.component.name, files.component.joints, clock, dynamics)
-        return Below(mock, dict, None, virtual=True)
-    if kind is HardwareKind.MUJOCO:
-        return _mujoco(files, clock)
-    return _servos(files, devices, clock)
+        return MockHardware.of(component, clock)
+    if not isinstance(kind, HardwareKind):
+        return _users(kind, component, clock)
+    if len(joints) != len(component.joints):
+        raise DescriptionError(
+            f'{component.name} has servos and no robot file: name it in its <hardware> as <param name="robot">'
+        )
+    if world is not None and kind is HardwareKind.MUJOCO:
+        return world.hardware(component.name, joints)
+    buses = list(dict.fromkeys(joint.bus for joint in joints))
+    return ServoHardware(component.name, joints, lambda: open_buses(files.robot.file, devices, clock, buses), clock)
 
 
-def _mujoco(files: Files, clock: Clock) -> Below:
-    from sim_backend.mujoco_hardware import MujocoHardware
-    from sim_backend.world import World
+def _users(plugin: str, component: Component, clock: Clock) -> Hardware:
+    """Made by an installed package. Raises PluginError."""
+    (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
+    try:
+        hardware: Hardware = point.load()(component, clock)
+    except HalError:
+        raise  # it says what to mend
+    except Exception as error:  # whatever a user's module does when it is imported
+        raise PluginError(f"the hardware {plugin} ({point.value}) cannot be loaded: {error}") from error
+    return hardware
 
-    world = World()
-    hardware = MujocoHardware(files.component.name, files.robot.joints, world, clock)
 
-    def scene() -> Mapping[str, Pose]:
-        return {n: (p.position_m, p.quaternion_xyzw) for n, p in world.poses().items()}
+def _interpolation(hardware: ServoHardware) -> Callable[[bool], None]:
+    def set_interpolation(on: bool) -> None:
+        hardware.interpolate = on
 
-    return Below(hardware, scene, None, virtual=True)
+    return set_interpolation
+
+
+class _World:
+    """The arm in MuJoCo, and the things around it."""
+
+    def __init__(self, clock: Clock) -> None:
+        from sim_backend.world import World
+
+        self._world = World()
+        self._clock = clock
+
+    def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
+        """The component that moves it."""
+        from sim_backend.mujoco_hardware import MujocoHardware
+
+        return MujocoHardware(name, joints, self._world, self._clock)
+
+    def scene(self) -> Mapping[str, Pose]:
+        """Where everything is."""
+        return {n: (p.position_m, p.quaternion_xyzw) for n, p in self._world.poses().items()}
 
 
 def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> ServoBus:
@@ -88,29 +160,31 @@ def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Serv
     return bus_for({joint.servo_id: MODELS[joint.model] for joint in joints}, port, clock, gains)
 
 
-def open_buses(robot: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, ServoBus]:
-    """Every bus on its device, by name. Where one cannot be opened, the others are given back."""
+def open_buses(
+    robot: RobotFile, devices: Mapping[str, str], clock: Clock, names: Sequence[str] | None = None
+) -> dict[str, ServoBus]:
+    """These buses (or all) on their devices, by name. Where one cannot be opened, the others are given back."""
     buses: dict[str, ServoBus] = {}
+    lines = robot.lines()
     try:
-        for name, line in robot.lines().items():
-            buses[name] = servo_bus(robot, SerialPort(devices[name], line.baud, clock), clock, name)
+        for name in lines if names is None else names:
+            port = SerialPort(devices[name], lines[name].baud, clock)
+            buses[name] = _driven(robot, port, clock, name)
     except BaseException:
         for bus in buses.values():
-            bus.close()
+            with suppress(PortError):  # it is gone: there is nothing to give back
+                bus.close()
         raise
     return buses
 
 
-def _servos(files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
-    robot = files.robot
-    hardware = ServoHardware(files.component.name, robot.joints, lambda: open_buses(robot.file, devices, clock), clock)
-
-    def set_interpolation(on: bool) -> None:
-        hardware.interpolate = on
-
-    feed = world_feed(devices)
-    scene = Scene(WorldFeedClient(feed)) if feed else dict
-    return Below(hardware, scene, set_interpolation, virtual=feed is not None)
+def _driven(robot: RobotFile, port: SerialPort, clock: Clock, name: str) -> ServoBus:
+    """The bus on its port; the port is given back where that fails."""
+    try:
+        return servo_bus(robot, port, clock, name)
+    except BaseException:
+        port.close()
+        raise
 
 
 class Scene:

@@ -27,6 +27,7 @@ class MujocoHardware:
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
+        self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
         self._world = world
         self._feeder = Feeder()
@@ -77,7 +78,7 @@ class MujocoHardware:
 
     def write(self, command: JointCommand) -> None:
         require(self.state, LifecycleState.ACTIVE, "write")
-        self._from, self._to = self._target(), command.position.copy()
+        self._from, self._to = self._target(), command.values.copy()
         self._progress_s, self._period_s = 0.0, command.period_s
 
     def _measured(self) -> FloatArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from bench.bus import simulator, wire_us
+from bench.bus import simulator
 from bench.decoder import flood, pieces
 from drivers.errors import DriverError
 from servoloop.bench_bus import bench_bus, parse_ids
@@ -69,10 +69,6 @@ def test_ids(text: str, ids: list[int]) -> None:
 def test_ids_that_are_none(text: str) -> None:
     with pytest.raises(DriverError, match="--ids"):
         parse_ids(text)
-
-
-def test_the_wires_own_time() -> None:
-    assert wire_us(7) == pytest.approx((15 + 7 * 14 + 64) * 10)
 
 
 def test_ten_million_random_bytes() -> None:

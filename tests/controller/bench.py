@@ -8,9 +8,10 @@ import numpy as np
 from controller.forward_command_controller import ForwardCommandController
 from controller.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
 from controller.interface import Controller
-from controller.joint_trajectory_controller import JointTrajectoryController, JtcSettings
+from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
+from controller.trajectory_parameters import TrajectoryParameters
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
@@ -45,8 +46,8 @@ class ScriptedHardware(MockHardware):
 
     def write(self, command: JointCommand) -> None:
         self._called("write")
-        self.written.append(command.position.copy())
-        super().write(JointCommand(self._reached(command.position), command.period_s))
+        self.written.append(command.values.copy())
+        super().write(JointCommand(self._reached(command.values), command.period_s))
 
     def deactivate(self, relax: bool) -> Sequence[str]:
         self._called("relax" if relax else "hold")
@@ -71,11 +72,16 @@ class ScriptedHardware(MockHardware):
         return self._position + way
 
 
+def arm_parameters(**said: object) -> TrajectoryParameters:
+    """The arm's, under their names in the controllers file; ruckig where nothing is said, as in our robot files."""
+    return TrajectoryParameters.model_validate({"joints": ARM, "interpolation_method": "ruckig"} | said)
+
+
 @dataclass(slots=True)
 class Bench:
     """The loop with an arm and a hand controller."""
 
-    settings: JtcSettings = field(default_factory=lambda: JtcSettings(ARM))
+    settings: TrajectoryParameters = field(default_factory=arm_parameters)
     wrap: Callable[[Controller], Controller] = lambda controller: controller
     clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(10.0))
     hardware: ScriptedHardware = field(init=False)
@@ -86,7 +92,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.hardware = ScriptedHardware(self.clock)
-        self.manager = ControllerManager(JOINTS)
+        self.manager = ControllerManager(self.hardware.command_interfaces)
         self.arm = JointTrajectoryController("arm", self.settings, [ARM_LIMITS] * 2, JOINTS, self.manager.settled)
         self.hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), JOINTS)
         for controller in (self.arm, self.hand):

@@ -5,13 +5,14 @@ from typing import Any
 
 import pytest
 
-from controller.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
+from controller.controllers_file import ControllersFile, ControllersFileError, load_controller, load_controllers_file
 from controller.factory import build
 from controller.forward_command_controller import ForwardCommandController
 from controller.interface import Surroundings
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.manager import ControllerManager
+from controller.order import Order
 from hal.description import Component, Description, parse_urdf
 
 URDF = """
@@ -85,7 +86,7 @@ def arm_of(file: ControllersFile) -> JointTrajectoryController:
 
     parsed, component = description()
     limits = {name: JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0) for name in component.joints}
-    settled = ControllerManager(component.joints).settled
+    settled = ControllerManager([f"{joint}/position" for joint in component.joints]).settled
     controllers = build(file, Surroundings(parsed, component, limits, settled))
     assert [type(c) for c in controllers] == [
         JointStateBroadcaster,
@@ -101,26 +102,26 @@ def test_the_plain_file_works_and_the_robot_files_defaults_fill_it_in(tmp_path: 
     assert [c.name for c in file.controllers] == ["joint_state_broadcaster", "arm_controller", "hand_controller"]
     arm = arm_of(file)
     assert arm.joints == ("joint1", "joint2")
-    assert arm.settings.may_end_moving
-    assert arm.settings.wait_for == ("hand_controller",)
-    assert (arm.settings.wait_for_timeout_s, arm.settings.command_lead_s) == (0.7, 0.01)
+    assert arm.parameters.allow_nonzero_velocity_at_trajectory_end
+    assert arm.parameters.wait_for == ("hand_controller",)
+    assert (arm.parameters.wait_for_timeout, arm.parameters.command_lead) == (0.7, 0.01)
 
 
 def test_without_defaults_it_does_what_upstream_does(tmp_path: Path) -> None:
-    settings = arm_of(load(tmp_path, PLAIN)).settings
-    assert (settings.wait_for, settings.command_lead_s) == ((), 0.0)
-    assert (dict(settings.tolerances.path), dict(settings.tolerances.goal)) == ({}, {})
-    assert settings.tolerances.goal_time_s == 0.0
+    parameters = arm_of(load(tmp_path, PLAIN)).parameters
+    assert (parameters.wait_for, parameters.command_lead) == ((), 0.0)
+    assert not any((*parameters.tolerances().path.values(), *parameters.tolerances().goal.values()))
+    assert parameters.tolerances().goal_time_s == 0.0
 
 
 def test_the_file_wins_over_the_defaults(tmp_path: Path) -> None:
     own = PLAIN.replace("    joints: [joint1", "    wait_for: []\n    joints: [joint1")
-    assert arm_of(load(tmp_path, own, DEFAULTS)).settings.wait_for == ()
+    assert arm_of(load(tmp_path, own, DEFAULTS)).parameters.wait_for == ()
 
 
 def test_defaults_may_name_a_controller_that_the_file_has_not(tmp_path: Path) -> None:
     text = PLAIN.replace("hand_controller", "gripper")
-    assert arm_of(load(tmp_path, text, DEFAULTS)).settings.wait_for == ("hand_controller",)
+    assert arm_of(load(tmp_path, text, DEFAULTS)).parameters.wait_for == ("hand_controller",)
 
 
 def test_tolerances(tmp_path: Path) -> None:
@@ -132,7 +133,7 @@ def test_tolerances(tmp_path: Path) -> None:
       joint2: {goal: 0.04}
 """
     text = PLAIN.replace("    state_interfaces", constraints.lstrip("\n") + "    state_interfaces", 1)
-    tolerances = arm_of(load(tmp_path, text)).settings.tolerances
+    tolerances = arm_of(load(tmp_path, text)).parameters.tolerances()
     assert tolerances.path == {"joint1": 0.05, "joint2": 0.0}
     assert tolerances.goal == {"joint1": 0.03, "joint2": 0.04}
     assert tolerances.goal_time_s == 0.6
@@ -157,10 +158,6 @@ MISTAKES = {
         ["hand_controller.joints names left, which takes no commands"],
     ),
     "a joint twice": (("[joint1, joint2]", "[joint1, joint1]"), ["arm_controller.joints names joint1 twice"]),
-    "two controllers on a joint": (
-        ("[right]", "[right, joint2]"),
-        ["arm_controller and hand_controller both command joint2: a joint belongs to one controller"],
-    ),
     "an unknown type": (
         (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
         ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController', known types are " + ARM_TYPE],
@@ -170,7 +167,7 @@ MISTAKES = {
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
     "an interface that we have not": (
         ("interface_name: position", "interface_name: effort"),
-        ["hand_controller.interface_name: Input should be 'position'"],
+        ["hand_controller.joints wants right/effort, which is no command_interface of the URDF's <ros2_control> block"],
     ),
     "a rate of zero": (("update_rate: 20", "update_rate: 0"), ["controller_manager.update_rate: "]),
     "a rate beyond reason": (("update_rate: 20", "update_rate: 100000"), ["controller_manager.update_rate: "]),
@@ -200,8 +197,8 @@ MISTAKES = {
         ["arm_controller.constraints.joint1: "],
     ),
     "a method that we have not": (
-        ("    joints: [joint1", "    interpolation_method: none\n    joints: [joint1"),
-        ["arm_controller.interpolation_method: Input should be 'ruckig'"],
+        ("    joints: [joint1", "    interpolation_method: cubic\n    joints: [joint1"),
+        ["arm_controller.interpolation_method: Input should be 'splines', 'none' or 'ruckig'"],
     ),
 }
 
@@ -233,13 +230,12 @@ def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("arm_controller: {}", "has no controller_manager"),
-        ("controller_manager: {ros__parameters: {update_rate: 20}}", "names no controllers"),
         ("a: [1, 2", "is not YAML"),
         ("- a\n- b", "controllers.yaml:1: "),
         ("", "controllers.yaml:1: "),
         ("controller_manager:\n  ros__parameters: 7", "controllers.yaml:2: controller_manager.ros__parameters: "),
     ],
-    ids=["no manager", "no controllers", "bad YAML", "a list", "empty", "parameters are a number"],
+    ids=["no manager", "bad YAML", "a list", "empty", "parameters are a number"],
 )
 def test_a_file_of_the_wrong_shape(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ControllersFileError, match=message):
@@ -250,6 +246,115 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     missing = tmp_path / "missing.yaml"
     with pytest.raises(ControllersFileError, match=r"cannot read .*missing\.yaml: No such file"):
         load_controllers_file(missing, {}, description()[1])
+
+
+def test_several_may_want_a_joint_because_one_at_a_time_has_it(tmp_path: Path) -> None:
+    file = load(tmp_path, PLAIN.replace("[right]", "[right, joint2]"))
+    assert len(file.controllers) == 3
+
+
+def test_a_spawner_may_bring_all_controllers(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = load(tmp_path, "controller_manager: {ros__parameters: {update_rate: 20, overruns: {manage: true}}}")
+    assert file.controllers == ()
+    assert "controller_manager names no controllers: a spawner has to bring them" in caplog.text
+
+
+SAID_OF_ALL = """
+/**:
+  ros__parameters: {interface_name: position, joints: [joint1]}
+  hand_controller:
+    ros__parameters: {joints: [joint2]}
+/**/hand_controller:
+  ros__parameters: {command_timeout: 0.5}
+/controller_manager:
+  ros__parameters:
+    hand_controller: {type: forward_command_controller/ForwardCommandController, fallback_controllers: [spare]}
+    other: {type: forward_command_controller/ForwardCommandController, fallback_controllers: spare}
+"""
+
+
+def test_patterns_and_slashes_count_as_for_ros(tmp_path: Path) -> None:
+    hand, other = load(tmp_path, SAID_OF_ALL).controllers
+    assert (hand.parameters.claims(), other.parameters.claims()) == (("joint2/position",), ("joint1/position",))
+    assert (hand.fallback, other.fallback) == (("spare",), ("spare",))
+
+
+# What a spawner brings later
+
+
+def order(tmp_path: Path, name: str, kind: str, *texts: str) -> Order:
+    paths = []
+    for number, text in enumerate(texts):
+        paths.append(tmp_path / f"more{number}.yaml")
+        paths[-1].write_text(text)
+    file = load(tmp_path, PLAIN, DEFAULTS)
+    return load_controller(file, name, kind, paths, description()[1])
+
+
+def test_a_controller_that_the_file_has_not(tmp_path: Path) -> None:
+    text = "wrist: {ros__parameters: {type: ignored/Here, joints: [joint2], interface_name: position}}"
+    made = order(tmp_path, "wrist", HAND_TYPE, text)
+    assert (made.name, made.kind, made.parameters.claims()) == ("wrist", HAND_TYPE, ("joint2/position",))
+    assert made.parameters.unused() == []
+
+
+def test_the_fallback_of_the_controllers_file_stays(tmp_path: Path) -> None:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(PLAIN.replace(f"{ARM_TYPE}\n", f"{ARM_TYPE}\n      fallback_controllers: [hand_controller]\n"))
+    more = tmp_path / "more.yaml"
+    more.write_text("arm_controller: {ros__parameters: {joints: [joint1]}}")
+    file = load_controllers_file(path, {}, description()[1])
+    made = load_controller(file, "arm_controller", ARM_TYPE, [more], description()[1])
+    assert (made.fallback, made.parameters.claims()) == (("hand_controller",), ("joint1/position",))
+
+
+def test_later_files_count_more_and_the_controllers_file_and_defaults_least(tmp_path: Path) -> None:
+    first = "arm_controller: {ros__parameters: {joints: [joint2], command_lead: 0.1}}"
+    made = order(tmp_path, "arm_controller", ARM_TYPE, first, "/**: {ros__parameters: {command_lead: 0.2}}")
+    assert made.parameters.model_dump(include={"joints", "command_lead", "wait_for"}) == {
+        "joints": ("joint2",),
+        "command_lead": 0.2,
+        "wait_for": ("hand_controller",),
+    }
+    assert order(tmp_path, "arm_controller", ARM_TYPE).parameters.claims() == ("joint1/position", "joint2/position")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "text", "said"),
+    [
+        (
+            "wrist",
+            "no/Such",
+            "wrist: {ros__parameters: {}}",
+            "controller_manager.wrist has unknown type 'no/Such', known",
+        ),
+        (
+            "wrist",
+            HAND_TYPE,
+            "hand: {ros__parameters: {}}",
+            "more0.yaml says nothing of wrist: give it a section 'wrist: ",
+        ),
+        (
+            "wrist",
+            HAND_TYPE,
+            "wrist: {ros__parameters: {joints: [joint2]}}",
+            "more0.yaml:1: wrist.interface_name: Field",
+        ),
+        ("wrist", HAND_TYPE, "wrist: [", "more0.yaml is not YAML"),
+        (
+            "wrist",
+            HAND_TYPE,
+            "wrist:\n  ros__parameters:\n    interface_name: position\n    joints: [joint9]",
+            "more0.yaml:4: wrist.joints names joint9, which takes no commands",
+        ),
+    ],
+)
+def test_mistakes_of_a_spawner_are_said_with_the_file(
+    tmp_path: Path, name: str, kind: str, text: str, said: str
+) -> None:
+    with pytest.raises(ControllersFileError) as error:
+        order(tmp_path, name, kind, text)
+    assert said in str(error.value)
 
 
 def test_the_house_files_are_right() -> None:

@@ -17,7 +17,10 @@ def hand_commands(bench: Bench) -> list[float]:
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ([0.01, 0.02], "command size (2) does not match number of interfaces (1): dropped"),
+        (
+            [0.01, 0.02],
+            "command size (2) does not match number of interfaces (1): dropped, send one value for each of finger",
+        ),
         ([NAN], "Non-finite value received. Dropping message"),
         ([INF], "Non-finite value received. Dropping message"),
         ([-INF], "Non-finite value received. Dropping message"),

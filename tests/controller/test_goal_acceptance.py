@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 from controller.goal import (
@@ -12,10 +11,9 @@ from controller.goal import (
     GoalStatus,
     Tolerances,
     TrajectoryGoal,
-    in_order,
-    reason_to_reject,
     resolve,
 )
+from controller.goal_checks import LARGEST_GOAL, Allowed, limits_reason, reason_to_reject
 from hal.types import JointLimits
 
 JOINTS = ("joint1", "joint2")
@@ -37,6 +35,16 @@ def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 
 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
+
+
+ORDINARY = Allowed()
+
+
+def reason(asked: TrajectoryGoal, allowed: Allowed = ORDINARY) -> str | None:
+    """Why it is refused, by itself or by the limits."""
+    return reason_to_reject(asked, JOINTS, allowed) or limits_reason(asked, JOINTS, LIMITS)
+
+
 REFUSED = {
     "no joints": (goal(point(()), joints=()), MISMATCH),
     "a joint missing": (goal(point((0.5,)), joints=("joint1",)), MISMATCH),
@@ -45,7 +53,7 @@ REFUSED = {
         goal(point(), joints=("joint1", "foo")),
         "Incoming joint foo doesn't match the controller's joints.",
     ),
-    "a joint twice": (goal(point(), joints=("joint1", "joint1")), "A joint is named twice."),
+    "a joint twice": (goal(point(), joints=("joint1", "joint1")), "Joint joint1 is named twice: name each joint once."),
     "no points": (goal(), "Empty trajectory received."),
     "positions too short": (
         goal(point((0.5,))),
@@ -137,22 +145,45 @@ ACCEPTED = {
 
 @pytest.mark.parametrize(("asked", "text"), REFUSED.values(), ids=REFUSED.keys())
 def test_refused_in_these_words(asked: TrajectoryGoal, text: str) -> None:
-    assert reason_to_reject(asked, JOINTS, LIMITS, may_end_moving=False) == text
+    assert reason(asked) == text
 
 
 @pytest.mark.parametrize("asked", ACCEPTED.values(), ids=ACCEPTED.keys())
 def test_accepted(asked: TrajectoryGoal) -> None:
-    assert reason_to_reject(asked, JOINTS, LIMITS, may_end_moving=False) is None
+    assert reason(asked) is None
 
 
 def test_a_last_velocity_is_accepted_where_the_controllers_file_allows_it() -> None:
     moving = goal(point(velocities=(0.2, 0.0)))
-    assert reason_to_reject(moving, JOINTS, LIMITS, may_end_moving=True) is None
+    assert reason(moving, Allowed(moving_end=True)) is None
 
 
-def test_values_are_brought_into_the_controllers_order() -> None:
-    asked = goal(point((0.1, 0.2)), joints=("joint2", "joint1"))
-    assert in_order(asked, JOINTS, asked.points[0].positions) == pytest.approx(np.array([0.2, 0.1]))
+PARTIAL = Allowed(partial=True)
+
+
+def test_a_part_of_the_joints_is_accepted_where_the_controllers_file_allows_it() -> None:
+    part = goal(point((0.5,)), joints=("joint2",))
+    assert reason(part, PARTIAL) is None
+    assert reason(goal(point(()), joints=()), PARTIAL) == "Empty joint names on incoming trajectory."
+    assert reason(goal(point((1.5,)), joints=("joint2",)), PARTIAL) is not None
+
+
+@pytest.mark.parametrize(
+    ("asked", "accepted"),
+    [
+        (point((), velocities=(0.0, 0.0)), True),
+        (point((), accelerations=(0.0, 0.0)), True),
+        (point(()), False),
+        (point((0.1,), velocities=(0.0, 0.0)), False),
+    ],
+)
+def test_positions_may_be_missing_where_they_can_be_integrated(asked: GoalPoint, accepted: bool) -> None:
+    assert (reason(goal(asked), Allowed(integration=True)) is None) == accepted
+
+
+def test_more_points_than_can_be_prepared_are_refused_in_words() -> None:
+    many = goal(*(point(after_s=float(i)) for i in range(LARGEST_GOAL + 1)))
+    assert reason(many) == "5001 points are too many: send at most 5000 in one goal"
 
 
 DEFAULTS = Tolerances({"joint1": 0.1}, {"joint1": 0.2, "joint2": 0.3}, 0.5)
@@ -184,8 +215,8 @@ def test_tolerances_of_a_goal(
         (Tolerances({}, {"joint1": -0.5}), "-0.5 is no tolerance"),
         (Tolerances({}, {}, -2.0), "-2.0 is no tolerance"),
         (Tolerances({"joint1": NAN}), "nan is no tolerance"),
-        (Tolerances({"foo": 0.1}), "joint 'foo' does not exist"),
-        (Tolerances({}, {"foo": 0.1}), "joint 'foo' does not exist"),
+        (Tolerances({"foo": 0.1}), "joint 'foo' specified in goal.path_tolerance does not exist"),
+        (Tolerances({}, {"foo": 0.1}), "joint 'foo' specified in goal.goal_tolerance does not exist"),
     ],
 )
 def test_tolerances_that_make_no_sense(asked: Tolerances, text: str) -> None:

@@ -1,38 +1,181 @@
-"""What /joint_states is made of."""
+"""What /joint_states and /dynamic_joint_states are made of."""
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import pytest
 
-from controller.joint_state_broadcaster import JointStateBroadcaster
-from hal.description import Mimic
-from hal.types import JointState
+from controller.interface import Surroundings
+from controller.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster
+from drivers.counters import ServoCounters
+from hal.description import Component, Description, Mimic, UrdfJoint
+from hal.types import JointState, ServoHealth
 
 ALL = ("position", "velocity", "effort")
+NAN = float("nan")
+INTERFACES = {
+    "wrist": ("position", "temperature"),
+    "base": ALL,
+    "left": ("position", "velocity"),
+    "right": ("position", "velocity"),
+    "lamp": ("voltage",),
+}
+HARDWARE = ("base", "wrist", "right")
 
 
-def broadcaster() -> JointStateBroadcaster:
-    interfaces = {
-        "wrist": ("position",),
-        "base": ALL,
-        "left": ("position", "velocity"),
-        "right": ("position", "velocity"),
-    }
-    return JointStateBroadcaster("jsb", interfaces, {"left": Mimic("right", -2.0, 0.1)}, ("base", "wrist", "right"))
+def broadcaster(**parameters: Any) -> JointStateBroadcaster:
+    mimics = {"left": Mimic("right", -2.0, 0.1)}
+    return JointStateBroadcaster("jsb", BroadcasterParameters(**parameters), INTERFACES, mimics, HARDWARE)
 
 
-def state() -> JointState:
-    return JointState(7.0, np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3]), np.array([10.0, 20.0, 30.0]))
+def state(stamp_s: float = 7.0) -> JointState:
+    health = {"wrist": ServoHealth(11.5, 41.0, ("overload",), ServoCounters(replies=9, silent=1), 0.25)}
+    return JointState(
+        stamp_s,
+        np.array([1.0, 2.0, 3.0]),
+        np.array([0.1, 0.2, 0.3]),
+        np.array([10.0, 20.0, 30.0]),
+        health=health,
+        extra={"lamp/voltage": 0.5},
+    )
+
+
+def updated(controller: JointStateBroadcaster) -> JointStateBroadcaster:
+    controller.update(state(), 7.0, 0.05)
+    return controller
 
 
 def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() -> None:
-    controller = broadcaster()
-    controller.update(state(), 7.0, 0.05)
-    latest = controller.latest
+    latest = updated(broadcaster()).latest
     assert latest is not None
     assert latest.stamp_s == 7.0
     assert latest.names == ("base", "left", "right", "wrist")
     np.testing.assert_allclose(latest.position, [1.0, -5.9, 3.0, 2.0])
     np.testing.assert_allclose(latest.velocity, [0.1, -0.6, 0.3, np.nan])
     np.testing.assert_allclose(latest.effort, [10.0, np.nan, np.nan, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "names", "velocity"),
+    [
+        ({}, ("base", "left", "right", "wrist"), [0.1, -0.6, 0.3, NAN]),
+        ({"use_urdf_to_filter": False}, ("wrist", "base", "left", "right"), [NAN, 0.1, -0.6, 0.3]),
+        ({"joints": ["right", "base"], "interfaces": ["velocity"]}, ("right", "base"), [0.3, 0.1]),
+        ({"joints": ["right", "base"], "interfaces": ["position"]}, ("right", "base"), [NAN, NAN]),
+        ({"joints": ["right"]}, ("base", "left", "right", "wrist"), [0.1, -0.6, 0.3, NAN]),
+        ({"interfaces": ["position"]}, ("base", "left", "right", "wrist"), [0.1, -0.6, 0.3, NAN]),
+        (
+            {"extra_joints": ["z", "a", "base"]},
+            ("base", "left", "right", "wrist", "z", "a"),
+            [0.1, -0.6, 0.3, NAN, 0, 0],
+        ),
+        (
+            {"joints": ["base"], "interfaces": ["velocity"], "extra_joints": ["wheel"]},
+            ("base", "wheel"),
+            [0.1, 0.0],
+        ),
+    ],
+    ids=["all", "no URDF order", "chosen", "chosen, not these", "only joints", "only interfaces", "extra", "both"],
+)
+def test_joints_and_their_order_are_upstreams(
+    parameters: dict[str, Any], names: tuple[str, ...], velocity: list[float]
+) -> None:
+    latest = updated(broadcaster(**parameters)).latest
+    assert latest is not None
+    assert latest.names == names
+    np.testing.assert_allclose(latest.velocity, velocity)
+    assert len(latest.position) == len(latest.effort) == len(names)
+
+
+def test_an_interface_that_is_not_there_is_refused_with_those_that_are() -> None:
+    with pytest.raises(ValueError, match=r"wrist/velocity, wrist/effort is no state interface.*base/effort"):
+        broadcaster(joints=["wrist"], interfaces=["position", "velocity", "effort"])
+
+
+def test_fields_can_be_filled_from_other_interfaces() -> None:
+    latest = updated(broadcaster(map_interface_to_joint_state={"effort": "temperature"})).latest
+    assert latest is not None
+    np.testing.assert_allclose(latest.effort, [NAN, NAN, NAN, 41.0])
+    np.testing.assert_allclose(latest.position, [1.0, -5.9, 3.0, 2.0])
+
+
+def test_a_joint_whose_only_interface_fills_a_field_is_shown() -> None:
+    latest = updated(broadcaster(map_interface_to_joint_state={"effort": "voltage"})).latest
+    assert latest is not None
+    assert "lamp" in latest.names
+
+
+def test_an_interface_that_is_asked_for_by_name_is_not_mapped() -> None:
+    controller = broadcaster(
+        joints=["base"], interfaces=["effort", "velocity"], map_interface_to_joint_state={"effort": "velocity"}
+    )
+    latest = updated(controller).latest
+    assert latest is not None
+    assert latest.effort == [10.0]
+
+
+def test_a_mapping_counts_where_only_one_of_joints_and_interfaces_is_said() -> None:
+    controller = broadcaster(interfaces=["effort"], map_interface_to_joint_state={"effort": "velocity"})
+    latest = updated(controller).latest
+    assert latest is not None
+    np.testing.assert_allclose(latest.effort, [0.1, -0.6, 0.3, NAN])
+    assert controller.parameters.unused() == ["interfaces (only joints and interfaces together choose)"]
+
+
+def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_so() -> None:
+    def joint(name: str, mimic: Mimic | None) -> UrdfJoint:
+        return UrdfJoint(name, "prismatic", "a", name, (0, 0, 0), (0, 0, 0), (1, 0, 0), 0.0, 1.0, 1.0, mimic)
+
+    joints = {"right": joint("right", None), "left": joint("left", Mimic("right", -2.0, 0.1))}
+    states = {"right": ("position",), "left": ("position",)}
+
+    def positions(commands: Mapping[str, tuple[str, ...]], mimics: frozenset[str], *measured: float) -> list[float]:
+        component = Component("hand", "system", "mock", {}, commands, states, mimics)
+        surroundings = Surroundings(Description("", joints), component, {}, lambda name: True)
+        made = JointStateBroadcaster.build("jsb", BroadcasterParameters(), surroundings)
+        still = np.zeros(len(measured))
+        made.update(JointState(0.0, np.array(measured), still, still), 0.0, 0.05)
+        assert made.latest is not None
+        assert made.latest.names == ("left", "right")
+        return [float(value) for value in made.latest.position]
+
+    both = {"right": ("position",), "left": ("position",)}
+    assert positions({"right": ("position",), "left": ()}, frozenset({"left"}), 3.0) == pytest.approx([-5.9, 3.0])
+    assert positions(both, frozenset(), 3.0, 4.0) == [4.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "unused"),
+    [
+        ({}, []),
+        ({"joints": ["base"]}, ["joints (only joints and interfaces together choose)"]),
+        ({"interfaces": ["position"]}, ["interfaces (only joints and interfaces together choose)"]),
+        ({"update_rate": 50}, ["update_rate"]),
+        (
+            {"joints": ["base"], "interfaces": ["effort"], "map_interface_to_joint_state": {"effort": "load"}},
+            ["map_interface_to_joint_state.effort (effort itself is among interfaces)"],
+        ),
+    ],
+)
+def test_what_has_no_effect_is_named(parameters: dict[str, Any], unused: list[str]) -> None:
+    assert BroadcasterParameters(**parameters).unused() == unused
+
+
+def test_dynamic_joint_states_have_every_interface_also_those_of_the_servo() -> None:
+    controller = broadcaster(extra_joints=["wheel"])
+    assert dict(controller.interfaces) == {
+        "base": ALL,
+        "lamp": ("voltage",),
+        "left": ("position", "velocity"),
+        "right": ("position", "velocity"),
+        "wrist": ("position", "temperature"),
+        "wheel": ALL,
+    }
+    values = controller.values(state())
+    wanted = [[1.0, 0.1, 10.0], [0.5], [-5.9, -0.6], [3.0, 0.3], [2.0, 41.0], [0.0, 0.0, 0.0]]
+    for seen, expected in zip(values, wanted, strict=True):
+        np.testing.assert_allclose(seen, expected)
 
 
 def test_it_claims_nothing_and_is_always_settled() -> None:
@@ -42,11 +185,19 @@ def test_it_claims_nothing_and_is_always_settled() -> None:
     assert controller.settled()
 
 
+def test_every_cycle_is_a_new_sample() -> None:
+    controller = updated(broadcaster())
+    first = controller.latest
+    assert controller.latest is first
+    controller.update(state(7.05), 7.05, 0.05)
+    assert controller.latest is not None
+    assert controller.latest.stamp_s == 7.05
+
+
 def test_nothing_old_is_shown_after_the_life_cycle_turned() -> None:
-    controller = broadcaster()
-    controller.update(state(), 7.0, 0.05)
+    controller = updated(broadcaster())
     controller.deactivate()
     assert controller.latest is None
-    controller.update(state(), 7.0, 0.05)
+    updated(controller)
     controller.activate(state(), np.empty(0))
     assert controller.latest is None

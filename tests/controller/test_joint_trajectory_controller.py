@@ -5,10 +5,10 @@ import logging
 import numpy as np
 import pytest
 
-from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, Tolerances, TrajectoryGoal
-from controller.joint_trajectory_controller import SILENT_CYCLES, JtcSettings
+from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.judging import SILENT_CYCLES
 from hal.types import FloatArray
-from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, through, to
+from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 
 REACHED = "Goal successfully reached!"
 PREEMPTED = "Current goal preempted by new incoming action."
@@ -83,7 +83,7 @@ def test_joints_are_mapped_by_name() -> None:
 
 
 def test_the_command_leads_by_as_much_as_the_servos_lag() -> None:
-    plain, leading = Bench().up(), Bench(JtcSettings(ARM, command_lead_s=0.02)).up()
+    plain, leading = Bench().up(), Bench(arm_parameters(command_lead=0.02)).up()
     for bench in (plain, leading):
         bench.send(to(1.0, 0.0))
         bench.cycle(8)
@@ -112,7 +112,7 @@ def test_way_points_are_passed_on_time_without_stopping() -> None:
 
 
 def test_it_ends_at_rest_whatever_velocity_the_last_point_has() -> None:
-    bench = Bench(JtcSettings(ARM, may_end_moving=True)).up()
+    bench = Bench(arm_parameters(allow_nonzero_velocity_at_trajectory_end=True)).up()
     handle = bench.send(through(GoalPoint((0.5, 0.0), 1.0, velocities=(0.5, 0.0))))
     bench.cycles_until(lambda: handle.done)
     bench.cycle(5)
@@ -142,15 +142,13 @@ def test_stamps_and_points_in_past_and_future(points: tuple[GoalPoint, ...], del
     assert_smooth(bench.path())
 
 
-def test_a_way_point_that_cannot_be_passed_within_the_limits_aborts_in_words_and_does_not_move() -> None:
-    """Accepted, because each point is within its limits; found when the motion is planned."""
+def test_a_way_point_that_cannot_be_passed_within_the_limits_is_refused_in_words() -> None:
+    """Each point is within its limits; found when the motion is planned, before anything moves."""
     bench = Bench().up()
-    handle = bench.send(through(GoalPoint((1.95, 0.0), 2.0, velocities=(4.0, 0.0)), GoalPoint((0.0, 0.0), 4.0)))
-    bench.cycle(5)
-    assert handle.status is GoalStatus.ABORTED
-    assert handle.error_code == ErrorCode.INVALID_GOAL
-    assert "joint 1 would swing to" in handle.error_text
-    assert np.abs(bench.path()).max() == 0.0
+    goal = through(GoalPoint((1.95, 0.0), 2.0, velocities=(4.0, 0.0)), GoalPoint((0.0, 0.0), 4.0))
+    reason = bench.arm.check(goal)
+    assert reason is not None
+    assert reason.startswith("shoulder would swing to")
 
 
 # Preemption, cancel, deactivation
@@ -281,8 +279,8 @@ PATH, GOAL = "path", "goal"
 def test_the_files_tolerance_holds_unless_the_goal_says_otherwise(
     kind: str, asked: dict[str, float], status: GoalStatus
 ) -> None:
-    own = Tolerances({"elbow": 0.05}) if kind == PATH else Tolerances({}, {"elbow": 0.05}, 0.2)
-    bench = Bench(JtcSettings(ARM, tolerances=own)).up()
+    own = {"elbow": {"trajectory": 0.05}} if kind == PATH else {"elbow": {"goal": 0.05}, "goal_time": 0.2}
+    bench = Bench(arm_parameters(constraints=own)).up()
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.0, 1.0, path=asked) if kind == PATH else to(0.0, 1.0, goal=asked))
     bench.cycles_until(lambda: handle.done)
@@ -310,8 +308,7 @@ def test_outside_the_goal_tolerance_without_goal_time_it_stays_executing_until_c
 
 @pytest.mark.parametrize("goal_time_s", [0.5, 0.0, -2.0], ids=["from the goal", "from the file", "-2: from the file"])
 def test_when_goal_time_is_over_it_aborts(goal_time_s: float) -> None:
-    own = Tolerances(goal={"elbow": 0.01}, goal_time_s=0.5)
-    bench = Bench(JtcSettings(ARM, tolerances=own)).up()
+    bench = Bench(arm_parameters(constraints={"elbow": {"goal": 0.01}, "goal_time": 0.5})).up()
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.0, 1.0, goal_time_s=goal_time_s))
     bench.cycles_until(lambda: handle.done)
@@ -322,7 +319,7 @@ def test_when_goal_time_is_over_it_aborts(goal_time_s: float) -> None:
 
 
 def test_goal_time_minus_one_erases_the_default() -> None:
-    bench = Bench(JtcSettings(ARM, tolerances=Tolerances(goal_time_s=0.5))).up()
+    bench = Bench(arm_parameters(constraints={"goal_time": 0.5})).up()
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.0, 1.0, goal={"elbow": 0.01}, goal_time_s=-1.0))
     bench.cycle(100)
@@ -399,7 +396,7 @@ def test_a_late_cycle_does_not_leap(late_s: float) -> None:
 
 
 def waiting_bench(timeout_s: float = 1.5) -> Bench:
-    bench = Bench(JtcSettings(ARM, wait_for=("hand",), wait_for_timeout_s=timeout_s)).up()
+    bench = Bench(arm_parameters(wait_for=["hand"], wait_for_timeout=timeout_s)).up()
     bench.hardware.slow = {"finger": 0.005}
     return bench
 
@@ -498,7 +495,7 @@ def test_the_time_that_a_stamped_goal_waits_is_not_added_to_its_end() -> None:
 
 def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING)
-    bench = Bench(JtcSettings(ARM, wait_for=("nobody",))).up()
+    bench = Bench(arm_parameters(wait_for=["nobody"])).up()
     bench.send(to(1.0, 0.0))
     assert cycles_before_it_moves(bench) == 2
     assert caplog.text == ""

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from controller.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
-from controller.joint_trajectory_controller import JtcSettings
 from hal.lifecycle import LifecycleState
-from tests.controller.bench import ARM, JOINTS, LIMITS, PERIOD_S, Bench
+from tests.controller.bench import ARM, JOINTS, LIMITS, PERIOD_S, Bench, arm_parameters
 
 VELOCITY = np.array([LIMITS[name].velocity for name in JOINTS])
 LOWER = np.array([LIMITS[name].lower for name in JOINTS])
@@ -37,19 +36,47 @@ class CountingHandle(GoalHandle):
 
 
 class Client(RuleBasedStateMachine):
-    """Goals, cancels, hand commands, faults, late cycles, life cycle."""
+    """Goals, trajectories of the topic, cancels, speed scaling, hand commands, faults, late cycles, life cycle."""
+
+    method = "ruckig"
 
     def __init__(self) -> None:
         super().__init__()
-        settings_ = JtcSettings(ARM, wait_for=("hand",), wait_for_timeout_s=0.3, command_lead_s=0.013)
+        settings_ = arm_parameters(
+            wait_for=["hand"],
+            wait_for_timeout=0.3,
+            command_lead=0.013,
+            interpolation_method=self.method,
+            allow_partial_joints_goal=True,
+        )
         self.bench = Bench(settings_).up()
         self.handles: list[CountingHandle] = []
         self.checked = 0
 
-    @rule(way=st.lists(points, min_size=1, max_size=3), delay_s=st.floats(-1.0, 1.0) | st.just(0.0))
-    def send(self, way: list[GoalPoint], delay_s: float) -> None:
+    @rule(
+        way=st.lists(points, min_size=1, max_size=3),
+        delay_s=st.floats(-1.0, 1.0) | st.just(0.0),
+        on_topic=st.booleans(),
+    )
+    def send(self, way: list[GoalPoint], delay_s: float, on_topic: bool) -> None:
         way = sorted(way, key=lambda p: p.time_from_start_s)
-        goal = TrajectoryGoal(ARM, tuple(way), delay_s=delay_s)
+        self.submit(TrajectoryGoal(ARM, tuple(way), delay_s=delay_s, from_topic=on_topic))
+
+    @rule(position=st.floats(-2.0, 2.0), after_s=st.floats(0.0, 2.0))
+    def send_a_part(self, position: float, after_s: float) -> None:
+        self.submit(TrajectoryGoal(ARM[1:], (GoalPoint((position,), after_s),)))
+
+    @rule(apart_s=st.floats(0.01, 0.1), way=st.floats(-1.0, 1.0), count=st.integers(60, 100))
+    def send_many(self, apart_s: float, way: float, count: int) -> None:
+        shares = [(1.0 - np.cos(np.pi * i / count)) / 2.0 for i in range(1, count + 1)]
+        many = (GoalPoint((float(way * share), 0.0), apart_s * (i + 1)) for i, share in enumerate(shares))
+        self.submit(TrajectoryGoal(ARM, tuple(many)))
+
+    @rule(factor=st.floats(0.0, 1.5) | st.floats())
+    def scale(self, factor: float) -> None:
+        self.bench.arm.scaling.ask(factor)
+
+    def submit(self, goal: TrajectoryGoal) -> None:
         if self.bench.arm.check(goal) is None:
             with patch("controller.joint_trajectory_controller.GoalHandle", CountingHandle):
                 handle = self.bench.arm.submit(goal)
@@ -103,13 +130,21 @@ class Client(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         self.bench.hardware.faults = {}
+        self.bench.arm.scaling.ask(1.0)
         self.bench.cycle(800)  # longer than any of these goals
         self.commands_are_sane()
         assert all(handle.done for handle in self.handles)
 
 
+class SplineClient(Client):
+    """The same on upstream's splines."""
+
+    method = "splines"
+
+
 TestClient = Client.TestCase
-TestClient.settings = settings(
+TestSplineClient = SplineClient.TestCase
+TestClient.settings = TestSplineClient.settings = settings(
     max_examples=25,
     stateful_step_count=20,
     deadline=None,

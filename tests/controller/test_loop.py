@@ -9,11 +9,14 @@ import pytest
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
 from controller.parameters import Parameters
+from controller.switching import Wish
+from drivers.errors import PortLost
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointState
+from hal.mock_hardware import MockHardware
+from hal.types import FloatArray, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
-from tests.controller.bench import JOINTS, LIMITS, PERIOD_S, Bench, ScriptedHardware, to
+from tests.controller.bench import ARM_LIMITS, JOINTS, LIMITS, PERIOD_S, Bench, ScriptedHardware, to
 
 NAN = float("nan")
 
@@ -46,7 +49,7 @@ class Puppet:
 def puppet_loop() -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock]:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
-    manager = ControllerManager(JOINTS)
+    manager = ControllerManager(hardware.command_interfaces)
     puppet = Puppet()
     manager.add(puppet)
     loop = ControlLoop(hardware, manager, LIMITS, clock, PERIOD_S)
@@ -130,21 +133,23 @@ def test_a_late_wake_up_is_in_the_figures() -> None:
     assert loop.figures.missed == 0
 
 
-@pytest.mark.parametrize("where", ["read", "write", "controller"])
-def test_an_exception_comes_out_of_the_loop_and_nothing_was_written_behind_it(where: str) -> None:
-    puppet, loop, hardware, _ = puppet_loop()
+@pytest.mark.parametrize("where", ["read", "write"])
+def test_a_defect_comes_out_of_the_loop_and_nothing_was_written_behind_it(where: str) -> None:
+    _, loop, hardware, _ = puppet_loop()
     loop.step()
-    error = RuntimeError("broken")
+    hardware.failing[where] = RuntimeError("a defect")
+    with pytest.raises(RuntimeError, match="a defect"):
+        loop.run(lambda: loop.figures.cycles > 3)
+    assert len(hardware.written) == 1
 
-    def fail() -> None:
-        raise error
 
-    if where == "controller":
-        puppet.during_update = fail
-    else:
-        hardware.failing[where] = error
-    with pytest.raises(RuntimeError, match="broken"):
-        loop.run(lambda: False)
+@pytest.mark.parametrize("where", ["read", "write"])
+def test_with_the_only_component_the_loop_ends(where: str) -> None:
+    _, loop, hardware, _ = puppet_loop()
+    loop.step()
+    hardware.failing[where] = PortLost("the port is gone")
+    with pytest.raises(PortLost, match="the port is gone"):
+        loop.run(lambda: loop.figures.cycles > 3)
     assert len(hardware.written) == 1
 
 
@@ -174,6 +179,81 @@ def test_it_does_not_start_blind() -> None:
         bench.loop.activate()
     assert bench.hardware.calls[-1] == "relax"
     assert bench.hardware.state is LifecycleState.INACTIVE
+
+
+class Wheels(Puppet):
+    """Commands a velocity and an effort."""
+
+    command_interfaces = ("wheel/velocity", "motor/effort")
+    state_interfaces = ("wheel/velocity",)
+
+
+def wheels() -> tuple[Wheels, ControlLoop, MockHardware]:
+    clock = SimulatedClock(100.0)
+    commands = ("wheel/velocity", "motor/effort", "arm/position")
+    hardware = MockHardware("mixed", ("wheel", "motor", "arm"), clock, command_interfaces=commands)
+    manager = ControllerManager(commands)
+    made = Wheels()
+    manager.add(made)
+    limits = dict.fromkeys(hardware.joints, JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0))
+    loop = ControlLoop(hardware, manager, limits, clock, PERIOD_S)
+    hardware.configure()
+    loop.activate()
+    return made, loop, hardware
+
+
+def test_velocities_and_efforts_go_through_the_gate_too() -> None:
+    made, loop, hardware = wheels()
+    np.testing.assert_array_equal(loop.command, [0.0, 0.0, 0.0])
+    made.command = np.array([9.0, 9.0])
+    speeds: list[float] = []
+    for _ in range(10):
+        loop.step()
+        speeds.append(float(hardware.read().velocity[0]))
+    np.testing.assert_allclose(speeds[:3], [0.5, 1.0, 1.5])
+    assert speeds[-1] == 4.0
+    assert hardware.read().effort[1] == 3.0
+    made.command = np.array([NAN, NAN])
+    loop.step()
+    np.testing.assert_allclose(loop.command, [3.5, 0.0, 0.0])
+
+
+def test_what_nobody_commands_any_more_neither_moves_nor_pushes() -> None:
+    made, loop, _ = wheels()
+    made.command = np.array([2.0, 2.0])
+    for _ in range(5):
+        loop.step()
+    loop.manager.release(["wheel/velocity"], "the test")
+    for _ in range(5):
+        loop.step()
+    np.testing.assert_allclose(loop.command, [0.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_controller_that_ends_in_mid_motion_leaves_its_joints_to_come_to_rest() -> None:
+    bench = Bench().up()
+    bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    assert abs(bench.velocity[0]) > 1.0
+    bench.manager.release(["elbow/position"], "the test")
+    bench.cycle(20)
+    velocity = np.diff(bench.path()[:, 0]) / PERIOD_S
+    assert np.abs(np.diff(velocity)).max() <= ARM_LIMITS.acceleration * PERIOD_S * 1.2
+    assert velocity[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_controller_that_takes_over_is_not_braked() -> None:
+    """Whoever commands a joint anew has it at once, in whatever way it was left."""
+    puppet, loop, hardware, _ = puppet_loop()
+    for step in range(1, 6):
+        puppet.command = np.array([0.1 * step, 0.0, 0.0])
+        loop.step()
+    loop.manager.release(["shoulder/position"], "the test")
+    loop.step()
+    loop.manager.switch(Wish(activate=("puppet",)), loop.command)
+    puppet.command = loop.command + np.array([0.01, 0.0, 0.0])
+    wanted = puppet.command
+    loop.step()
+    np.testing.assert_allclose(hardware.written[-1], wanted)
 
 
 def test_a_goal_survives_the_gate_unchanged() -> None:

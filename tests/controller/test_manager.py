@@ -1,82 +1,230 @@
-"""Who commands which joint, and what happens when one controller misbehaves."""
+"""Life cycles of controllers, who commands which joint, and what happens when one misbehaves."""
+
+import logging
 
 import numpy as np
 import pytest
 
-from controller.forward_command_controller import ForwardCommandController
-from controller.manager import ClaimError, ControllerManager
+from controller.manager import ControllerManager
+from controller.order import Order
+from controller.parameters import Parameters
+from controller.roster import ClaimError, Transition
+from controller.switching import ManagerError, SwitchError, Wish
 from hal.lifecycle import LifecycleState
-from hal.types import JointLimits, JointState
+from tests.controller.manager_bench import HELD, JOINTS, STANDING, Puppet, cycle, managing
 
-JOINTS = ("a", "b", "c")
-LIMIT = JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)
-STANDING = JointState(0.0, np.zeros(3), np.zeros(3), np.zeros(3))
+UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
 
-def forward(name: str, *joints: str) -> ForwardCommandController:
-    return ForwardCommandController(name, joints, [LIMIT] * len(joints), JOINTS)
+def states(manager: ControllerManager) -> dict[str, LifecycleState]:
+    return {name: entry.state for name, entry in manager.loaded.items()}
 
 
-class Stubborn(ForwardCommandController):
-    """Cannot be deactivated."""
-
-    def deactivate(self) -> None:
-        raise RuntimeError("stubborn")
+# Life cycles
 
 
-def manager(*controllers: ForwardCommandController) -> ControllerManager:
-    made = ControllerManager(JOINTS)
-    for controller in controllers:
-        made.add(controller)
-    return made
+def test_from_loading_to_unloading() -> None:
+    manager, puppet = managing(), Puppet("p", "a")
+    manager.load(Order("p", puppet.kind, Parameters()))
+    assert (manager.state("p"), dict(manager.controllers)) == (UNCONFIGURED, {})
+    manager.configure("p", puppet)
+    assert (manager.state("p"), dict(manager.controllers)) == (INACTIVE, {"p": puppet})
+    manager.cleanup("p")
+    assert (manager.state("p"), dict(manager.controllers)) == (UNCONFIGURED, {})
+    manager.cleanup("p")  # upstream lets it be
+    manager.unload("p")
+    assert states(manager) == {}
 
 
-def test_a_joint_belongs_to_one_controller() -> None:
-    made = manager(forward("first", "a", "b"))
-    with pytest.raises(ClaimError, match="second and first both command b/position: a joint belongs to one controller"):
-        made.add(forward("second", "b", "c"))
-    assert list(made.controllers) == ["first"]
+def test_configuring_again_takes_the_new_controller() -> None:
+    first, second = Puppet("p", "a"), Puppet("p", "b")
+    manager = managing(first)
+    manager.transitions.clear()
+    manager.configure("p", second)
+    assert manager.controllers["p"] is second
+    assert list(manager.transitions) == [
+        Transition("p", INACTIVE, UNCONFIGURED),
+        Transition("p", UNCONFIGURED, INACTIVE),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("what", "text"),
+    [
+        (lambda m: m.load(Order("p", "test", Parameters())), "A controller named 'p' was already loaded"),
+        (lambda m: m.configure("p", Puppet("p", "b")), "'p' can not be configured while it is active: deactivate it"),
+        (lambda m: m.cleanup("p"), "'p' can not be cleaned up while it is active: deactivate it"),
+        (lambda m: m.unload("p"), "'p' can not be unloaded while it is active: deactivate it"),
+        (lambda m: m.configure("nope", Puppet("nope", "b")), "'nope' can not be configured: no controller with this"),
+        (lambda m: m.cleanup("nope"), "'nope' can not be cleaned up: no controller with this name exists"),
+        (lambda m: m.unload("nope"), "'nope' can not be unloaded: no controller with this name exists"),
+    ],
+    ids=["load twice", "configure active", "cleanup active", "unload active", "configure", "cleanup", "unload"],
+)
+def test_what_is_refused_changes_nothing(what, text: str) -> None:  # type: ignore[no-untyped-def]
+    puppet = Puppet("p", "a")
+    manager = managing(puppet, active=["p"])
+    before = manager.loaded
+    with pytest.raises(ManagerError, match=text):
+        what(manager)
+    assert manager.loaded is before and manager.controllers["p"] is puppet
+
+
+def test_what_the_hardware_has_not_cannot_be_commanded() -> None:
+    manager = managing()
+    manager.load(Order("p", "test", Parameters()))
+    with pytest.raises(ClaimError, match=r"p commands d/position, which the hardware has not \(it has a/position, b/"):
+        manager.configure("p", Puppet("p", "a", "d"))
+    assert states(manager) == {"p": UNCONFIGURED}
+
+
+def test_a_reader_of_another_thread_keeps_a_whole_picture() -> None:
+    manager = managing(Puppet("p", "a"), Puppet("q", "b"))
+    seen = manager.loaded
+    manager.switch(Wish(("p", "q")), HELD)
+    manager.release({"b/position"}, "gone")
+    assert [entry.state for entry in seen.values()] == [INACTIVE, INACTIVE]
+    assert states(manager) == {"p": ACTIVE, "q": INACTIVE}
+
+
+# The start
+
+
+def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inactive(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    manager = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    for puppet in (Puppet("first", "a", "b"), Puppet("second", "b"), Puppet("third", "c"), Puppet("fourth")):
+        manager.add(puppet)
+    manager.activate(STANDING, HELD)
+    assert states(manager) == {"first": ACTIVE, "second": INACTIVE, "third": ACTIVE, "fourth": ACTIVE}
+    assert (
+        "second stays inactive: Unable to activate controller 'second' since the command interface 'b/pos"
+        in caplog.text
+    )
+
+
+def test_at_the_start_a_broken_one_stays_inactive_and_a_fallback_waits(caplog: pytest.LogCaptureFixture) -> None:
+    spare, broken, main = Puppet("spare", "a"), Puppet("broken", "b", failing=["activate"]), Puppet("main", "a")
+    manager = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    for puppet in (spare, broken):
+        manager.add(puppet)
+    manager.load(Order("main", "test", Parameters(), fallback=("spare",)))
+    manager.configure("main", main)
+    manager.activate(STANDING, HELD)
+    assert states(manager) == {"spare": INACTIVE, "broken": INACTIVE, "main": ACTIVE}
+    assert "broken stays inactive: Could not activate controller 'broken': broken is broken" in caplog.text
+
+
+# One cycle
 
 
 def test_each_commands_its_own_and_the_rest_stays() -> None:
-    first, second = forward("first", "c"), forward("second", "a")
-    made = manager(first, second)
-    last = np.array([0.1, 0.2, 0.3])
-    made.activate(STANDING, last)
-    first.submit([0.7])
-    second.submit([-0.7])
-    np.testing.assert_allclose(made.update(STANDING, last, 0.0, 0.05), [-0.7, 0.2, 0.7])
-    np.testing.assert_allclose(last, [0.1, 0.2, 0.3])
+    manager = managing(Puppet("p", "c", wanted=0.7), Puppet("q", "a", wanted=-0.7), active=["p", "q"])
+    last = HELD.copy()
+    assert cycle(manager, last) == [-0.7, 0.2, 0.7]
+    np.testing.assert_array_equal(last, HELD)
 
 
-def test_an_inactive_controller_commands_nothing() -> None:
-    first = forward("first", "a")
-    made = manager(first)
-    first.submit([0.7])
-    last = np.zeros(3)
-    np.testing.assert_allclose(made.update(STANDING, last, 0.0, 0.05), last)
-    assert made.state("first") is LifecycleState.INACTIVE
-    made.activate(STANDING, last)
-    assert made.state("first") is LifecycleState.ACTIVE
-    made.deactivate()
-    assert made.state("first") is LifecycleState.INACTIVE
+def test_an_inactive_controller_commands_nothing_and_takes_over_where_the_hardware_is() -> None:
+    puppet = Puppet("p", "c", "b")
+    manager = managing(puppet)
+    assert cycle(manager) == HELD.tolist()
+    manager.switch(Wish(("p",)), HELD)
+    assert puppet.command.tolist() == [0.3, 0.2]
+    assert cycle(manager) == [0.1, 0.7, 0.7]
+    manager.switch(Wish((), ("p",)), HELD)
+    assert cycle(manager) == HELD.tolist()
 
 
 def test_settled_is_the_controllers_own_word_while_it_is_active() -> None:
-    first = forward("first", "a")
-    made = manager(first)
-    assert made.settled("nobody")
-    first.submit([0.7])
-    assert made.settled("first")  # inactive: there is nothing to wait for
-    made.activate(STANDING, np.zeros(3))
-    first.submit([0.7])
-    assert not made.settled("first")
+    manager = managing(Puppet("p", "a"))
+    assert manager.settled("nobody")
+    assert manager.settled("p")  # inactive: there is nothing to wait for
+    manager.switch(Wish(("p",)), HELD)
+    assert not manager.settled("p")
 
 
-def test_one_controller_that_cannot_be_deactivated_does_not_keep_the_others_active() -> None:
-    made = manager(Stubborn("stubborn", ("a",), [LIMIT], JOINTS), forward("last", "b"))
-    made.activate(STANDING, np.zeros(3))
-    with pytest.raises(RuntimeError, match="stubborn"):
-        made.deactivate()
-    assert made.state("stubborn") is LifecycleState.INACTIVE
-    assert made.state("last") is LifecycleState.INACTIVE
+@pytest.mark.parametrize("failing", [["update"], ["update", "deactivate"]])
+def test_a_controller_that_fails_is_deactivated_and_the_others_go_on(
+    failing: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    broken, sound = Puppet("broken", "a", failing=failing), Puppet("sound", "b")
+    manager = managing(broken, sound, active=["broken", "sound"])
+    assert cycle(manager) == [0.1, 0.7, 0.3]
+    assert states(manager) == {"broken": INACTIVE, "sound": ACTIVE}
+    assert broken.calls == ["activate", "update", "deactivate"]
+    assert "broken failed and is deactivated: its joints come to rest" in caplog.text
+    assert cycle(manager) == [0.1, 0.7, 0.3]
+
+
+def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_joints() -> None:
+    class Short(Puppet):
+        def update(self, state, now_s: float, period_s: float) -> None:  # type: ignore[no-untyped-def]
+            self.command = np.array([0.7])
+
+    manager = managing(Short("short", "a", "b"), active=["short"])
+    assert cycle(manager) == HELD.tolist()
+    assert states(manager) == {"short": INACTIVE}
+
+
+def test_the_fallback_takes_over_from_the_next_cycle_on() -> None:
+    broken, spare = Puppet("broken", "a", failing=["update"]), Puppet("spare", "a", wanted=0.5)
+    manager = managing(broken, spare, active=["broken"], fallback={"broken": ("spare",)})
+    assert cycle(manager) == HELD.tolist()
+    assert spare.command.tolist() == [0.1]
+    assert states(manager) == {"broken": INACTIVE, "spare": ACTIVE}
+    assert cycle(manager) == [0.5, 0.2, 0.3]
+
+
+def test_a_fallback_that_cannot_take_over_leaves_the_joints_held(caplog: pytest.LogCaptureFixture) -> None:
+    manager = managing(Puppet("p", "a", failing=["update"]), active=["p"], fallback={"p": ("gone",)})
+    assert cycle(manager) == HELD.tolist()
+    assert "the fallback of p cannot take over: Could not activate controller with name 'gone'" in caplog.text
+
+
+# The hardware is lost, and the end
+
+
+@pytest.mark.parametrize(
+    ("interfaces", "with_states", "left"),
+    [
+        ({"a/position"}, False, {"q"}),
+        ({"a/velocity"}, False, {"p", "q"}),
+        ({"a/velocity"}, True, {"q"}),
+        ({"a/position", "b/position"}, False, set()),
+        (set(), True, {"p", "q"}),
+    ],
+)
+def test_release(interfaces: set[str], with_states: bool, left: set[str], caplog: pytest.LogCaptureFixture) -> None:
+    manager = managing(Puppet("p", "a"), Puppet("q", "b"), active=["p", "q"])
+    manager.release(interfaces, "the bus is gone", with_states)
+    assert {name for name, state in states(manager).items() if state is ACTIVE} == left
+    assert ("p is deactivated, it uses a/" in caplog.text and "the bus is gone" in caplog.text) == ("p" not in left)
+
+
+def test_one_that_cannot_be_deactivated_does_not_keep_the_others_active() -> None:
+    manager = managing(Puppet("stubborn", "a", failing=["deactivate"]), Puppet("q", "b"), active=["stubborn", "q"])
+    with pytest.raises(RuntimeError, match="stubborn is broken"):
+        manager.deactivate()
+    assert states(manager) == {"stubborn": INACTIVE, "q": INACTIVE}
+
+
+def test_nothing_starts_on_joints_that_were_never_measured() -> None:
+    manager = managing(Puppet("p", "a"), Puppet("q", "b"))
+    unknown = np.array([np.nan, 0.2, 0.3])
+    with pytest.raises(SwitchError, match="'p': its joints have not been measured yet"):
+        manager.switch(Wish(("p",)), unknown)
+    manager.switch(Wish(("q",)), unknown)
+    assert states(manager) == {"p": INACTIVE, "q": ACTIVE}
+
+
+def test_every_transition_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.CRITICAL)
+    manager = managing(Puppet("p", "a", failing=["update"]), active=["p"])
+    cycle(manager)
+    assert [(t.start, t.goal) for t in manager.transitions] == [
+        (UNCONFIGURED, INACTIVE),
+        (INACTIVE, ACTIVE),
+        (ACTIVE, INACTIVE),
+    ]

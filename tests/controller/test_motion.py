@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from controller.motion import Kinematics, Motion, MotionError, WayPoint, plan, plan_stop
+from controller.motion import Kinematics, Motion, MotionError, WayPoint, plan, plan_stop, stretched
 from hal.types import FloatArray, JointLimits
 
 LOWER, UPPER = -3.0, 3.0
@@ -60,7 +60,7 @@ def test_from_rest_to_rest(task: tuple[list[JointLimits], FloatArray, FloatArray
     motion = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), asked_s)], limits)
     fastest_s = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), 0.0)], limits).duration_s
     assert motion.duration_s == pytest.approx(max(asked_s, fastest_s), abs=1e-6)
-    assert motion.stretched == (fastest_s > asked_s + 1e-3)
+    assert stretched(motion) == (fastest_s > asked_s + 1e-3)
     assert motion.sample(motion.duration_s).position == pytest.approx(target, abs=1e-7)
     assert motion.sample(motion.duration_s).velocity == pytest.approx(0.0, abs=1e-6)
     assert motion.sample(0.0).position == pytest.approx(start, abs=1e-9)
@@ -128,8 +128,9 @@ def test_way_points_are_passed_without_a_step_in_position_or_velocity(
         assume(False)
         return
     assert_within(motion, limits)
-    for segment, state in zip(motion.segments[1:], states, strict=False):
-        before, after = motion.sample(segment.start_s - 1e-9), motion.sample(segment.start_s)
+    for segment, state in zip(motion.others, states, strict=False):
+        start_s = motion.others_from_s + segment.start_s
+        before, after = motion.sample(start_s - 1e-9), motion.sample(start_s)
         assert before.position == pytest.approx(after.position, abs=1e-6)
         assert before.velocity == pytest.approx(after.velocity, abs=1e-6)
         assert after.position == pytest.approx(state.position, abs=1e-6)
@@ -143,7 +144,7 @@ def test_way_points_are_passed_at_their_times_when_the_limits_allow() -> None:
     assert motion.sample(1.0).position == pytest.approx([0.5], abs=1e-6)
     assert motion.sample(1.0).velocity == pytest.approx([0.4], abs=1e-6)
     assert motion.duration_s == pytest.approx(2.5)
-    assert not motion.stretched
+    assert not stretched(motion)
 
 
 def test_before_its_start_and_after_its_end_it_stands() -> None:
@@ -159,6 +160,20 @@ def test_a_motion_never_swings_beyond_the_position_limits() -> None:
     points = [WayPoint(near_the_end, 3.0), WayPoint(at_rest(0.0), 6.0)]
     with pytest.raises(MotionError, match=r"joint 1 would swing to 3\.\d+, outside its limits -3\.0+ to 3\.0+"):
         plan(at_rest(0.0), points, [limits_of(4.0, 12.0, 120.0)])
+
+
+def test_a_joint_that_stands_outside_its_limits_may_come_back_in() -> None:
+    motion = plan(at_rest(3.1), [WayPoint(at_rest(0.0), 3.0)], [limits_of(4.0, 12.0, 120.0)])
+    assert motion.sample(0.0).position == pytest.approx([3.1])
+    assert motion.sample(3.0).position == pytest.approx([0.0])
+
+
+def test_in_a_stop_no_joint_waits_for_another() -> None:
+    limits = [limits_of(4.0, 12.0, 120.0), limits_of(4.0, 1.0, 120.0)]
+    both = Kinematics(np.zeros(2), np.array([2.0, 2.0]), np.zeros(2))
+    alone = plan_stop(Kinematics(np.zeros(1), np.array([2.0]), np.zeros(1)), limits[:1])
+    stop = plan_stop(both, limits)
+    assert stop.sample(stop.duration_s).position[0] == pytest.approx(alone.sample(alone.duration_s).position[0])
 
 
 NAN, INF = float("nan"), float("inf")

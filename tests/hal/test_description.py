@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.description import Mimic, parse_urdf
+from hal.description import Mimic, merged, parse_urdf
 from hal.errors import DescriptionError
 
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "robot_arm.urdf"
@@ -28,6 +28,9 @@ CONTROL = """
     <joint name="elbow"><command_interface name="position"/><state_interface name="position"/></joint>
     <joint name="finger"><state_interface name="position"/></joint>
   </ros2_control>"""
+
+STATE = '<state_interface name="position"/>'
+INITIAL = '<state_interface name="position"><param name="initial_value">{}</param></state_interface>'
 
 
 def urdf(joints: str = ELBOW + FINGER, control: str = CONTROL) -> str:
@@ -57,6 +60,44 @@ def test_the_hardware_component() -> None:
     assert component.joints == ("elbow",)
     assert component.command_interfaces == {"elbow": ("position",), "finger": ()}
     assert component.state_interfaces == {"elbow": ("position",), "finger": ("position",)}
+
+
+def test_interfaces_by_their_full_names() -> None:
+    (component,) = parse_urdf(urdf()).components
+    assert component.commands == ("elbow/position",)
+    assert component.states == ("elbow/position", "finger/position")
+    assert component.mimics == {"finger"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "rate_hz"),
+    [
+        ('type="system"', 'type="system"', 0),
+        ('type="system"', 'type="system" rw_rate="25"', 25),
+        ("</plugin>", '</plugin><param name="rw_rate">5</param>', 5),
+    ],
+)
+def test_a_component_may_have_a_rate_of_its_own(old: str, new: str, rate_hz: int) -> None:
+    (component,) = parse_urdf(urdf(control=CONTROL.replace(old, new))).components
+    assert component.rw_rate == rate_hz
+
+
+def test_initial_values() -> None:
+    (component,) = parse_urdf(urdf(control=CONTROL.replace(STATE, INITIAL.format("0.25"), 1))).components
+    assert component.initial_values == {"elbow/position": 0.25}
+
+
+def test_several_components_side_by_side() -> None:
+    wrist = ELBOW.replace("elbow", "wrist")
+    other = CONTROL.replace('"arm"', '"hand"').replace("elbow", "wrist").replace('<joint name="finger">', "<!--", 1)
+    other = other.replace("</joint>\n  </ros2", "-->\n  </ros2")
+    components = parse_urdf(urdf(ELBOW + FINGER + wrist, CONTROL + other)).components
+    assert [(c.name, c.joints) for c in components] == [("arm", ("elbow",)), ("hand", ("wrist",))]
+    whole = merged(components)
+    assert whole.joints == ("elbow", "wrist")
+    assert whole.commands == ("elbow/position", "wrist/position")
+    assert whole.mimics == {"finger"}
+    assert merged(components[:1]) is components[0]
 
 
 def test_the_text_is_kept_as_it_is() -> None:
@@ -118,6 +159,61 @@ def test_the_arm_itself() -> None:
         (
             urdf(control=CONTROL.replace('<command_interface name="position"/>', "<command_interface/>")),
             "a <command_interface> of the URDF has no name",
+        ),
+        (
+            urdf(control=CONTROL.replace('"system"', '"robot"')),
+            "<ros2_control name='arm'> has type 'robot': it is one of system, actuator, sensor",
+        ),
+        (
+            urdf(control=CONTROL.replace("<hardware>", "<software/><hardware>")),
+            "<ros2_control name='arm'> has the unknown tag <software>",
+        ),
+        (
+            urdf(control=CONTROL.replace("<hardware>", '<gpio name="led"/><hardware>')),
+            "<ros2_control name='arm'>: <gpio> is not supported",
+        ),
+        (
+            urdf(ELBOW.replace("revolute", "fixed") + FINGER),
+            "<ros2_control name='arm'> names joint 'elbow', which is fixed in the URDF: hardware has joints that are",
+        ),
+        (
+            urdf(
+                control=CONTROL.replace('<joint name="finger">', '<joint name="finger"><command_interface name="x"/>')
+            ),
+            "joint 'finger' follows 'elbow' by its <mimic>: take its <command_interface> out",
+        ),
+        (
+            urdf(control=CONTROL.replace('<command_interface name="position"/>', '<command_interface name="colour"/>')),
+            "joint 'elbow' has the <command_interface> 'colour': there are position, velocity, effort",
+        ),
+        (
+            urdf(control=CONTROL.replace('<state_interface name="position"/>', STATE + STATE, 1)),
+            "joint 'elbow' has <state_interface name='position'> twice",
+        ),
+        (
+            urdf(control=CONTROL.replace('name="finger"', 'name="elbow"')),
+            "<ros2_control name='arm'> has joint 'elbow' tw",
+        ),
+        (urdf(control=CONTROL + CONTROL), "two <ros2_control> blocks are called 'arm': each needs a name of its own"),
+        (
+            urdf(control=CONTROL + CONTROL.replace('"arm"', '"hand"')),
+            "joint 'elbow' is in two <ros2_control> blocks: a joint belongs to one",
+        ),
+        (
+            urdf(control=re.sub('<joint name="elbow">.*?</joint>', "", CONTROL)),
+            "joint 'finger' mimics 'elbow', which no <ros2_control> block drives",
+        ),
+        (
+            urdf(control=CONTROL.replace('type="system"', 'type="system" rw_rate="often"')),
+            "<ros2_control name='arm'>: rw_rate 'often' is not a whole number of hertz",
+        ),
+        (
+            urdf(control=CONTROL.replace(STATE, INITIAL.format("far"), 1)),
+            "initial_value 'far' of elbow/position is not",
+        ),
+        (
+            urdf(control=CONTROL.replace(STATE, INITIAL.format("nan"), 1)),
+            "initial_value 'nan' of elbow/position is not",
         ),
     ],
 )

@@ -35,7 +35,7 @@ def gated(wanted: list[float], last: FloatArray = MIDDLE) -> Gated:
 
 @given(commands, inside)
 def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: FloatArray) -> None:
-    out = GATE.limit(wanted, last, PERIOD_S).position
+    out = GATE.limit(wanted, last, PERIOD_S).values
     assert np.isfinite(out).all()
     assert (out >= LOWER).all() and (out <= UPPER).all()
     assert (np.abs(out - last) <= REACH + ROUNDING).all()
@@ -43,7 +43,7 @@ def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: Flo
 
 @given(commands, inside, st.sampled_from((0.001, 0.01, 0.02, 0.1, 1.0)))
 def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, period_s: float) -> None:
-    out = GATE.limit(wanted, last, period_s).position
+    out = GATE.limit(wanted, last, period_s).values
     assert (np.abs(out - last) <= REACH / PERIOD_S * period_s + ROUNDING).all()
 
 
@@ -51,35 +51,35 @@ def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, peri
 def test_a_legal_command_passes_as_it_is_and_without_a_word(last: FloatArray, share: FloatArray) -> None:
     wanted = np.clip(last + share * REACH, LOWER, UPPER)
     out = GATE.limit(wanted, last, PERIOD_S)
-    np.testing.assert_allclose(out.position, wanted, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(out.values, wanted, rtol=0.0, atol=ROUNDING)
     assert out.reasons == {}
 
 
 @given(commands, inside)
 def test_the_reasons_name_exactly_the_joints_that_were_changed(wanted: FloatArray, last: FloatArray) -> None:
     out = GATE.limit(wanted, last, PERIOD_S)
-    changed = {i for i in range(3) if not abs(out.position[i] - wanted[i]) <= 1e-9}
+    changed = {i for i in range(3) if not abs(out.values[i] - wanted[i]) <= 1e-9}
     assert out.reasons.keys() == changed
 
 
 @given(commands, inside)
 def test_one_joint_does_not_move_another(wanted: FloatArray, last: FloatArray) -> None:
     alone = np.where([True, False, False], wanted, last)
-    assert GATE.limit(alone, last, PERIOD_S).position[0] == GATE.limit(wanted, last, PERIOD_S).position[0]
+    assert GATE.limit(alone, last, PERIOD_S).values[0] == GATE.limit(wanted, last, PERIOD_S).values[0]
 
 
 @given(st.lists(commands, max_size=20), inside)
 def test_no_sequence_of_commands_outruns_the_velocity(sequence: list[FloatArray], start: FloatArray) -> None:
     last = start
     for wanted in sequence:
-        last = GATE.limit(wanted, last, PERIOD_S).position
+        last = GATE.limit(wanted, last, PERIOD_S).values
     assert (np.abs(last - start) <= len(sequence) * REACH + ROUNDING * (1 + len(sequence))).all()
 
 
 @pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
 def test_no_number_means_hold(nothing: float) -> None:
     out = gated([nothing, MIDDLE[1], nothing])
-    np.testing.assert_array_equal(out.position, MIDDLE)
+    np.testing.assert_array_equal(out.values, MIDDLE)
     assert out.reasons == {0: f"the command is {nothing}: holding", 2: f"the command is {nothing}: holding"}
 
 
@@ -98,7 +98,7 @@ def test_a_reason_says_what_was_asked_and_what_is_allowed(wanted: float, reason:
 
 def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
     wanted, last = np.array([math.nan, 9.0, 0.0]), MIDDLE.copy()
-    out = GATE.limit(wanted, last, PERIOD_S).position
+    out = GATE.limit(wanted, last, PERIOD_S).values
     out[:] = 77.0
     np.testing.assert_array_equal(wanted, [math.nan, 9.0, 0.0])
     np.testing.assert_array_equal(last, MIDDLE)
@@ -111,7 +111,7 @@ def test_from_a_little_outside_it_only_comes_nearer(
     """A joint may begin outside by play. No command takes it further out, none makes it leap back in."""
     ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
     last = ends + np.array(side) * REACH * reaches
-    out = GATE.limit(wanted, last, PERIOD_S).position
+    out = GATE.limit(wanted, last, PERIOD_S).values
     outside_before = np.maximum(LOWER - last, last - UPPER)
     outside_after = np.maximum(LOWER - out, out - UPPER)
     assert (np.abs(out - last) <= REACH + ROUNDING).all()
@@ -123,6 +123,65 @@ def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:
     last = MIDDLE.copy()
     last[1] = math.nan
     assert 1 in GATE.limit(MIDDLE, last, PERIOD_S).reasons
+
+
+KINDS = ("position", "velocity", "effort")
+MIXED = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0)] * 3, KINDS)
+
+
+@given(st.lists(commands, max_size=20))
+def test_velocities_and_efforts_stay_within_theirs_and_velocities_within_the_acceleration(
+    sequence: list[FloatArray],
+) -> None:
+    last = np.zeros(3)
+    for wanted in sequence:
+        now = MIXED.limit(wanted, last, PERIOD_S).values
+        assert np.isfinite(now).all()
+        assert (np.abs(now) <= [2.0, 4.0, 3.0]).all()
+        assert (np.abs(now - last)[:2] <= np.array([4.0, 10.0]) * PERIOD_S + ROUNDING).all()
+        last = now
+
+
+@pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
+def test_no_number_means_neither_moving_nor_pushing(nothing: float) -> None:
+    out = MIXED.limit(np.full(3, nothing), np.array([1.0, 0.2, 2.0]), PERIOD_S)
+    np.testing.assert_array_equal(out.values, [1.0, 0.0, 0.0])
+    assert out.reasons[1] == f"the command is {nothing}: stopping"
+
+
+@given(
+    st.lists(st.floats(-9.0, 9.0), min_size=1, max_size=150),
+    st.floats(-1.9, 1.9),
+    st.sampled_from((0.5, 10.0, math.inf)),
+)
+def test_a_velocity_never_drives_a_joint_out_of_its_range(
+    wanted: list[float], start: float, acceleration: float
+) -> None:
+    gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, acceleration, 100.0)], ["velocity"])
+    position, last = np.array([start]), np.zeros(1)
+    for value in wanted:
+        last = gate.limit(np.array([value]), last, PERIOD_S, position).values
+        position = position + last * PERIOD_S
+        assert abs(position[0]) <= 2.0 + 1e-9
+
+
+def test_at_the_end_of_its_range_a_joint_may_only_go_back() -> None:
+    gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)] * 2, ["velocity"] * 2)
+    out = gate.limit(np.array([0.4, -0.4]), np.zeros(2), PERIOD_S, np.array([2.0, 2.0]))
+    np.testing.assert_allclose(out.values, [0.0, -0.4])
+    assert out.reasons == {0: "0.4000 is too fast so near to the end of the joint's range: going at 0.0000"}
+
+
+def test_a_joint_whose_place_is_unknown_or_whose_range_has_no_end_is_driven_as_asked() -> None:
+    endless = JointLimits(-math.inf, math.inf, 4.0, 10.0, 100.0)
+    gate = SafetyGate([endless, JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)], ["velocity"] * 2)
+    out = gate.limit(np.array([0.4, 0.4]), np.zeros(2), PERIOD_S, np.array([1e6, math.nan]))
+    np.testing.assert_allclose(out.values, [0.4, 0.4])
+
+
+def test_without_a_limit_of_effort_any_number_passes() -> None:
+    gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)], ["effort"])
+    assert gate.limit(np.array([1e6]), np.zeros(1), PERIOD_S).values[0] == 1e6
 
 
 def test_a_robot_without_joints_is_safe() -> None:

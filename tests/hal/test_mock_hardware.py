@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hal.description import parse_urdf
 from hal.mock_hardware import MockHardware
 from hal.types import JointCommand
 from sim_backend.clock import SimulatedClock
@@ -39,6 +40,72 @@ def test_with_dynamics_the_velocity_is_the_difference_quotient(period_s: float) 
     np.testing.assert_allclose(hardware.read().velocity, [0.1 / period_s, -0.2 / period_s])
     hardware.write(JointCommand(at(1.1, -0.2), period_s))
     np.testing.assert_array_equal(hardware.read().velocity, [0.0, 0.0])
+
+
+URDF = """
+<robot name="r">
+  <joint name="a" type="revolute"><parent link="0"/><child link="1"/><limit lower="-1" upper="1" velocity="1"/></joint>
+  <joint name="b" type="continuous"><parent link="1"/><child link="2"/></joint>
+  <joint name="c" type="continuous"><parent link="2"/><child link="3"/></joint>
+  <ros2_control name="m" type="system">
+    <hardware><plugin>mock_components/GenericSystem</plugin>{}</hardware>
+    <joint name="a">
+      <command_interface name="position"/><command_interface name="effort"/>
+      <state_interface name="position"><param name="initial_value">0.5</param></state_interface>
+      <state_interface name="effort"/><state_interface name="torque_offset"/>
+    </joint>
+    <joint name="b">
+      <command_interface name="velocity"/>
+      <state_interface name="position"/><state_interface name="velocity"/>
+      <state_interface name="heat"><param name="initial_value">21</param></state_interface>
+    </joint>
+    <joint name="c"><state_interface name="position"><param name="initial_value">3</param></state_interface></joint>
+  </ros2_control>
+</robot>"""
+
+
+def declared(*parameters: str) -> MockHardware:
+    said = "".join(f'<param name="{name}">true</param>' for name in parameters)
+    hardware = MockHardware.of(parse_urdf(URDF.format(said)).components[0], SimulatedClock(3.0))
+    hardware.configure()
+    hardware.activate()
+    return hardware
+
+
+def test_it_has_the_interfaces_that_are_declared_and_begins_with_their_initial_values() -> None:
+    hardware = declared()
+    assert hardware.joints == ("a", "b", "c")
+    assert hardware.command_interfaces == ("a/position", "a/effort", "b/velocity")
+    state = hardware.read()
+    np.testing.assert_array_equal(state.position, [0.5, 0.0, 3.0])
+    assert state.extra["b/heat"] == 21.0
+    assert np.isnan(state.extra["a/torque_offset"])
+    assert np.isnan(state.effort).all()
+
+
+def test_each_command_is_mirrored_into_the_state_of_its_name() -> None:
+    hardware = declared()
+    hardware.write(JointCommand(np.array([0.25, 3.0, 0.75]), 0.1))
+    state = hardware.read()
+    np.testing.assert_array_equal(state.position, [0.25, 0.0, 3.0])
+    np.testing.assert_array_equal(state.velocity, [0.0, 0.75, 0.0])
+    np.testing.assert_array_equal(state.effort, [3.0, np.nan, np.nan])
+
+
+def test_with_dynamics_a_velocity_moves_the_joint() -> None:
+    hardware = declared("calculate_dynamics")
+    for _ in range(3):
+        hardware.write(JointCommand(np.array([0.5, 0.0, 0.75]), 0.1))
+    state = hardware.read()
+    np.testing.assert_allclose(state.position, [0.5, 0.225, 3.0])
+    np.testing.assert_allclose(state.velocity, [0.0, 0.75, 0.0])
+
+
+def test_disabled_commands_freeze_the_state() -> None:
+    hardware = declared("disable_commands")
+    hardware.write(JointCommand(np.array([0.25, 3.0, 0.75]), 0.1))
+    np.testing.assert_array_equal(hardware.read().position, [0.5, 0.0, 3.0])
+    np.testing.assert_array_equal(hardware.read().velocity, [0.0, 0.0, 0.0])
 
 
 def test_a_state_is_the_readers_own() -> None:

@@ -231,7 +231,7 @@ FINGER = UrdfJoint("finger", "prismatic", "b", "c", (0, 0, 0), (0, 0, 0), (0, 0,
 
 def joined(folder: Path, *urdf: UrdfJoint, text: str = GOOD) -> Robot:
     commands = {joint.name: ("position",) for joint in urdf} | {"follower": ()}
-    component = Component("arm", "system", "plugin", {}, commands, {})
+    component = Component("arm", "system", "plugin", {}, commands, {}, frozenset(["follower"]))
     return assemble(loaded(folder, text), Description("", {j.name: j for j in urdf}, (component,)), component)
 
 
@@ -276,6 +276,22 @@ def test_what_does_not_fit_together_is_told(tmp_path: Path, urdf: tuple[UrdfJoin
         joined(tmp_path, *urdf)
     (complaint,) = str(caught.value).splitlines()
     assert says in complaint
+
+
+@pytest.mark.parametrize(
+    ("commands", "says"),
+    [
+        (("position", "velocity"), "the URDF asks for elbow/velocity commands, and servos take positions only"),
+        (("effort",), "the URDF asks for elbow/effort commands, and servos take positions only"),
+        ((), "elbow has no command interface and mimics no joint: its servo needs one, position"),
+    ],
+)
+def test_servos_take_positions_only(tmp_path: Path, commands: tuple[str, ...], says: str) -> None:
+    joints = {"elbow": ELBOW, "finger": FINGER}
+    component = Component("arm", "system", "plugin", {}, {"elbow": commands, "finger": ("position",)}, {})
+    with pytest.raises(RobotFileError) as caught:
+        assemble(loaded(tmp_path, GOOD), Description("", joints, (component,)), component)
+    assert says in str(caught.value)
 
 
 def test_everything_that_does_not_fit_is_told_at_once(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def edited(folder: Path, original: Path, old: str, new: str) -> str:
         ("--controllers", CONTROLLERS, "joint6]", "joint9]", "arm_controller.joints names joint9"),
         ("--controllers", CONTROLLERS, "ForwardCommandController", "Nonsense", "unknown type"),
         ("--controllers", CONTROLLERS, "update_rate: 20", "update_rate: 0", "update_rate"),
-        ("--controllers", CONTROLLERS, "[hand_right_joint]", "[joint6]", "both command joint6"),
+        ("--controllers", CONTROLLERS, "[hand_right_joint]", "[joint6, joint6]", "names joint6 twice"),
         ("--urdf", URDF, "ros2_control", "other", "has no <ros2_control> block: add one"),
         ("--urdf", URDF, "servoloop/ServoHardware", "acme/Hardware", "unknown <plugin> acme/Hardware"),
         ("--robot", CONFIG / "robot_arm.yaml", "servo_id: 2", "servo_id: 1", "both have servo_id 1"),

@@ -13,6 +13,8 @@ from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
 from drivers.bus import ServoBus
+from hal.component import Component
+from hal.components import Components
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
 from servoloop.emulator import couplings, virtual_lines
@@ -106,6 +108,7 @@ class StackRig:
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
+        stay: bool = False,
     ) -> None:
         self.files = files or read_files()
         self.clock = SimulatedClock()
@@ -122,10 +125,11 @@ class StackRig:
         # Most tests have one line.
         self.bus, self.port = next(iter(self.lines.values())), next(iter(self.ports.values()))
         self.virtual_port = self.port.port
-        self.hardware = ServoHardware("arm", robot.joints, self._open_buses, self.clock)
-        self.hardware.interpolate = interpolate
-        limits = robot.limits()
-        self.manager = ControllerManager(self.hardware.joints)
+        self.made = [self._made(component, interpolate) for component in self.files.description.components]
+        self.hardware = self.made[0]
+        components = Components(self.made, self.clock)
+        limits = self.files.limits
+        self.manager = ControllerManager(components.command_interfaces)
         surroundings = Surroundings(self.files.description, self.files.component, limits, self.manager.settled)
         built = factory.build(self.files.controllers, surroundings)
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
@@ -134,13 +138,24 @@ class StackRig:
             self.manager.add(wrap(controller))
         self.after_cycle: Callable[[], None] = lambda: None
         period_s = 1.0 / self.files.controllers.update_rate_hz
-        self.loop = ControlLoop(self.hardware, self.manager, limits, self.clock, period_s, self._on_cycle)
+        self.loop = ControlLoop(components, self.manager, limits, self.clock, period_s, self._on_cycle, stay=stay)
 
     def up(self) -> "StackRig":
         """Configure and activate."""
-        self.hardware.configure()
+        self.loop.hardware.configure()
         self.loop.activate()
         return self
+
+    def _made(self, component: Component, interpolate: bool) -> ServoHardware:
+        joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
+        names = {joint.bus for joint in joints}
+
+        def open_buses() -> dict[str, ServoBus]:
+            return {name: bus for name, bus in self._open_buses().items() if name in names}
+
+        made = ServoHardware(component.name, joints, open_buses, self.clock)
+        made.interpolate = interpolate
+        return made
 
     def _open_buses(self) -> dict[str, ServoBus]:
         return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}

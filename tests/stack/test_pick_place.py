@@ -1,9 +1,12 @@
 """The main job from the controllers to the cube, on simulated time."""
 
+from pathlib import Path
+
 import pytest
 
 from controller.goal import GoalStatus
 from hal.types import FloatArray
+from servoloop.files import CONFIG, URDF, Files, read_files
 from tests.stack.rig import BINS, PICK, READY, StackRig, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03
@@ -81,3 +84,46 @@ def _there_and_back(interpolate: bool) -> tuple[FloatArray, FloatArray]:
         rig.go(pose)
         rig.run(2.4)
     return rig.trace.following_error()
+
+
+def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, str] = ("", "")) -> Files:
+    """Our own arm with something replaced in its robot file or its URDF."""
+    made = {}
+    for path, (old, new) in ((CONFIG / "robot_arm.yaml", robot), (URDF, urdf)):
+        text = path.read_text()
+        assert old in text
+        made[path.suffix] = folder / path.name
+        made[path.suffix].write_text(text.replace(old, new))
+    return read_files(made[".urdf"], robot=made[".yaml"])
+
+
+@pytest.mark.parametrize("grade", BINS)
+def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str) -> None:
+    """A goal without velocities is then a straight line in time, with steps of velocity at its ends."""
+    rig = StackRig(files=_files(tmp_path, robot=("interpolation_method: ruckig", "interpolation_method: splines"))).up()
+    job = UnpacedJob(rig, grade)
+    job.run()
+    rig.run(1.0)
+    assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
+    assert rig.world.cube_bin() == grade
+
+
+@pytest.mark.parametrize("grade", BINS)
+def test_the_grasp_succeeds_with_a_hand_five_times_slower(tmp_path: Path, grade: str) -> None:
+    """Above its bin the cube is in the fingers. Bin B lies around the stand, and fingers that let go so slowly let
+    the cube slide back onto the stand: only A and C are looked at to the end."""
+    rig = StackRig(files=_files(tmp_path, urdf=('effort="40" velocity="0.09"', 'effort="40" velocity="0.018"'))).up()
+    job = UnpacedJob(rig, grade)
+    above_bin_m: list[float] = []
+
+    def react() -> None:
+        if len(job.handles) == 3 and job.handles[2].done:
+            above_bin_m.append(rig.world.poses()["cube"].position_m[2])
+        job.react()
+
+    rig.after_cycle = react
+    rig.run(40.0, lambda: job.done)
+    rig.run(1.0)
+    assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
+    assert above_bin_m[0] > 0.11
+    assert grade == "B" or rig.world.cube_bin() == grade

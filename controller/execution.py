@@ -1,0 +1,180 @@
+"""Goals one after the other, in the loop's thread: each begins, goes on, and ends in words."""
+
+import logging
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from controller.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, resolve
+from controller.interface import Settled
+from controller.judging import DEACTIVATED, PREEMPTED, PREEMPTED_BY_TOPIC, TIMED_OUT, Silence, Verdict, judge
+from controller.motion import Kinematics, MotionError, stretched
+from controller.plans import Plan
+from controller.tracking import Follower
+from controller.trajectory_parameters import TrajectoryParameters
+from hal.types import FloatArray, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+
+@dataclass(slots=True)
+class _Active:
+    """The goal under way; until it has ``begun`` it waits for other controllers."""
+
+    handle: GoalHandle
+    plan: Plan
+    tolerances: Tolerances
+    silence: Silence
+    waited_s: float = 0.0
+    begun: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """What there is to know in one cycle; arrays (n,), ``error`` is the reference less what was measured."""
+
+    state: JointState
+    reference: Kinematics
+    measured: FloatArray
+    error: FloatArray
+    step_s: float
+
+
+class Execution:
+    """``submit`` and ``cancel`` may be called from any thread; they count from the next cycle on."""
+
+    def __init__(self, name: str, joints: Sequence[str], follower: Follower, settled: Settled) -> None:
+        self._name = name
+        self._joints = tuple(joints)
+        self._follower = follower
+        self._others_settled = settled
+        self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
+        self._cancels: deque[GoalHandle] = deque()
+        self._active: _Active | None = None
+
+    def submit(self, handle: GoalHandle, plan: Plan) -> None:
+        """A goal that takes the place of the one under way."""
+        self._inbox.append((handle, plan))
+
+    def cancel(self, handle: GoalHandle) -> None:
+        """Stop it, if it is still under way then."""
+        self._cancels.append(handle)
+
+    @property
+    def idle(self) -> bool:
+        """No goal is under way or waiting."""
+        return self._active is None and not self._inbox
+
+    def end(self, reason: str = "") -> None:
+        """All goals end with the controller; ``reason`` is added for their clients."""
+        text = f"{DEACTIVATED} {reason}".rstrip()
+        if self._active:
+            self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+        self._active = None
+        self._cancels.clear()
+        while self._inbox:
+            self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+
+    def cycle(self, now: Cycle, parameters: TrajectoryParameters) -> None:
+        """Cancels, new goals, and the one under way."""
+        self._take_cancels(now, parameters)
+        self._take_goals(now, parameters)
+        if self._active:
+            self._go_on(self._active, now, parameters)
+        self._check_timeout(now, parameters)
+
+    def _take_cancels(self, now: Cycle, parameters: TrajectoryParameters) -> None:
+        while self._cancels:
+            handle = self._cancels.popleft()
+            if self._active and self._active.handle is handle:
+                self._halt(now, parameters)
+            for waiting in [entry for entry in self._inbox if entry[0] is handle]:
+                self._inbox.remove(waiting)
+            handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+
+    def _halt(self, now: Cycle, parameters: TrajectoryParameters) -> None:
+        """The goal under way has ended, its path has not."""
+        self._active = None
+        if parameters.constraints.decelerate_on_cancel:
+            self._follower.stop(now.reference, parameters)
+        else:
+            self._follower.hold(now.measured)
+
+    def _take_goals(self, now: Cycle, parameters: TrajectoryParameters) -> None:
+        while self._inbox:
+            handle, plan = self._inbox.popleft()
+            if self._active:
+                text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
+                self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+            tolerances = self._tolerances(handle.goal.tolerances, parameters.tolerances())
+            self._active = _Active(handle, plan, tolerances, Silence(self._joints))
+            if self._inbox:
+                continue  # a newer one has come already: this one is not worth beginning
+            if parameters.wait_for:
+                self._follower.stop(now.reference, parameters)
+            else:
+                self._begin(self._active, now, parameters)
+
+    def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
+        """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
+        try:
+            return resolve(asked, default, self._joints)
+        except ValueError as error:
+            LOG.error("%s: %s. Using default tolerances.", self._name, error)
+            return default
+
+    def _begin(self, active: _Active, now: Cycle, parameters: TrajectoryParameters) -> None:
+        # A stamp is a point in time: waiting has brought it nearer.
+        waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
+        try:
+            path = active.plan.join(now.reference, waited_s)
+        except MotionError as error:
+            self._give_up(active, Verdict(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, str(error)), now, parameters)
+            return
+        if stretched(path):
+            how_much = f"from {path.asked_s:.2f} s to {path.duration_s:.2f} s"
+            LOG.warning("%s: the limits stretch the motion %s", self._name, how_much)
+        active.begun = True
+        self._follower.follow(path, now.reference)
+
+    def _go_on(self, active: _Active, now: Cycle, parameters: TrajectoryParameters) -> None:
+        if fault := active.silence.lasting(now.state.faults):
+            verdict = Verdict(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, fault)
+            self._give_up(active, verdict, now, parameters)
+        elif not active.begun:
+            self._wait(active, now, parameters)
+        elif self._follower.path is not None:
+            path, elapsed_s = self._follower.path, self._follower.elapsed_s
+            if found := judge(self._joints, active.tolerances, path, elapsed_s, now.error):
+                self._give_up(active, found, now, parameters)
+
+    def _wait(self, active: _Active, now: Cycle, parameters: TrajectoryParameters) -> None:
+        """Begin when the others have settled. Never in the first cycle: a command that was sent in
+        the same instant as the goal may arrive just behind it."""
+        ready = active.waited_s > 0.0 and all(map(self._others_settled, parameters.wait_for))
+        late = active.waited_s >= parameters.wait_for_timeout
+        if late and not ready:
+            LOG.warning("%s: starts although %s has not settled", self._name, ", ".join(parameters.wait_for))
+        if ready or late:
+            self._begin(active, now, parameters)
+        else:
+            active.waited_s += now.step_s
+
+    def _give_up(self, active: _Active, verdict: Verdict, now: Cycle, parameters: TrajectoryParameters) -> None:
+        if verdict.status is GoalStatus.ABORTED:
+            LOG.error("%s: %s", self._name, verdict.text)
+        active.handle.decide(verdict.status, verdict.error_code, verdict.text)
+        self._active = None
+        if verdict.stop:
+            self._halt(now, parameters)
+
+    def _check_timeout(self, now: Cycle, parameters: TrajectoryParameters) -> None:
+        """As upstream: so long after the last point nothing new has come, and what is measured is held."""
+        allowed_s, follower = parameters.cmd_timeout, self._follower
+        if not (follower.on_goal and allowed_s > parameters.constraints.goal_time and follower.path is not None):
+            return
+        if follower.elapsed_s - follower.path.duration_s > allowed_s:
+            if self._active:
+                verdict = Verdict(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT, stop=False)
+                self._give_up(self._active, verdict, now, parameters)
+            follower.hold(now.measured)

@@ -1,0 +1,46 @@
+"""When joints have settled: they are where they were told to be, or can go no further."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hal.types import FloatArray, JointLimits, JointState
+
+ARRIVED_SHARE = 0.02
+"""Share of a joint's range within which it has arrived."""
+STILL_SHARE = 0.03
+"""Share of a joint's velocity limit below which it stands still."""
+STILL_S = 0.1
+"""So long it must stand still short of its goal to count as stalled (fingers on an object)."""
+
+
+class Settling:
+    """Watches some joints, those at ``index`` in the hardware's order, with their ``limits``."""
+
+    def __init__(self, limits: Sequence[JointLimits], index: Sequence[int]) -> None:
+        self.settled = True
+        self._index = list(index)
+        self._near = ARRIVED_SHARE * np.array([limit.upper - limit.lower for limit in limits])
+        self._slow = STILL_SHARE * np.array([limit.velocity for limit in limits])
+        self._still_s = 0.0
+        self._fresh = False
+
+    def told(self) -> None:
+        """They have just been told to be elsewhere."""
+        self.settled, self._still_s, self._fresh = False, 0.0, True
+
+    def look(self, command: FloatArray, state: JointState, period_s: float) -> None:
+        """One cycle; ``command`` (n,) is where they were told to be."""
+        if not self.settled:
+            # A state that is older than the command says nothing of a stall.
+            self.settled = self._arrived(command, state) or (not self._fresh and self._stalled(state, period_s))
+            self._fresh = False
+
+    def _arrived(self, command: FloatArray, state: JointState) -> bool:
+        return bool((np.abs(state.position[self._index] - command) <= self._near).all())
+
+    def _stalled(self, state: JointState, period_s: float) -> bool:
+        slow = bool((np.abs(state.velocity[self._index]) <= self._slow).all())
+        self._still_s = self._still_s + period_s if slow else 0.0
+        # The first cycles after a command are still because nothing has begun to move yet.
+        return self._still_s > STILL_S

@@ -1,0 +1,140 @@
+"""The joints of a URDF, and what reading XML takes."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+from hal.errors import DescriptionError
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A joint that follows another: position = multiplier * other + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfJoint:
+    """One joint: its place in the parent link (m, rad) and its limits (rad or m, and per second)."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz_m: Vector
+    rpy_rad: Vector
+    axis: Vector
+    lower: float
+    upper: float
+    velocity: float
+    mimic: Mimic | None
+    effort: float = math.inf
+    """N m or N; not said: no limit."""
+
+
+def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
+    """All joints of a ``<robot>`` by name. Raises DescriptionError."""
+    joints: dict[str, UrdfJoint] = {}
+    for joint in map(_joint, robot.findall("joint")):
+        if joint.name in joints:
+            raise DescriptionError(f"the URDF has two joints named '{joint.name}'")
+        joints[joint.name] = joint
+    for joint in joints.values():
+        if joint.mimic and joint.mimic.joint not in joints:
+            raise DescriptionError(f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not")
+    return joints
+
+
+def _joint(element: Element) -> UrdfJoint:
+    name = attribute(element, "name", "a joint")
+    kind = attribute(element, "type", f"joint '{name}'")
+    limit = element.find("limit")
+    if limit is None and kind in ("revolute", "prismatic"):
+        raise DescriptionError(f"joint '{name}' is {kind} and has no <limit>")
+    bounds = limit if limit is not None else Element("limit")
+    origin = element.find("origin")
+    place = origin if origin is not None else Element("origin")
+    mimic = element.find("mimic")
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=_child(element, "parent", name),
+        child=_child(element, "child", name),
+        xyz_m=vector(place.get("xyz", "0 0 0"), name),
+        rpy_rad=vector(place.get("rpy", "0 0 0"), name),
+        axis=_axis(element, name),
+        lower=number(bounds, "lower", name, 0.0),
+        upper=number(bounds, "upper", name, 0.0),
+        velocity=number(bounds, "velocity", name, 0.0),
+        mimic=None if mimic is None else _mimic(mimic, name),
+        effort=number(bounds, "effort", name, math.inf),
+    )
+
+
+def _mimic(element: Element, name: str) -> Mimic:
+    return Mimic(
+        attribute(element, "joint", f"<mimic> of joint '{name}'"),
+        number(element, "multiplier", name, 1.0),
+        number(element, "offset", name, 0.0),
+    )
+
+
+def _child(element: Element, tag: str, name: str) -> str:
+    child = element.find(tag)
+    if child is None:
+        raise DescriptionError(f"joint '{name}' has no <{tag}>")
+    return attribute(child, "link", f"<{tag}> of joint '{name}'")
+
+
+def _axis(element: Element, name: str) -> Vector:
+    axis = element.find("axis")
+    direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
+    if not any(direction):
+        raise DescriptionError(f"joint '{name}': the <axis> has no direction")
+    return direction
+
+
+def attribute(element: Element, key: str, where: str) -> str:
+    """It must be there. Raises DescriptionError, in which ``where`` says whose it is."""
+    value = element.get(key)
+    if not value:
+        raise DescriptionError(f"{where} of the URDF has no {key}")
+    return value
+
+
+def number(element: Element, key: str, name: str, default: float) -> float:
+    """A finite number of joint ``name``. Raises DescriptionError."""
+    text = element.get(key)
+    try:
+        return default if text is None else finite(text)
+    except ValueError as error:
+        raise DescriptionError(f"joint '{name}': {key} '{text}' is not a number") from error
+
+
+def vector(text: str, name: str) -> Vector:
+    """Three finite numbers of joint ``name``. Raises DescriptionError."""
+    try:
+        x, y, z = (finite(part) for part in text.split())
+    except ValueError as error:
+        raise DescriptionError(f"joint '{name}': '{text}' is not three numbers") from error
+    return x, y, z
+
+
+def finite(text: str) -> float:
+    """Raises ValueError where it is no number. NaN compares with nothing: a limit of NaN would be no limit."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def doubles(names: Iterable[str]) -> list[str]:
+    """Those that were there before."""
+    seen: set[str] = set()
+    return [name for name in names if name in seen or seen.add(name)]  # type: ignore[func-returns-value]

@@ -1,0 +1,173 @@
+"""The controllers' ROS nodes: they come and go with the controllers."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from lifecycle_msgs.msg import State, TransitionEvent
+from lifecycle_msgs.msg import Transition as TransitionMessage
+from rclpy.action import ActionServer
+from rclpy.executors import Executor
+from rclpy.publisher import Publisher
+
+from controller.desk import Desk
+from controller.interface import Controller
+from controller.kinds import kinds
+from controller.manager import ControllerManager
+from controller.order import Order
+from controller.parameters import Parameters
+from controller.roster import Transition
+from controller.switching import Loaded
+from hal.lifecycle import LifecycleState
+from nodes.controller_parameters import QUIET, ControllerParameters, ParameterNode
+from nodes.faces import Face, face_of
+
+LOG = logging.getLogger("servoloop.nodes")
+
+LAST_CYCLES = 2
+"""So many more a node lives that is no longer wanted: goals that ended with it get their results."""
+
+_VERBS = {
+    (LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE): ("configure", "configuring"),
+    (LifecycleState.INACTIVE, LifecycleState.UNCONFIGURED): ("cleanup", "cleaningup"),
+    (LifecycleState.INACTIVE, LifecycleState.ACTIVE): ("activate", "activating"),
+    (LifecycleState.ACTIVE, LifecycleState.INACTIVE): ("deactivate", "deactivating"),
+}
+"""Of each transition: its label, and that of the state on the way."""
+
+
+def state_message(state: LifecycleState) -> State:
+    """A life cycle state as ROS has it."""
+    return State(id=state.value, label=state.name.lower())
+
+
+def transition_events(transition: Transition, stamp_ns: int) -> list[TransitionEvent]:
+    """Upstream tells each transition twice: that it begins, and that it has arrived."""
+    verb, on_the_way = _VERBS[transition.start, transition.goal]
+    start, goal = state_message(transition.start), state_message(transition.goal)
+    between = State(id=getattr(State, f"TRANSITION_STATE_{on_the_way.upper()}"), label=on_the_way)
+    begun = TransitionMessage(id=getattr(TransitionMessage, f"TRANSITION_{verb.upper()}"), label=verb)
+    done_id = getattr(TransitionMessage, f"TRANSITION_ON_{verb.upper()}_SUCCESS")
+    done = TransitionMessage(id=done_id, label="transition_success")
+    return [
+        TransitionEvent(timestamp=stamp_ns, transition=begun, start_state=start, goal_state=between),
+        TransitionEvent(timestamp=stamp_ns, transition=done, start_state=between, goal_state=goal),
+    ]
+
+
+@dataclass(slots=True)
+class _Shown:
+    """A controller that is on the graph. Its face is there while it is configured."""
+
+    order: Order
+    controller: Controller | None
+    node: ParameterNode
+    events: Publisher
+    face: Face | None
+    cycles_left: int = LAST_CYCLES
+
+
+class ControllerNodes:
+    """One node for each loaded controller, with a face where it is configured. All in the ROS thread."""
+
+    def __init__(self, manager: ControllerManager, desk: Desk, executor: Executor) -> None:
+        self._manager = manager
+        self._desk = desk
+        self._executor = executor
+        self._shown: dict[str, _Shown] = {}
+        self._leaving: dict[str, _Shown] = {}
+        self._seen: object = None
+
+    @property
+    def controllers(self) -> Iterator[Controller]:
+        """Those that have a face."""
+        return (shown.controller for shown in self._shown.values() if shown.controller is not None)
+
+    def publish(self, stamp: Time) -> None:
+        """A cycle has ended."""
+        for shown in (*self._shown.values(), *self._leaving.values()):
+            if shown.face is not None:
+                try:
+                    shown.face.publish(stamp)
+                except Exception:  # a plug-in's, mostly: the others are still to be shown
+                    LOG.exception("%s shows nothing from here on", shown.order.name)
+                    shown.face = None
+
+    def follow(self) -> bool:
+        """Bring the graph to what the manager has; returns whether it is there, or needs another cycle."""
+        if self._manager.loaded is self._seen and not self._leaving:
+            return True
+        seen = self._manager.loaded
+        for name in [n for n, shown in self._shown.items() if not _shows(shown, seen.get(n))]:
+            self._leaving[name] = self._shown.pop(name)
+        self._bury()
+        for name, entry in seen.items():
+            if name not in self._shown and name not in self._leaving:
+                self._shown[name] = self._show(entry)
+        self._tell()
+        self._seen = seen
+        return not self._leaving
+
+    def close(self) -> None:
+        """All off the graph."""
+        for shown in (*self._shown.values(), *self._leaving.values()):
+            _destroy(shown.node)
+
+    def _bury(self) -> None:
+        for name, shown in list(self._leaving.items()):
+            shown.cycles_left -= 1
+            if shown.cycles_left < 0:
+                del self._leaving[name]
+                self._executor.remove_node(shown.node)
+                _destroy(shown.node)
+
+    def _show(self, entry: Loaded) -> _Shown:
+        order = entry.order
+        node = self._node(order)
+        events = node.create_publisher(TransitionEvent, "~/transition_event", 10, event_callbacks=QUIET)
+        shown = _Shown(order, entry.controller, node, events, None)
+        try:
+            settable: frozenset[str] = getattr(kinds().get(order.kind), "settable", frozenset())
+            ControllerParameters(node, order.parameters, settable, lambda new: self._change(order.name, new))
+            shown.face = face_of(node, entry.controller) if entry.controller is not None else None
+        except Exception:  # a plug-in's, mostly: the other controllers' clients still wait for their answers
+            LOG.exception("%s does its work, but its ROS node lacks what failed here", order.name)
+        self._executor.add_node(node)
+        return shown
+
+    @staticmethod
+    def _node(order: Order) -> ParameterNode:
+        try:
+            return ParameterNode(order.name, cli_args=list(order.node_arguments) or None)
+        except Exception as error:  # rcl's, which has no name of its own here
+            LOG.error("%s: its node arguments %s are not used: %s", order.name, order.node_arguments, error)
+            return ParameterNode(order.name)
+
+    def _change(self, name: str, parameters: Parameters) -> None:
+        self._desk.change(name, parameters)
+
+    def _tell(self) -> None:
+        """Every transition since the last time."""
+        while self._manager.transitions:
+            transition = self._manager.transitions.popleft()
+            shown = self._shown.get(transition.name) or self._leaving.get(transition.name)
+            if shown is not None:
+                stamp_ns = shown.node.get_clock().now().nanoseconds
+                for event in transition_events(transition, stamp_ns):
+                    shown.events.publish(event)
+
+
+def _shows(shown: _Shown, entry: Loaded | None) -> bool:
+    """Whether the node still is that of this controller. Other parameters of the same one change nothing here."""
+    if entry is None or shown.controller is not entry.controller:
+        return False
+    return entry.controller is not None or entry.order is shown.order
+
+
+def _destroy(node: ParameterNode) -> None:
+    """Off the graph, with its action servers, which rclpy leaves behind and which would keep the name there."""
+    for waitable in list(node.waitables):
+        if isinstance(waitable, ActionServer):
+            waitable.destroy()
+    node.destroy_node()

@@ -1,0 +1,172 @@
+"""The faces of the gripper action controllers: ``~/gripper_cmd``, in upstream's two types."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from builtin_interfaces.msg import Time
+from control_msgs.action import GripperCommand, ParallelGripperCommand
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from controller.gripper_action_controller import GripperActionController
+from controller.gripper_goal import GripperGoal, GripperHandle, GripperState, GripperStatus
+from nodes.conversions import seconds
+from nodes.pace import Pace
+
+
+class GripperNode(ABC):
+    """On the node of its controller. ``publish`` runs after each cycle."""
+
+    action: ClassVar[Any]
+
+    def __init__(self, node: Node, controller: GripperActionController) -> None:
+        self.node = node
+        self._controller = controller
+        self._goals: dict[bytes, GripperHandle] = {}
+        self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+        self._pace = Pace()
+        self._server = ActionServer(
+            node,
+            self.action,
+            "~/gripper_cmd",
+            execute_callback=self._execute,
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    @abstractmethod
+    def goal(self, request: Any) -> GripperGoal:
+        """What is asked for. Raises ValueError, saying what is wrong with it."""
+
+    @abstractmethod
+    def result(self, state: GripperState, stamp: Time) -> Any:
+        """How it ended."""
+
+    @abstractmethod
+    def feedback(self, state: GripperState, stamp: Time) -> Any:
+        """How it goes."""
+
+    @property
+    def joint(self) -> str:
+        """Of the fingers."""
+        return self._controller.joint
+
+    def publish(self, stamp: Time) -> None:
+        """Feedback of the goal under way, and the end of those that are decided."""
+        if not self._waiting:
+            return
+        due = self._pace.due(seconds(stamp), self._controller.parameters.action_monitor_rate)
+        for key, (server_goal, future) in list(self._waiting.items()):
+            if self._goals[key].done:
+                del self._waiting[key]
+                future.set_result(None)
+            elif due and self._controller.state is not None:
+                server_goal.publish_feedback(self.feedback(self._controller.state, stamp))
+
+    def _on_goal(self, request: Any) -> GoalResponse:
+        try:
+            reason = self._controller.check(self.goal(request))
+        except ValueError as error:
+            reason = str(error)
+        if reason:
+            self.node.get_logger().error(f"goal rejected: {reason}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
+        # Handed over here and not in _execute, which runs only when the executor comes round again.
+        goal = self.goal(server_goal.request)
+        if goal.max_effort:
+            words = f"max effort {goal.max_effort:g} is not heeded: torque_limit in the robot file bounds the force"
+            self.node.get_logger().warning(words, once=True)
+        self._goals[bytes(server_goal.goal_id.uuid)] = self._controller.submit(goal)
+        server_goal.execute()
+
+    def _on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
+        handle = self._goals.get(bytes(server_goal.goal_id.uuid))
+        if handle is None or handle.done:
+            return CancelResponse.REJECT
+        self._controller.cancel(handle)
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, server_goal: ServerGoalHandle) -> Any:
+        key = bytes(server_goal.goal_id.uuid)
+        future: Future = Future()
+        self._waiting[key] = (server_goal, future)
+        await future
+        return self._finish(server_goal, self._goals.pop(key))
+
+    def _finish(self, server_goal: ServerGoalHandle, handle: GripperHandle) -> Any:
+        self.node.get_logger().info(f"goal {handle.status.value}: {handle.text}")
+        # A goal that ends in the instant in which its cancel is accepted is canceling for the server.
+        if handle.status is GripperStatus.CANCELED and server_goal.is_cancel_requested:
+            server_goal.canceled()
+        elif handle.status is GripperStatus.SUCCEEDED:
+            server_goal.succeed()
+        else:
+            server_goal.abort()
+        return self.result(handle.state, self.node.get_clock().now().to_msg())
+
+
+class ParallelGripperNode(GripperNode):
+    """control_msgs/action/ParallelGripperCommand."""
+
+    action = ParallelGripperCommand
+
+    def goal(self, request: ParallelGripperCommand.Goal) -> GripperGoal:
+        command = request.command
+        names, count = list(command.name), len(command.position)
+        if count != 1:
+            raise ValueError(f"Received action goal with wrong number of position values, expects 1, got {count}")
+        if names not in ([], [self.joint]):
+            raise ValueError(f"the goal is for {', '.join(names)}, and this gripper's joint is {self.joint}")
+        return GripperGoal(command.position[0], _only(command.velocity), _only(command.effort))
+
+    def result(self, state: GripperState, stamp: Time) -> ParallelGripperCommand.Result:
+        return ParallelGripperCommand.Result(
+            state=self._joint_state(state, stamp), stalled=state.stalled, reached_goal=state.reached_goal
+        )
+
+    def feedback(self, state: GripperState, stamp: Time) -> ParallelGripperCommand.Feedback:
+        return ParallelGripperCommand.Feedback(state=self._joint_state(state, stamp))
+
+    def _joint_state(self, state: GripperState, stamp: Time) -> JointState:
+        message = JointState(
+            name=[self.joint], position=[state.position], velocity=[state.velocity], effort=[state.effort]
+        )
+        message.header.stamp = stamp
+        return message
+
+
+class PositionGripperNode(GripperNode):
+    """control_msgs/action/GripperCommand."""
+
+    action = GripperCommand
+
+    def goal(self, request: GripperCommand.Goal) -> GripperGoal:
+        return GripperGoal(request.command.position, max_effort=request.command.max_effort)
+
+    def result(self, state: GripperState, stamp: Time) -> GripperCommand.Result:
+        return GripperCommand.Result(**self._fields(state))
+
+    def feedback(self, state: GripperState, stamp: Time) -> GripperCommand.Feedback:
+        return GripperCommand.Feedback(**self._fields(state))
+
+    def _fields(self, state: GripperState) -> dict[str, Any]:
+        return {
+            "position": state.position,
+            "effort": state.effort,
+            "stalled": state.stalled,
+            "reached_goal": state.reached_goal,
+        }
+
+
+def _only(values: Any) -> float:
+    """The one value of an optional field; 0 where there is none."""
+    if len(values) > 1:
+        raise ValueError(f"{len(values)} velocities or efforts for one joint: send one, or none")
+    return float(values[0]) if len(values) else 0.0

@@ -1,0 +1,71 @@
+"""Controllers that do nothing but what a test says, and a manager of three joints."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.manager import ControllerManager
+from controller.order import Order
+from controller.parameters import Parameters
+from hal.types import FloatArray, JointState
+
+JOINTS = ("a", "b", "c")
+HELD = np.array([0.1, 0.2, 0.3])
+STANDING = JointState(0.0, np.zeros(3), np.zeros(3), np.zeros(3))
+
+
+class Puppet:
+    """Claims the positions of its joints and wants ``wanted`` of each; ``failing`` names the calls that raise."""
+
+    kind = "test/Puppet"
+    parameters = Parameters()
+
+    def __init__(self, name: str, *joints: str, wanted: float = 0.7, failing: Sequence[str] = ()) -> None:
+        self.name = name
+        self.command_interfaces = tuple(f"{joint}/position" for joint in joints)
+        self.state_interfaces = tuple(f"{joint}/velocity" for joint in joints)
+        self.command: FloatArray = np.full(len(joints), np.nan)
+        self.wanted = wanted
+        self.failing = set(failing)
+        self.calls: list[str] = []
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self._called("activate")
+        self.command = command.copy()
+
+    def deactivate(self) -> None:
+        self._called("deactivate")
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        self._called("update")
+        self.command = np.full(len(self.command_interfaces), self.wanted)
+
+    def settled(self) -> bool:
+        return False
+
+    def _called(self, what: str) -> None:
+        self.calls.append(what)
+        if what in self.failing:
+            raise RuntimeError(f"{self.name} is broken")
+
+
+def managing(
+    *puppets: Puppet, active: Sequence[str] = (), fallback: dict[str, tuple[str, ...]] | None = None
+) -> ControllerManager:
+    """A manager that has seen the joints stand, with these controllers inactive but for ``active``."""
+    made = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    made.activate(STANDING, HELD)
+    for puppet in puppets:
+        made.load(Order(puppet.name, puppet.kind, puppet.parameters, (fallback or {}).get(puppet.name, ())))
+        made.configure(puppet.name, puppet)
+    if active:
+        from controller.switching import Strictness, Wish
+
+        made.switch(Wish(tuple(active), strictness=Strictness.STRICT), HELD)
+    return made
+
+
+def cycle(manager: ControllerManager, last: FloatArray = HELD) -> list[float]:
+    """What is wanted of the three joints."""
+    wanted: list[float] = manager.update(STANDING, last, 0.0, 0.05).tolist()
+    return wanted

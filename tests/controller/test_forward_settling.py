@@ -1,0 +1,52 @@
+"""When joints have settled, with limits on both sides of zero."""
+
+import numpy as np
+import pytest
+
+from controller.settling import STILL_S, Settling
+from hal.types import JointLimits, JointState
+
+LIMITS = JointLimits(-2.0, 1.0, velocity=1.0, acceleration=10.0, jerk=100.0)
+PERIOD_S = 0.05
+
+
+def state(position: float, velocity: float = 0.0) -> JointState:
+    """Of two joints, the second of which is watched."""
+    return JointState(0.0, np.array([9.0, position]), np.array([9.0, velocity]), np.zeros(2))
+
+
+def looked(command: float, *states: JointState) -> list[bool]:
+    """Whether it has settled after each cycle."""
+    settling = Settling([LIMITS], [1])
+    settling.told()
+    settled = []
+    for seen in states:
+        settling.look(np.array([command]), seen, PERIOD_S)
+        settled.append(settling.settled)
+    return settled
+
+
+@pytest.mark.parametrize(
+    ("position", "there"), [(-1.5, True), (-1.559, True), (-1.441, True), (-1.57, False), (1.5, False)]
+)
+def test_a_joint_has_arrived_within_two_hundredths_of_its_range(position: float, there: bool) -> None:
+    assert looked(-1.5, state(position, 0.5)) == [there]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "stalls"), [(0.0, True), (0.029, True), (-0.029, True), (0.031, False), (-0.5, False)]
+)
+def test_a_joint_that_hardly_moves_has_stalled(velocity: float, stalls: bool) -> None:
+    assert looked(0.5, *[state(0.0, velocity)] * 10)[-1] == stalls
+
+
+def test_it_must_stand_still_for_a_while_and_not_be_about_to_begin() -> None:
+    settled = looked(0.5, *[state(0.0)] * 10)
+    assert settled.index(True) * PERIOD_S > STILL_S
+    assert settled == [False] * 4 + [True] * 6 or settled == [False] * 3 + [True] * 7
+
+
+def test_who_was_told_nothing_has_settled() -> None:
+    settling = Settling([LIMITS], [1])
+    settling.look(np.array([0.5]), state(0.0, 0.5), PERIOD_S)
+    assert settling.settled

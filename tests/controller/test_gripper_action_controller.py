@@ -1,0 +1,411 @@
+"""A gripper from its goals to its commands, over fingers that follow, meet an object, or fall silent."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controller.gripper_action_controller import (
+    DEACTIVATED,
+    NOT_RUNNING,
+    PREEMPTED,
+    GripperActionController,
+    PositionGripperActionController,
+)
+from controller.gripper_goal import GripperGoal, GripperHandle, GripperParameters, GripperStatus
+from controller.interface import Surroundings
+from controller.motion import MotionError
+from hal.description import Component, Description
+from hal.types import FloatArray, JointLimits, JointState
+
+PERIOD_S = 0.05
+LIMITS = JointLimits(0.0, 0.05, velocity=0.1, acceleration=1.0, jerk=20.0)
+NAN, INF = float("nan"), float("inf")
+
+
+def gripper(**parameters: Any) -> GripperActionController:
+    asked = {"goal_tolerance": 0.001, **parameters, "joint": "finger"}
+    return GripperActionController("gripper", GripperParameters.model_validate(asked), LIMITS, 1)
+
+
+@dataclass
+class Fingers:
+    """A gripper and its fingers, cycle by cycle; ``wall`` is where they can go no further."""
+
+    controller: GripperActionController = field(default_factory=gripper)
+    wall: float = 1.0
+    silent: bool = False
+    says_velocity: bool = True
+    position: float = 0.0
+    velocity: float = 0.0
+    now_s: float = 10.0
+    path: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.controller.activate(self.state(), np.array([self.position]))
+
+    def state(self) -> JointState:
+        faults = {"finger": "finger: no reply"} if self.silent else {}
+        velocity = np.array([9.0, self.velocity if self.says_velocity else 0.0])
+        return JointState(self.now_s, np.array([9.0, self.position]), velocity, np.array([9.0, 0.7]), faults)
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.now_s += PERIOD_S
+            self.controller.update(self.state(), self.now_s, PERIOD_S)
+            (command,) = self.controller.command
+            self.path.append(float(command))
+            reached = self.position if self.silent else min(float(command), self.wall)
+            self.position, self.velocity = reached, (reached - self.position) / PERIOD_S
+
+    def send(self, position: float, max_velocity: float = 0.0) -> GripperHandle:
+        goal = GripperGoal(position, max_velocity)
+        assert self.controller.check(goal) is None
+        return self.controller.submit(goal)
+
+    def cycles_until_done(self, handle: GripperHandle, longest: int = 400) -> int:
+        for count in range(longest):
+            if handle.done:
+                return count
+            self.cycle()
+        raise AssertionError(f"not within {longest} cycles")
+
+    def speeds(self) -> FloatArray:
+        return np.diff([0.0, *self.path]) / PERIOD_S
+
+
+def test_it_arrives_and_says_so_with_what_was_measured() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.05)
+    fingers.cycles_until_done(handle)
+    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.state.reached_goal
+    assert not handle.state.stalled
+    assert handle.state.position == pytest.approx(0.05, abs=0.001)
+    assert handle.state.effort == 0.7
+    fingers.cycle(20)
+    assert fingers.path[-1] == pytest.approx(0.05)
+
+
+def test_it_holds_where_it_was_told_to_be_until_the_first_goal() -> None:
+    fingers = Fingers(position=0.03)
+    fingers.cycle(5)
+    assert fingers.path == pytest.approx([0.03] * 5)
+    assert fingers.controller.settled()
+
+
+def test_the_motion_keeps_to_the_limits_of_the_joint() -> None:
+    fingers = Fingers()
+    fingers.send(0.05)
+    fingers.cycle(40)
+    speeds = fingers.speeds()
+    assert speeds.max() == pytest.approx(LIMITS.velocity, rel=0.05)
+    assert speeds.max() <= LIMITS.velocity + 1e-9
+    assert np.abs(np.diff(speeds)).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("asked", "parameter", "expected"),
+    [(0.02, 0.0, 0.02), (0.02, 0.05, 0.02), (0.0, 0.05, 0.05), (0.0, 0.0, 0.1), (5.0, 0.05, 0.1)],
+    ids=["goal", "goal before parameter", "parameter", "joint's own", "never above the joint's own"],
+)
+def test_the_velocity_is_bounded_by_goal_parameter_and_joint(asked: float, parameter: float, expected: float) -> None:
+    fingers = Fingers(gripper(max_velocity=parameter))
+    fingers.send(0.05, asked)
+    fingers.cycle(80)
+    assert fingers.speeds().max() == pytest.approx(expected, rel=0.05)
+    assert fingers.speeds().max() <= expected + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        (GripperGoal(NAN), "position nan for finger: it must be finite"),
+        (GripperGoal(INF), "position inf for finger: it must be finite"),
+        (GripperGoal(0.06), "position 0.06 is outside the limits 0 to 0.05 of finger"),
+        (GripperGoal(-0.01), "position -0.01 is outside the limits 0 to 0.05 of finger"),
+        (GripperGoal(0.01, NAN), "max velocity nan for finger: it must be finite and not negative"),
+        (GripperGoal(0.01, -1.0), "max velocity -1.0 for finger: it must be finite and not negative"),
+        (GripperGoal(0.01, 0.001), "max velocity 0.001 would count as a stall, which begins at 0.001: ask for more"),
+        (GripperGoal(0.01, 0.0, INF), "max effort inf for finger: it must be finite and not negative"),
+        (GripperGoal(0.01, 0.0, -5.0), "max effort -5.0 for finger: it must be finite and not negative"),
+        (GripperGoal(0.05, 0.1, 40.0), None),
+    ],
+)
+def test_what_is_no_goal_is_rejected_with_the_numbers(goal: GripperGoal, words: str | None) -> None:
+    assert Fingers().controller.check(goal) == words
+
+
+# Stalls
+
+
+@pytest.mark.parametrize(("allow", "status"), [(True, GripperStatus.SUCCEEDED), (False, GripperStatus.ABORTED)])
+@pytest.mark.parametrize("says_velocity", [True, False])
+def test_fingers_on_an_object_have_stalled_and_go_on_holding_it(
+    allow: bool, status: GripperStatus, says_velocity: bool
+) -> None:
+    fingers = Fingers(gripper(allow_stalling=allow, stall_timeout=0.3), wall=0.02, says_velocity=says_velocity)
+    handle = fingers.send(0.05)
+    fingers.cycles_until_done(handle)
+    assert handle.status is status
+    assert handle.state.stalled
+    assert not handle.state.reached_goal
+    assert handle.state.position == pytest.approx(0.02)
+    assert handle.text == "stalled at 0.0200, short of 0.0500"
+    fingers.cycle(10)
+    assert fingers.path[-1] == pytest.approx(0.05)
+
+
+def test_a_stall_is_one_only_after_the_time_out() -> None:
+    cycles = {}
+    for timeout_s in (0.3, 1.0):
+        fingers = Fingers(gripper(stall_timeout=timeout_s), wall=0.0)
+        cycles[timeout_s] = fingers.cycles_until_done(fingers.send(0.05))
+        assert timeout_s - 1e-9 <= cycles[timeout_s] * PERIOD_S <= timeout_s + 2.1 * PERIOD_S
+    assert cycles[0.3] < cycles[1.0]
+
+
+@pytest.mark.parametrize("says_velocity", [True, False])
+def test_slow_fingers_are_not_stalled(says_velocity: bool) -> None:
+    fingers = Fingers(gripper(stall_timeout=0.2), says_velocity=says_velocity)
+    handle = fingers.send(0.05, max_velocity=0.01)
+    fingers.cycles_until_done(handle)
+    assert handle.status is GripperStatus.SUCCEEDED
+    assert len(fingers.path) * PERIOD_S > 4.0
+
+
+def test_tolerances_can_be_set_while_it_runs() -> None:
+    fingers = Fingers(gripper(stall_timeout=0.3), wall=0.02)
+    parameters = fingers.controller.parameters
+    fingers.controller.reconfigure(parameters.model_copy(update={"allow_stalling": True}))
+    handle = fingers.send(0.05)
+    fingers.cycles_until_done(handle)
+    assert handle.status is GripperStatus.SUCCEEDED
+    assert {"goal_tolerance", "stall_timeout"} <= GripperActionController.settable
+
+
+# One goal at a time
+
+
+def test_a_new_goal_takes_over_without_a_jump() -> None:
+    fingers = Fingers()
+    first = fingers.send(0.05)
+    fingers.cycle(6)
+    second = fingers.send(0.0)
+    fingers.cycle()
+    assert (first.status, first.text) == (GripperStatus.ABORTED, PREEMPTED)
+    assert first.state.position == pytest.approx(fingers.path[-2])
+    fingers.cycles_until_done(second)
+    assert second.status is GripperStatus.SUCCEEDED
+    assert np.abs(np.diff(fingers.speeds())).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
+
+
+def test_a_slower_goal_brakes_within_the_limits() -> None:
+    fingers = Fingers()
+    fingers.send(0.05)
+    fingers.cycle(5)
+    second = fingers.send(0.05, max_velocity=0.02)
+    fingers.cycles_until_done(second)
+    assert second.status is GripperStatus.SUCCEEDED
+    assert np.abs(np.diff(fingers.speeds())).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
+    assert max(fingers.path) <= LIMITS.upper + 1e-9
+
+
+def test_of_two_goals_in_a_cycle_the_second_is_followed() -> None:
+    fingers = Fingers()
+    first, second = fingers.send(0.05), fingers.send(0.02)
+    fingers.cycle()
+    assert (first.status, second.status) == (GripperStatus.ABORTED, GripperStatus.UNDER_WAY)
+    fingers.cycles_until_done(second)
+    assert max(fingers.path) <= 0.02 + 1e-9
+
+
+def test_cancel_stops_without_a_step_back() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.05)
+    fingers.cycle(6)
+    fingers.controller.cancel(handle)
+    fingers.cycle()
+    assert handle.status is GripperStatus.CANCELED
+    fingers.cycle(20)
+    assert np.diff(fingers.path).min() >= -1e-9
+    assert fingers.path[-1] < 0.05
+    assert np.abs(np.diff(fingers.speeds())).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
+    assert fingers.path[-1] == fingers.path[-2]
+
+
+def test_cancel_of_a_goal_that_is_over_changes_nothing() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.02)
+    fingers.cycles_until_done(handle)
+    fingers.controller.cancel(handle)
+    fingers.cycle(20)
+    assert handle.status is GripperStatus.SUCCEEDED
+    assert fingers.path[-1] == pytest.approx(0.02)
+
+
+def test_cancel_of_a_goal_that_has_not_begun() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.02)
+    fingers.controller.cancel(handle)
+    fingers.cycle(3)
+    assert handle.status is GripperStatus.CANCELED
+    assert fingers.path == pytest.approx([0.0] * 3)
+
+
+# The life cycle and faults
+
+
+def test_inactive_it_takes_no_goals() -> None:
+    controller = gripper()
+    assert controller.check(GripperGoal(0.02)) == NOT_RUNNING
+    handle = controller.submit(GripperGoal(0.02))
+    assert (handle.status, handle.text) == (GripperStatus.ABORTED, DEACTIVATED)
+    fingers = Fingers(controller)
+    fingers.cycle(5)
+    assert fingers.path == pytest.approx([0.0] * 5)
+
+
+def test_deactivated_it_gives_up_what_is_under_way_and_what_waits() -> None:
+    fingers = Fingers()
+    first = fingers.send(0.05)
+    fingers.cycle(3)
+    second = fingers.send(0.02)
+    fingers.controller.deactivate()
+    for handle in (first, second):
+        assert (handle.status, handle.text) == (GripperStatus.ABORTED, DEACTIVATED)
+    assert fingers.controller.state is None
+    assert fingers.controller.check(GripperGoal(0.02)) == NOT_RUNNING
+    fingers.controller.activate(fingers.state(), np.array([fingers.position]))
+    fingers.cycle(5)
+    assert fingers.path[-1] == pytest.approx(fingers.path[2])
+    assert fingers.controller.settled()
+
+
+def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.05)
+    fingers.silent = True
+    fingers.cycle(4)
+    fingers.silent = False
+    fingers.cycle(1)
+    assert not handle.done
+    fingers.silent = True
+    fingers.cycle(4)
+    assert not handle.done
+    fingers.cycle(1)
+    assert (handle.status, handle.text) == (GripperStatus.ABORTED, "finger: no reply")
+    fingers.silent = False
+    fingers.cycle(20)
+    assert fingers.path[-1] == fingers.path[-2] < 0.05
+
+
+def test_a_goal_to_which_there_is_no_way_is_aborted_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_way(*arguments: object) -> None:
+        raise MotionError("no motion within the limits")
+
+    fingers = Fingers()
+    monkeypatch.setattr("controller.gripper_action_controller.plan", no_way)
+    handle = fingers.send(0.05)
+    fingers.cycle(10)
+    assert (handle.status, handle.text) == (GripperStatus.ABORTED, "no motion within the limits")
+    assert fingers.path == pytest.approx([0.0] * 10)
+    assert fingers.controller.settled()
+
+
+def test_after_a_stall_of_the_computer_it_goes_on_without_a_leap() -> None:
+    fingers = Fingers()
+    fingers.send(0.05)
+    fingers.cycle(4)
+    fingers.now_s += 10.0
+    fingers.cycle(1)
+    assert fingers.path[-1] - fingers.path[-2] <= 2.0 * LIMITS.velocity * PERIOD_S + 1e-9
+
+
+# Who waits for it
+
+
+def test_it_is_unsettled_from_the_goal_until_it_has_arrived() -> None:
+    fingers = Fingers()
+    handle = fingers.send(0.05)
+    assert not fingers.controller.settled()
+    fingers.cycles_until_done(handle)
+    fingers.cycle(10)
+    assert fingers.controller.settled()
+
+
+def test_it_is_settled_once_the_fingers_hold_something() -> None:
+    fingers = Fingers(gripper(stall_timeout=0.3), wall=0.02)
+    fingers.cycles_until_done(fingers.send(0.05))
+    fingers.cycle(10)
+    assert fingers.controller.settled()
+
+
+def test_it_is_not_settled_in_a_slow_motion_that_is_within_the_tolerance() -> None:
+    fingers = Fingers(gripper(goal_tolerance=0.05))
+    handle = fingers.send(0.04, max_velocity=0.0015)
+    fingers.cycle(20)
+    assert handle.status is GripperStatus.SUCCEEDED
+    assert not fingers.controller.settled()
+
+
+# Parameters
+
+
+def test_the_defaults_are_upstreams_but_for_the_velocity_which_is_the_joints() -> None:
+    assert GripperParameters(joint="finger").model_dump() == {
+        "joint": "finger",
+        "action_monitor_rate": 20.0,
+        "goal_tolerance": 0.01,
+        "allow_stalling": False,
+        "stall_velocity_threshold": 0.001,
+        "stall_timeout": 1.0,
+        "max_velocity": 0.0,
+        "max_effort": 0.0,
+        "state_interfaces": ("position", "velocity"),
+        "max_effort_interface": "",
+        "max_velocity_interface": "",
+    }
+
+
+@pytest.mark.parametrize(
+    ("parameters", "unused"),
+    [
+        ({}, []),
+        ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file bounds the force)"]),
+        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the motion itself keeps to the velocity)"]),
+        ({"gains": {}}, ["gains"]),
+    ],
+)
+def test_what_has_no_effect_is_named(parameters: dict[str, Any], unused: list[str]) -> None:
+    assert gripper(**parameters).parameters.unused() == unused
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"max_effort_interface": "finger/max_effort"}, "no finger/max_effort to pass an effort to: take it out"),
+        ({"goal_tolerance": -1.0}, "goal_tolerance"),
+        ({"stall_timeout": NAN}, "stall_timeout"),
+        ({"action_monitor_rate": 0.01}, "action_monitor_rate"),
+    ],
+)
+def test_what_would_not_be_heeded_is_refused(parameters: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        gripper(**parameters)
+
+
+@pytest.mark.parametrize("kind", [GripperActionController, PositionGripperActionController])
+def test_it_is_built_from_the_controllers_file(kind: type[GripperActionController]) -> None:
+    interfaces = dict.fromkeys(("joint1", "finger"), ("position",))
+    component = Component("arm", "system", "mock", {}, interfaces, interfaces)
+    limits = {"joint1": replace(LIMITS, upper=9.0), "finger": LIMITS}
+    surroundings = Surroundings(Description("", {}), component, limits, lambda name: True)
+    made = kind.build("gripper", GripperParameters(joint="finger"), surroundings)
+    assert made.kind.endswith("/GripperActionController")
+    assert made.command_interfaces == ("finger/position",)
+    fingers = Fingers(made)
+    handle = fingers.send(0.05)
+    fingers.cycles_until_done(handle)
+    assert handle.status is GripperStatus.SUCCEEDED

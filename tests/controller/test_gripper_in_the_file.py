@@ -1,0 +1,78 @@
+"""Grippers and broadcasters in the controllers file: what they become, and their mistakes with file and line."""
+
+from pathlib import Path
+
+import pytest
+
+from controller.controllers_file import ControllersFileError, load_controllers_file
+from controller.factory import Factory
+from controller.gripper_action_controller import GripperActionController
+from controller.interface import Surroundings
+from controller.manager import ControllerManager
+from controller.servo_state_broadcaster import ServoStateBroadcaster
+from hal.description import parse_urdf
+from tests.controller.bench import HAND_LIMITS
+
+URDF = """
+<robot name="hand">
+  <link name="palm"/><link name="a"/>
+  <joint name="finger" type="prismatic">
+    <parent link="palm"/><child link="a"/><axis xyz="0 1 0"/><limit lower="0" upper="0.05" velocity="0.1"/>
+  </joint>
+  <ros2_control name="hand" type="system">
+    <hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+    <joint name="finger">
+      <command_interface name="position"/><state_interface name="position"/><state_interface name="velocity"/>
+    </joint>
+  </ros2_control>
+</robot>
+"""
+FILE = """
+controller_manager:
+  ros__parameters:
+    update_rate: 20
+    gripper: {type: parallel_gripper_action_controller/GripperActionController}
+    servos: {type: servoloop/ServoStateBroadcaster}
+gripper:
+  ros__parameters:
+    joint: finger
+    max_effort: 20.0
+servos:
+  ros__parameters:
+    joints: [finger]
+"""
+
+
+def filled(folder: Path, text: str) -> ControllerManager:
+    """A manager with the file's controllers."""
+    description = parse_urdf(URDF)
+    (component,) = description.components
+    path = folder / "controllers.yaml"
+    path.write_text(text)
+    file = load_controllers_file(path, {}, component)
+    manager = ControllerManager(component.commands)
+    surroundings = Surroundings(description, component, {"finger": HAND_LIMITS}, manager.settled)
+    Factory(file, surroundings).fill(manager)
+    return manager
+
+
+def test_they_are_made_and_what_has_no_effect_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    manager = filled(tmp_path, FILE)
+    assert isinstance(manager.controllers["gripper"], GripperActionController)
+    assert isinstance(manager.controllers["servos"], ServoStateBroadcaster)
+    assert "max_effort (torque_limit in the robot file bounds the force)" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("joint: finger", "joint: thumb", r":9: gripper.joint names thumb, which takes no commands"),
+        ("joint: finger", "stall_timeout: 2.0", r"gripper.joint: Field required"),
+        ("max_effort: 20.0", "max_effort_interface: f/e", r":10: gripper.max_effort_interface: .*no f/e to pass"),
+        ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints names thumb: take out"),
+        ("joints: [finger]", "rate: -1.0", r":13: servos.rate: "),
+    ],
+)
+def test_a_mistake_is_told_with_its_place(tmp_path: Path, right: str, wrong: str, words: str) -> None:
+    with pytest.raises(ControllersFileError, match=words):
+        filled(tmp_path, FILE.replace(right, wrong))

@@ -1,0 +1,164 @@
+"""The controller of docs/write-a-controller.md, installed as a package of a user's own, through the manager."""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller.controllers_file import ControllersFileError, load_controllers_file
+from controller.desk import Desk
+from controller.factory import Factory
+from controller.interface import Surroundings
+from controller.kinds import kinds, look_again
+from controller.loop import ControlLoop
+from controller.manager import ControllerManager
+from controller.switching import ManagerError, SwitchError, Wish
+from hal.description import parse_urdf
+from hal.lifecycle import LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.types import JointLimits
+from servoloop.files import HOME, URDF
+from sim_backend.clock import SimulatedClock
+from tests.controller.bench import PERIOD_S, Bench
+
+LIMIT = JointLimits(-1.0, 1.0, 4.0, 12.0, 120.0)
+HAND = """
+controller_manager:
+  ros__parameters: {hand: {type: forward_command_controller/ForwardCommandController}}
+hand: {ros__parameters: {joints: [hand_right_joint], interface_name: position}}
+"""
+DOCUMENT = (HOME / "docs" / "write-a-controller.md").read_text()
+
+
+def block(language: str) -> str:
+    """The document's code in that language."""
+    found = re.search(rf"```{language}\n(.*?)```", DOCUMENT, re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def install(folder: Path, module: str, source: str, entry_points: str) -> None:
+    """What pip leaves behind: the module, and beside it what it offers."""
+    (folder / f"{module}.py").write_text(source)
+    info = folder / f"{module}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[servoloop.controllers]\n{entry_points}\n")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder on Python's path; what is installed there is gone afterwards."""
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    sys.modules.pop("wave", None)
+    monkeypatch.undo()
+    look_again()
+
+
+def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, Desk]:
+    """A loop on the joints of the house's arm, with the controllers of a file."""
+    path.write_text(settings)
+    description = parse_urdf(URDF.read_text())
+    component = description.components[0]
+    limits = dict.fromkeys(component.joints, LIMIT)
+    clock = SimulatedClock(10.0)
+    manager = ControllerManager(component.commands)
+    factory = Factory(
+        load_controllers_file(path, {}, component), Surroundings(description, component, limits, manager.settled)
+    )
+    factory.fill(manager)
+    hardware = MockHardware(component.name, component.joints, clock, command_interfaces=component.commands)
+    loop = ControlLoop(hardware, manager, limits, clock, PERIOD_S)
+    hardware.configure()
+    loop.activate()
+    return loop, manager, Desk(loop, factory)
+
+
+def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
+    """Where the joint is told to be."""
+    told = []
+    for _ in range(count):
+        loop.clock.sleep_until(loop.clock.now() + PERIOD_S)
+        loop.step()
+        told.append(float(loop.command[loop.hardware.joints.index(joint)]))
+    return told
+
+
+def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
+    install(site, "wave", block("python"), block("toml").splitlines()[1].replace('"', ""))
+    look_again()
+    assert "wave/Wave" in kinds()
+    loop, manager, desk = made(site / "controllers.yaml", block("yaml"))
+    assert manager.state("wave") is LifecycleState.ACTIVE
+    assert dict(manager.claimed) == {"joint6/position": "wave"}
+    told = cycles(loop, 80)
+    expected = 0.2 * np.sin(2.0 * np.pi * PERIOD_S * np.arange(1, 81) / 4.0)
+    np.testing.assert_allclose(told, expected, atol=1e-12)
+    desk.change("wave", manager.controllers["wave"].parameters.model_copy(update={"amplitude": 0.0}))
+    assert cycles(loop, 1) == [pytest.approx(0.0, abs=1e-12)]
+
+
+def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site: Path) -> None:
+    broken = block("python").replace(
+        "self.elapsed_s += period_s", "self.elapsed_s += 1 / (self.elapsed_s < 0.3) * period_s"
+    )
+    install(site, "wave", broken, "wave/Wave = wave:Wave")
+    look_again()
+    loop, manager, _ = made(site / "controllers.yaml", block("yaml"))
+    told = cycles(loop, 40)
+    assert manager.state("wave") is LifecycleState.INACTIVE
+    assert 0.0 < told[5] < told[6] <= told[-1] == told[-2]
+
+
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [("import no_such_module", "No module named 'no_such_module'"), ("x = 1", "has no attribute 'Wave'")],
+)
+def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(site: Path, source: str, why: str) -> None:
+    install(site, "wave", source, "wave/Wave = wave:Wave")
+    look_again()
+    assert "wave/Wave" not in kinds() and len(kinds()) > 3
+    with pytest.raises(
+        ControllersFileError, match=rf"the controller wave/Wave \(wave:Wave\) cannot be loaded: .*{why}"
+    ):
+        made(site / "controllers.yaml", block("yaml"))
+
+
+def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> None:
+    loop, manager, desk = made(site / "controllers.yaml", HAND)
+    install(site, "wave", block("python"), "wave/Wave = wave:Wave")
+    assert "wave/Wave" not in desk.kinds()
+    refused, forced = desk.reload(force=False), desk.reload(force=True)
+    cycles(loop, 1)
+    with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or force it"):
+        refused.result()
+    forced.result()
+    assert (dict(manager.loaded), "wave/Wave" in desk.kinds()) == ({}, True)
+    extra = site / "wave.yaml"
+    extra.write_text("wave: {ros__parameters: {joint: joint2}}")
+    for ask in (lambda: desk.load("wave", "wave/Wave", [extra]), lambda: desk.configure("wave")):
+        request = ask()
+        cycles(loop, 1)
+        request.result()
+    assert manager.state("wave") is LifecycleState.INACTIVE
+
+
+# The desk, where clients of other threads ask
+
+
+def test_a_switch_that_comes_too_late_is_not_done() -> None:
+    bench = Bench().up()
+    desk = Desk(bench.loop, None)  # type: ignore[arg-type]
+    late, soon = desk.switch(Wish((), ("arm",)), 0.04), desk.switch(Wish((), ("hand",)))
+    assert not late.done and not soon.done
+    bench.cycle()
+    with pytest.raises(
+        SwitchError, match=r"Switch controller timed out after 0\.040000 seconds! Nothing was switched\."
+    ):
+        late.result()
+    assert soon.result() == "Successfully switched controllers!\nDeactivated controllers: [ hand ]"
+    assert bench.manager.state("arm") is LifecycleState.ACTIVE

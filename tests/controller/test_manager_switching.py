@@ -1,0 +1,162 @@
+"""Switching: what is done, what is refused, and that it is never half done."""
+
+import logging
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.manager import ControllerManager
+from controller.switching import NOTHING, Strictness, SwitchError, Wish, taken
+from hal.lifecycle import LifecycleState
+from tests.controller.manager_bench import HELD, Puppet, cycle, managing
+
+BEST, STRICT, AUTO, FORCE = Strictness.BEST_EFFORT, Strictness.STRICT, Strictness.AUTO, Strictness.FORCE_AUTO
+UNKNOWN = "Could not activate controller with name 'nope' because no controller with this name exists"
+
+
+def four() -> ControllerManager:
+    """arm is active on a and b; rival wants b; hand wants c; raw is unconfigured."""
+    manager = managing(
+        Puppet("arm", "a", "b"), Puppet("rival", "b"), Puppet("hand", "c"), Puppet("raw"), active=["arm"]
+    )
+    manager.cleanup("raw")
+    return manager
+
+
+def active(manager: ControllerManager) -> set[str]:
+    return {name for name, entry in manager.loaded.items() if entry.active}
+
+
+DONE = "Successfully switched controllers!"
+CLAIMED = (
+    "Unable to activate controller 'rival' since the command interface 'b/position' is currently claimed "
+    "by another controller."
+)
+RAW = "Controller with name 'raw' can not be activated since it is unconfigured, not inactive: configure it first."
+
+ANSWERED = [
+    (["hand"], [], BEST, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    (["hand"], [], STRICT, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    (["hand", "hand"], [], STRICT, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    ([], ["arm"], STRICT, f"{DONE}\nDeactivated controllers: [ arm ]", set()),
+    (
+        ["rival"],
+        ["arm"],
+        STRICT,
+        f"{DONE}\nDeactivated controllers: [ arm ]\nActivated controllers: [ rival ]",
+        {"rival"},
+    ),
+    (["arm"], ["arm"], STRICT, f"{DONE}\nDeactivated controllers: [ arm ]\nActivated controllers: [ arm ]", {"arm"}),
+    (["arm"], [], BEST, NOTHING, {"arm"}),
+    ([], ["hand"], BEST, NOTHING, {"arm"}),
+    ([], [], STRICT, NOTHING, {"arm"}),
+    (["nope", "hand"], [], BEST, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    (["raw", "hand"], ["nope"], BEST, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    (["arm", "hand"], [], AUTO, f"{DONE}\nActivated controllers: [ hand ]", {"arm", "hand"}),
+    (["rival"], [], FORCE, f"{DONE}\nDeactivated controllers: [ arm ]\nActivated controllers: [ rival ]", {"rival"}),
+]
+REFUSED = [
+    (["arm"], [], STRICT, "Controller with name 'arm' is already active."),
+    (["arm", "hand"], [], STRICT, "Controller with name 'arm' is already active."),
+    ([], ["hand"], STRICT, "Controller with name 'hand' can not be deactivated since it is not active."),
+    (["nope"], [], BEST, UNKNOWN),
+    (["nope"], [], STRICT, UNKNOWN),
+    (["nope", "hand"], [], STRICT, UNKNOWN),
+    ([], ["nope"], BEST, UNKNOWN.replace("activate", "deactivate")),
+    (["raw"], [], STRICT, RAW),
+    (["nope", "raw"], [], STRICT, f"{UNKNOWN}\n{RAW}"),
+    (["rival"], [], STRICT, CLAIMED),
+    (["rival"], [], BEST, CLAIMED),
+    (["rival"], [], AUTO, CLAIMED),
+]
+
+
+@pytest.mark.parametrize(("start", "stop", "strictness", "text", "then"), ANSWERED)
+def test_what_is_done(start: list[str], stop: list[str], strictness: Strictness, text: str, then: set[str]) -> None:
+    manager = four()
+    assert manager.switch(Wish(tuple(start), tuple(stop), strictness), HELD) == text
+    assert active(manager) == then
+
+
+@pytest.mark.parametrize(("start", "stop", "strictness", "text"), REFUSED)
+def test_what_is_refused_switches_nothing(start: list[str], stop: list[str], strictness: Strictness, text: str) -> None:
+    manager = four()
+    before = manager.loaded
+    with pytest.raises(SwitchError) as refusal:
+        manager.switch(Wish(tuple(start), tuple(stop), strictness), HELD)
+    assert str(refusal.value) == text
+    assert manager.loaded is before
+
+
+def test_two_that_are_started_together_cannot_share_a_joint() -> None:
+    manager = managing(Puppet("arm", "a", "b"), Puppet("rival", "b"))
+    with pytest.raises(SwitchError, match="'rival' since the command interface 'b/position' is currently claimed"):
+        manager.switch(Wish(("arm", "rival"), strictness=FORCE), HELD)
+    assert active(manager) == set()
+
+
+@pytest.mark.parametrize(("lost", "kind"), [("c/position", "command"), ("c/velocity", "state")])
+@pytest.mark.parametrize("strictness", list(Strictness))
+def test_an_interface_that_the_hardware_has_not_ready_refuses_the_switch(
+    lost: str, kind: str, strictness: Strictness
+) -> None:
+    manager = four()
+    manager.hardware_ready = manager.hardware_measured = lambda interface: interface != lost
+    with pytest.raises(
+        SwitchError, match=f"controller 'hand' since the {kind} interface '{lost}' is not available: is its"
+    ):
+        manager.switch(Wish(("hand",), ("arm",), strictness), HELD)
+    assert active(manager) == {"arm"}
+
+
+# Never half
+
+
+def test_where_an_activation_fails_everything_is_as_before(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.CRITICAL)
+    old, fine, broken = Puppet("old", "a"), Puppet("fine", "b"), Puppet("broken", "c", "a", failing=["activate"])
+    manager = managing(old, fine, broken, active=["old"])
+    with pytest.raises(SwitchError) as refusal:
+        manager.switch(Wish(("fine", "broken"), ("old",), STRICT), HELD)
+    assert str(refusal.value) == "Could not activate controller 'broken': broken is broken. Nothing was switched."
+    assert active(manager) == {"old"}
+    assert fine.calls == ["activate", "deactivate"]
+    assert broken.calls == ["activate", "deactivate"]  # whatever it had begun
+    assert cycle(manager) == [0.7, 0.2, 0.3]
+
+
+def test_where_what_was_stopped_does_not_come_back_the_answer_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.CRITICAL)
+    old, broken = Puppet("old", "a"), Puppet("broken", "a", failing=["activate"])
+    manager = managing(old, broken, active=["old"])
+    old.failing.add("activate")
+    with pytest.raises(SwitchError) as refusal:
+        manager.switch(Wish(("broken",), ("old",), STRICT), HELD)
+    assert str(refusal.value) == (
+        "Could not activate controller 'broken': broken is broken; "
+        "and Could not activate controller 'old': old is broken: it stays inactive, its joints hold"
+    )
+    assert active(manager) == set()
+    assert cycle(manager) == HELD.tolist()
+
+
+NAMES = ["arm", "rival", "hand", "raw", "broken", "nope"]
+SOME = st.lists(st.sampled_from(NAMES), max_size=4).map(tuple)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.builds(Wish, SOME, SOME, st.sampled_from(Strictness)), max_size=6))
+def test_whatever_is_asked_no_joint_ever_has_two_masters_and_a_refusal_changes_nothing(wishes: list[Wish]) -> None:
+    manager = four()
+    manager.add(Puppet("broken", "a", "c", failing=["activate"]))
+    for wish in wishes:
+        before = active(manager)
+        try:
+            manager.switch(wish, HELD)
+        except SwitchError:
+            assert active(manager) == before
+        claims = [claim for name in active(manager) for claim in manager.loaded[name].commands]
+        assert len(claims) == len(set(claims)) == len(taken(manager.loaded))
+        assert manager.loaded["raw"].state is LifecycleState.UNCONFIGURED
+        assert "broken" not in active(manager)

@@ -1,0 +1,164 @@
+"""Several components as one, before and after the cycles: all of them, whatever becomes of one."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from drivers.errors import PortMissing
+from hal.components import Components
+from hal.errors import ActivationError
+from hal.lifecycle import LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.types import JointCommand
+from sim_backend.clock import SimulatedClock
+
+UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
+NAMES = ("first", "second", "third")
+
+
+class Failing(MockHardware):
+    """Raises in the calls that are named."""
+
+    def __init__(self, name: str, clock: SimulatedClock) -> None:
+        super().__init__(name, (f"{name}_joint",), clock)
+        self.failing: dict[str, Exception] = {}
+        self.relaxed: list[bool] = []
+        self.written: list[JointCommand] = []
+
+    def _call(self, what: str) -> None:
+        if what in self.failing:
+            raise self.failing[what]
+
+    def configure(self) -> None:
+        self._call("configure")
+        super().configure()
+
+    def activate(self) -> None:
+        self._call("activate")
+        super().activate()
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        self._call("deactivate")
+        self.relaxed.append(relax)
+        super().deactivate(relax)
+        return [f"{self.name}: one servo does not answer"]
+
+    def cleanup(self) -> None:
+        super().cleanup()
+        self._call("cleanup")
+
+    def write(self, command: JointCommand) -> None:
+        self.written.append(command)
+
+
+def three(every: Sequence[int] | None = None) -> tuple[Components, list[Failing]]:
+    clock = SimulatedClock(1.0)
+    made = [Failing(name, clock) for name in NAMES]
+    return Components(made, clock, every), made
+
+
+def states(components: Components) -> list[LifecycleState]:
+    return [member.state for member in components.members]
+
+
+def test_the_state_of_all_is_that_of_the_furthest() -> None:
+    components, made = three()
+    assert components.state is UNCONFIGURED
+    made[1].configure()
+    assert components.state is INACTIVE
+    made[1].activate()
+    assert components.state is ACTIVE
+    assert components.name == "first, second, third"
+
+
+def test_one_that_cannot_be_configured_gives_the_others_back() -> None:
+    components, made = three()
+    made[1].failing["configure"] = PortMissing("plug it in")
+    with pytest.raises(PortMissing, match="plug it in"):
+        components.configure()
+    assert states(components) == [UNCONFIGURED] * 3
+
+
+def test_one_that_cannot_be_activated_lets_the_others_go() -> None:
+    components, made = three()
+    components.configure()
+    made[2].failing["activate"] = ActivationError("move it by hand")
+    with pytest.raises(ActivationError, match="move it by hand"):
+        components.activate()
+    assert states(components) == [INACTIVE] * 3
+    assert [one.relaxed for one in made] == [[True], [True], []]
+
+
+def test_those_that_are_left_out_stay_as_they_are() -> None:
+    components, _ = three()
+    components.configure(["first"])
+    components.activate(["second"])
+    assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
+
+
+def test_staying_the_others_go_on_without_those_that_fail(caplog: pytest.LogCaptureFixture) -> None:
+    components, made = three()
+    made[0].failing["configure"] = PortMissing("plug it in")
+    made[1].failing["activate"] = ActivationError("move it by hand")
+    components.configure(stay=True)
+    components.activate(stay=True)
+    assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
+    assert "first stays unconfigured: plug it in" in caplog.text
+    assert "second stays inactive: move it by hand" in caplog.text
+
+
+def test_staying_is_no_excuse_for_a_defect() -> None:
+    components, made = three()
+    made[1].failing["configure"] = RuntimeError("a defect")
+    with pytest.raises(RuntimeError, match="a defect"):
+        components.configure(stay=True)
+    assert states(components) == [UNCONFIGURED] * 3
+
+
+def test_all_are_switched_off_and_cleaned_up_whatever_becomes_of_one() -> None:
+    components, made = three()
+    components.configure()
+    components.activate()
+    made[0].failing = {"deactivate": RuntimeError("a defect"), "cleanup": RuntimeError("another")}
+    assert components.deactivate(relax=False) == [
+        "could not switch first off: a defect",
+        "second: one servo does not answer",
+        "third: one servo does not answer",
+    ]
+    with pytest.raises(RuntimeError, match="another"):
+        components.cleanup()
+    assert states(components) == [UNCONFIGURED] * 3
+
+
+def test_what_was_never_measured_is_not_commanded() -> None:
+    components, made = three()
+    components.configure()
+    components.activate()
+    components.read()
+    components.write(np.array([0.1, np.nan, 0.3]), 0.05)
+    assert [len(one.written) for one in made] == [1, 0, 1]
+
+
+def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_every_cycle() -> None:
+    components, made = three(every=(1, 1, 3))
+    components.configure()
+    components.activate()
+    for _ in range(6):
+        components.read()
+        components.write(np.zeros(3), 0.05)
+    assert [len(one.written) for one in made] == [6, 6, 2]
+    assert [one.written[-1].period_s for one in made] == pytest.approx([0.05, 0.05, 0.15])
+    components.hasten()
+    for _ in range(6):
+        components.read()
+        components.write(np.zeros(3), 0.05)
+    assert [len(one.written) for one in made] == [12, 12, 8]
+
+
+def test_before_anything_is_read_nothing_is_known() -> None:
+    components, _ = three()
+    components.configure(["second", "third"])
+    state = components.read()
+    np.testing.assert_array_equal(state.position, [0.0, np.nan, np.nan])
+    assert state.faults == {"second_joint": "second is unconfigured", "third_joint": "third is unconfigured"}

@@ -1,0 +1,76 @@
+"""Several components with a robot file each, as one robot."""
+
+from pathlib import Path
+
+import pytest
+
+from hal.component import Component
+from hal.description import Description, UrdfJoint
+from hal.errors import DescriptionError, RobotFileError
+from hal.joint import Joint
+from hal.robot import Robot, assemble, load_robot_file
+from hal.robots import limits_of, together
+
+FILE = """\
+joints:
+  {name}: {{servo_id: 1, model: sts3215, acceleration: 12, jerk: 120}}
+on_exit: {{virtual: {exit}}}
+park: {{pose: {{{name}: 0.1}}, velocity_scale: {scale}}}
+controller_defaults: {{arm_controller: {{{name}: 1}}}}
+"""
+
+
+def urdf(name: str, kind: str = "revolute", velocity: float = 4.0) -> UrdfJoint:
+    return UrdfJoint(name, kind, "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, velocity, None, 3.0)
+
+
+def part(
+    folder: Path, component: str, joint: str, *, exit_policy: str = "hold", scale: float = 0.5, bus: str = ""
+) -> tuple[Component, Robot]:
+    path = folder / f"{joint}.yaml"
+    text = FILE.format(name=joint, exit=exit_policy, scale=scale)
+    path.write_text(f"buses: {{{bus}: {{baud: 500000}}}}\n{text}" if bus else text)
+    made = Component(component, "system", "p", {}, {joint: ("position",)}, {})
+    return made, assemble(load_robot_file(path), Description("", {joint: urdf(joint)}, (made,)), made)
+
+
+def names(joints: tuple[Joint, ...]) -> list[tuple[str, str]]:
+    return [(joint.name, joint.address) for joint in joints]
+
+
+def test_a_single_one_is_as_it_is(tmp_path: Path) -> None:
+    arm = part(tmp_path, "arm", "elbow")
+    assert together([arm]) is arm[1]
+    assert names(arm[1].joints) == [("elbow", "1")]
+
+
+def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path: Path) -> None:
+    robot = together([part(tmp_path, "arm", "elbow"), part(tmp_path, "the hand", "finger", bus="left", scale=0.2)])
+    assert names(robot.joints) == [("elbow", "arm/1"), ("finger", "the_hand-left/1")]
+    assert {name: line.baud for name, line in robot.file.lines().items()} == {
+        "arm": 1_000_000,
+        "the_hand-left": 500_000,
+    }
+    assert list(robot.file.joints_on("the_hand-left")) == ["finger"]
+    assert robot.file.park is not None
+    assert (robot.file.park.pose, robot.file.park.velocity_scale) == ({"elbow": 0.1, "finger": 0.1}, 0.2)
+    assert robot.file.controller_defaults == {"arm_controller": {"elbow": 1, "finger": 1}}
+
+
+def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="the robot files of arm and hand differ in on_exit"):
+        together([part(tmp_path, "arm", "elbow"), part(tmp_path, "hand", "finger", exit_policy="relax")])
+
+
+def test_none_at_all() -> None:
+    assert together([]).joints == ()
+
+
+def test_a_joint_without_a_servo_has_the_urdfs_limits() -> None:
+    limits = limits_of(urdf("elbow"))
+    assert (limits.lower, limits.upper, limits.velocity, limits.effort) == (-1.5, 1.5, 4.0, 3.0)
+    assert (limits.acceleration, limits.jerk) == (16.0, 160.0)
+    endless = limits_of(urdf("wheel", "continuous"))
+    assert (endless.lower, endless.upper) == (-float("inf"), float("inf"))
+    with pytest.raises(DescriptionError, match="joint 'elbow' needs a speed limit in the URDF"):
+        limits_of(urdf("elbow", velocity=0.0))

@@ -1,0 +1,127 @@
+"""A client of /controller_manager in the test's own process, which is another one than the stack's."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from controller_manager_msgs.srv import (
+    CleanupController,
+    ConfigureController,
+    ListControllers,
+    LoadController,
+    SwitchController,
+    UnloadController,
+)
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
+from rclpy.task import Future
+
+from tests.ros.stack_process import PATIENCE_S, until
+
+MANAGER = "/controller_manager"
+
+
+class ManagerClient:
+    """Calls services by their short names, one after the other."""
+
+    def __init__(self, name: str = "manager_client") -> None:
+        self.node = Node(name)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+
+    def client(self, kind: Any, service: str) -> Any:
+        """The client of a service that is there."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+            assert self._clients[service].wait_for_service(PATIENCE_S), service
+        return self._clients[service]
+
+    def wait(self, *futures: Future) -> list[Any]:
+        """The results of all; fails if one never comes."""
+        for future in futures:
+            self.executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
+            assert future.done()
+        return [future.result() for future in futures]
+
+    def call(self, kind: Any, service: str, **fields: Any) -> Any:
+        """The response of ``service`` to a request of these fields."""
+        return self.wait(self.client(kind, service).call_async(kind.Request(**fields)))[0]
+
+    def states(self) -> dict[str, str]:
+        """The states of all controllers, by name."""
+        return {c.name: c.state for c in self.call(ListControllers, f"{MANAGER}/list_controllers").controller}
+
+    def load(self, name: str) -> bool:
+        return bool(self.call(LoadController, f"{MANAGER}/load_controller", name=name).ok)
+
+    def configure(self, name: str) -> bool:
+        return bool(self.call(ConfigureController, f"{MANAGER}/configure_controller", name=name).ok)
+
+    def cleanup(self, name: str) -> bool:
+        return bool(self.call(CleanupController, f"{MANAGER}/cleanup_controller", name=name).ok)
+
+    def unload(self, name: str) -> bool:
+        return bool(self.call(UnloadController, f"{MANAGER}/unload_controller", name=name).ok)
+
+    def switch(
+        self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = 2
+    ) -> tuple[bool, str]:
+        """Whether it worked, and what was said."""
+        answer = self.call(
+            SwitchController,
+            f"{MANAGER}/switch_controller",
+            activate_controllers=list(activate),
+            deactivate_controllers=list(deactivate),
+            strictness=strictness,
+        )
+        return bool(answer.ok), str(answer.message)
+
+    def set_from_text(self, node: str, name: str, text: str) -> bool:
+        """Set a parameter as the spawner does: from a text that is read as YAML."""
+        parameter = Parameter("any", value="").to_parameter_msg()
+        parameter.name, parameter.value = name, get_parameter_value(string_value=text)
+        (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[parameter]).results
+        return bool(result.successful)
+
+    def put(self, node: str, name: str, value: Any) -> str:
+        """Set a parameter; returns why not, or an empty text."""
+        message = Parameter(name, value=value).to_parameter_msg()
+        (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[message]).results
+        assert result.successful == (not result.reason)
+        return str(result.reason)
+
+    def get(self, node: str, *names: str) -> list[Any]:
+        """The values of parameters."""
+        values = self.call(GetParameters, f"{node}/get_parameters", names=list(names)).values
+        return [parameter_value_to_python(value) for value in values]
+
+    def parameters(self, node: str) -> set[str]:
+        """The names of all parameters."""
+        return set(self.call(ListParameters, f"{node}/list_parameters").result.names)
+
+    def spin_until(self, ready: Any) -> None:
+        def spun() -> bool:
+            self.executor.spin_once(timeout_sec=0.1)
+            return bool(ready())
+
+        until(spun)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+
+@contextmanager
+def manager_client() -> Iterator[ManagerClient]:
+    """A client within a ROS context of its own."""
+    rclpy.init()
+    client = ManagerClient()
+    try:
+        yield client
+    finally:
+        client.close()
+        rclpy.try_shutdown()

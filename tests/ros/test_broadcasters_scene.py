@@ -1,0 +1,99 @@
+"""The scene beside the arm in /tf, also for those who begin to listen late."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
+
+from controller.joint_state_broadcaster import JointStates
+from hal.description import Description
+from nodes.conversions import time_message
+from nodes.robot_state_publisher import RobotStatePublisher
+from tests.ros.stack_process import until
+
+pytestmark = pytest.mark.ros
+
+CYCLE_S = 0.05
+
+
+class Links:
+    """A robot state publisher of a robot without joints, and how often it has looked at the scene."""
+
+    def __init__(self, parameters: dict[str, Any]) -> None:
+        self.looks = 0
+        content = {"robot_state_publisher": {"ros__parameters": parameters}}
+        factory = SimpleNamespace(file=SimpleNamespace(content=content))
+        stack: Any = SimpleNamespace(description=Description("", {}), factory=factory, scene=self._scene)
+        self.publisher = RobotStatePublisher(stack)
+        self._now_s = 0.0
+
+    def _scene(self) -> dict[str, Any]:
+        self.looks += 1
+        return {"cube": ((0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0))}
+
+    def cycle(self, count: int) -> None:
+        for _ in range(count):
+            self._now_s += CYCLE_S
+            nothing = np.empty(0)
+            states = JointStates(self._now_s, (), nothing, nothing, nothing)
+            self.publisher.publish(states, time_message(self._now_s))
+
+
+@pytest.fixture
+def executor(ros_domain: int) -> Iterator[SingleThreadedExecutor]:
+    """What is added to it is off the graph afterwards."""
+    rclpy.init()
+    executor = SingleThreadedExecutor()
+    yield executor
+    for node in executor.get_nodes():
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_the_scene_is_looked_at_once_a_second_while_nobody_listens(executor: SingleThreadedExecutor) -> None:
+    links = Links({})
+    executor.add_node(links.publisher.node)
+    links.cycle(200)
+    assert 9 <= links.looks <= 12
+
+
+@pytest.mark.parametrize(
+    ("parameters", "looks"), [({}, 100), ({"publish_frequency": 5.0}, 25), ({"ignore_timestamp": True}, 100)]
+)
+def test_those_who_listen_see_it_as_often_as_the_links(
+    executor: SingleThreadedExecutor, parameters: dict[str, Any], looks: int
+) -> None:
+    seen: list[TFMessage] = []
+    node = Node("onlooker")
+    node.create_subscription(TFMessage, "/tf", seen.append, 200)
+    executor.add_node(node)
+    links = Links({"frame_prefix": "left/", **parameters})
+    executor.add_node(links.publisher.node)
+    until(lambda: links.publisher._tf.listeners == 1)
+    links.looks = 0
+    links.cycle(100)
+    until(lambda: executor.spin_once(timeout_sec=0.1) or bool(seen))
+    (transform,) = seen[0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("left/base_link", "left/cube")
+    assert transform.transform.translation.z == 0.3
+    assert links.looks == pytest.approx(looks, abs=1)
+
+
+@pytest.mark.parametrize("parameters", [{"publish_frequency": 0.0}, {"frame_prefix": 7}, {"ignore_timestamp": []}])
+def test_a_wrong_beginning_is_told_and_the_defaults_count(
+    executor: SingleThreadedExecutor, parameters: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    links = Links(parameters)
+    executor.add_node(links.publisher.node)
+    (name,) = parameters
+    assert links.publisher.node.get_parameter("publish_frequency").value == 20.0
+    assert f"{name}: " in capfd.readouterr().err

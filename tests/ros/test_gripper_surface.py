@@ -1,0 +1,234 @@
+"""A gripper behind upstream's two actions, as a client in another process meets it."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from control_msgs.action import GripperCommand, ParallelGripperCommand
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until
+
+pytestmark = pytest.mark.ros
+
+HAND = "hand_right_joint"
+CONTROLLERS = """
+controller_manager:
+  ros__parameters:
+    update_rate: 20
+    joint_state_broadcaster: {{type: joint_state_broadcaster/JointStateBroadcaster}}
+    gripper_controller: {{type: {kind}}}
+gripper_controller:
+  ros__parameters: {{joint: hand_right_joint, goal_tolerance: 0.0005}}
+"""
+
+
+class Gripper:
+    """A client of the action."""
+
+    action: Any
+
+    def __init__(self) -> None:
+        self.node = Node("gripper_client")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self.feedback: list[Any] = []
+        self._client = ActionClient(self.node, self.action, "/gripper_controller/gripper_cmd")
+        assert self._client.wait_for_server(PATIENCE_S)
+
+    def goal(self, position: float, **fields: Any) -> Any:
+        raise NotImplementedError
+
+    def offer(self, goal: Any) -> Any:
+        """The goal handle, accepted or not."""
+        self.feedback.clear()
+        sending = self._client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        return self.wait(sending)
+
+    def send(self, position: float, **fields: Any) -> tuple[Any, Future]:
+        """A goal that is accepted, and the future of its result."""
+        handle = self.offer(self.goal(position, **fields))
+        assert handle.accepted
+        return handle, handle.get_result_async()
+
+    def wait(self, future: Future) -> Any:
+        self._executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
+        assert future.done()
+        return future.result()
+
+    def spin_until(self, ready: Callable[[], bool]) -> None:
+        until(lambda: self._executor.spin_once(timeout_sec=0.1) or ready())
+
+    def hand_at(self, position: float) -> None:
+        """Until the fingers are there."""
+        seen: list[JointState] = []
+        subscription = self.node.create_subscription(JointState, "/joint_states", seen.append, 10)
+        self.spin_until(
+            lambda: bool(seen) and abs(seen[-1].position[seen[-1].name.index(HAND)] - position) < 1e-6,
+        )
+        self.node.destroy_subscription(subscription)
+
+
+class Parallel(Gripper):
+    action = ParallelGripperCommand
+
+    def goal(self, position: float, **fields: Any) -> Any:
+        return ParallelGripperCommand.Goal(command=JointState(position=[position], **fields))
+
+
+class Position(Gripper):
+    action = GripperCommand
+
+    def goal(self, position: float, **fields: Any) -> Any:
+        goal = GripperCommand.Goal()
+        goal.command.position = position
+        goal.command.max_effort = fields.get("max_effort", 0.0)
+        return goal
+
+
+KINDS = {
+    Parallel: "parallel_gripper_action_controller/GripperActionController",
+    Position: "position_controllers/GripperActionController",
+}
+
+
+PARALLEL = pytest.mark.parametrize("kind", [Parallel], indirect=True, ids=["Parallel"])
+"""The other action has no such fields."""
+
+
+def _place(client: Gripper, message: Any) -> float:
+    """The position in a result or a feedback."""
+    return float(message.state.position[0] if isinstance(client, Parallel) else message.position)
+
+
+@pytest.fixture(scope="module", params=list(KINDS), ids=lambda kind: kind.__name__)
+def kind(request: pytest.FixtureRequest) -> type[Gripper]:
+    kind: type[Gripper] = request.param
+    return kind
+
+
+@pytest.fixture(scope="module")
+def stack(kind: type[Gripper], ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
+    folder = tmp_path_factory.mktemp("gripper")
+    controllers = folder / "controllers.yaml"
+    controllers.write_text(CONTROLLERS.format(kind=KINDS[kind]))
+    with running(folder, "--hardware", "mock", "--controllers", str(controllers)) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def client(kind: type[Gripper], stack: StackProcess) -> Iterator[Gripper]:
+    rclpy.init()
+    client = kind()
+    yield client
+    client.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_it_opens_with_feedback_and_says_when_it_is_there(client: Gripper) -> None:
+    _, future = client.send(0.05)
+    answer = client.wait(future)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert (answer.result.reached_goal, answer.result.stalled) == (True, False)
+    assert _place(client, answer.result) == pytest.approx(0.05, abs=0.0005)
+    places = [_place(client, message) for message in client.feedback]
+    assert places == sorted(places)
+    assert any(0.0 < place < 0.05 for place in places)
+    client.hand_at(0.05)
+
+
+@pytest.mark.parametrize("position", [0.06, -0.001, math.nan, math.inf])
+def test_what_is_no_place_for_the_fingers_is_rejected_with_the_numbers(
+    client: Gripper, stack: StackProcess, position: float
+) -> None:
+    assert not client.offer(client.goal(position)).accepted
+    until(lambda: f"goal rejected: position {position:g}" in stack.words)
+
+
+def test_a_new_goal_ends_the_old_one(client: Gripper) -> None:
+    _, first = client.send(0.0)
+    _, second = client.send(0.05)
+    old, new = client.wait(first), client.wait(second)
+    assert old.status == GoalStatus.STATUS_ABORTED
+    assert (old.result.reached_goal, old.result.stalled) == (False, False)
+    assert new.status == GoalStatus.STATUS_SUCCEEDED
+    client.hand_at(0.05)
+
+
+def test_cancel_is_answered_and_the_fingers_stop(client: Gripper) -> None:
+    handle, future = client.send(0.0)
+    client.spin_until(lambda: bool(client.feedback))
+    assert len(client.wait(handle.cancel_goal_async()).goals_canceling) == 1
+    answer = client.wait(future)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert 0.0 < _place(client, answer.result) <= 0.05
+    assert len(client.wait(handle.cancel_goal_async()).goals_canceling) == 0
+
+
+def test_an_effort_is_taken_and_its_limits_told(client: Gripper, stack: StackProcess) -> None:
+    fields = {"effort": [30.0]} if isinstance(client, Parallel) else {"max_effort": 30.0}
+    _, future = client.send(0.02, **fields)
+    assert client.wait(future).status == GoalStatus.STATUS_SUCCEEDED
+    assert "max effort 30 is not heeded: torque_limit in the robot file bounds the force" in stack.words
+
+
+def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Gripper) -> None:
+    setting = client.node.create_client(SetParameters, "/gripper_controller/set_parameters")
+    assert setting.wait_for_service(PATIENCE_S)
+
+    def refusal(**values: Any) -> str:
+        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        (answer,) = client.wait(setting.call_async(SetParameters.Request(parameters=parameters))).results
+        return str(answer.reason)
+
+    client.wait(client.send(0.02)[1])
+    client.hand_at(0.02)
+    assert "cannot be set because it is read-only" in refusal(joint="joint1")
+    assert refusal(goal_tolerance=-1.0)
+    assert refusal(goal_tolerance=0.02) == ""
+    answer = client.wait(client.send(0.03)[1])
+    assert _place(client, answer.result) == pytest.approx(0.02, abs=0.002)  # near enough from the first cycle on
+    assert refusal(goal_tolerance=0.0005) == ""
+
+
+@PARALLEL
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"position": []}, "wrong number of position values, expects 1, got 0"),
+        ({"position": [0.0, 0.0]}, "wrong number of position values, expects 1, got 2"),
+        ({"position": [0.0], "name": ["joint1"]}, f"the goal is for joint1, and this gripper's joint is {HAND}"),
+        ({"position": [0.0], "velocity": [-1.0]}, f"max velocity -1.0 for {HAND}: it must be finite and not negative"),
+        ({"position": [0.0], "velocity": [1.0, 1.0]}, "2 velocities or efforts for one joint: send one, or none"),
+    ],
+)
+def test_a_parallel_goal_that_fits_no_gripper_is_rejected(
+    client: Gripper, stack: StackProcess, fields: dict[str, Any], words: str
+) -> None:
+    assert not client.offer(ParallelGripperCommand.Goal(command=JointState(**fields))).accepted
+    until(lambda: words in stack.words)
+
+
+@PARALLEL
+def test_a_parallel_goal_with_all_its_fields_gets_the_joints_state(client: Gripper) -> None:
+    client.wait(client.send(0.05)[1])
+    client.hand_at(0.05)
+    _, future = client.send(0.03, name=[HAND], velocity=[0.02])
+    answer = client.wait(future)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert list(answer.result.state.name) == [HAND]
+    assert answer.result.state.header.stamp.sec > 0
+    assert len(answer.result.state.velocity) == len(answer.result.state.effort) == 1
+    assert {tuple(message.state.name) for message in client.feedback} == {(HAND,)}

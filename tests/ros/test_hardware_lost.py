@@ -1,0 +1,131 @@
+"""Hardware components that are lost and come back, or are not there at the start; seen from another process."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+
+from servoloop.files import CONTROLLERS
+from tests.ros.hardware_client import activate, components, controllers, set_state
+from tests.ros.stack_process import READY, StackProcess, arm_client, running
+from tests.ros.two_components import ARM, servos, write_robot_file, write_servos, write_urdf
+
+pytestmark = pytest.mark.ros
+
+SUCCEEDED = 4  # action_msgs/msg/GoalStatus
+
+
+@contextmanager
+def emulating(folder: Path, urdf: Path) -> Iterator[StackProcess]:
+    """The arm's virtual servos at ``folder``/bus."""
+    link = folder / "bus"
+    emulator = StackProcess(folder / "emulate.log", "emulate", str(link), "--urdf", str(urdf))
+    try:
+        emulator.wait_for(link)
+        yield emulator
+    finally:
+        emulator.end()
+
+
+def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tmp_path: Path) -> None:
+    """The hand, another component, goes on all the while. Upstream's way needs ``--stay`` for the last one only."""
+    urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
+    options = ("--urdf", str(urdf), "--port", str(tmp_path / "bus"), "--stay")
+    with emulating(tmp_path, urdf) as emulator, running(tmp_path, *options) as stack, arm_client() as client:
+        levels: dict[str, str] = {}
+        client.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda m: levels.update({s.name: s.message for s in m.status}), 10
+        )
+        positions: list[JointState] = []
+        client.node.create_subscription(JointState, "/joint_states", positions.append, 10)
+        emulator.end()
+        client.spin_until(lambda: components(client) == {"arm": "unconfigured", "hand": "active"})
+        states = controllers(client)
+        assert (states["arm_controller"], states["hand_controller"]) == ("inactive", "active")
+        client.spin_until(lambda: "is gone" in levels.get("servoloop: arm", ""))
+        seen = len(positions)
+        client.spin_until(lambda: len(positions) > seen + 5)
+        assert set_state(client, "arm", label="active") == (False, "unconfigured")
+        assert "there is no" in stack.words
+        with emulating(tmp_path, urdf):
+            assert set_state(client, "arm", label="active") == (True, "active")
+            assert activate(client, "arm_controller")[0]
+            assert client.wait(client.send(READY)).status == SUCCEEDED
+            assert stack.end() == 0, stack.words
+
+
+def test_without_stay_too_the_stack_goes_on_while_one_component_is_left(ros_domain: int, tmp_path: Path) -> None:
+    urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
+    with (
+        emulating(tmp_path, urdf) as emulator,
+        running(tmp_path, "--urdf", str(urdf), "--port", str(tmp_path / "bus")) as stack,
+        arm_client() as client,
+    ):
+        emulator.end()
+        client.spin_until(lambda: components(client) == {"arm": "unconfigured", "hand": "active"})
+        assert set_state(client, "hand", label="finalized") == (True, "finalized")
+        assert set_state(client, "hand", label="active") == (False, "finalized")
+        assert stack.process.poll() is None
+        assert stack.end() == 0, stack.words
+
+
+def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp_path: Path) -> None:
+    urdf = write_servos(tmp_path)
+    link = tmp_path / "bus"
+    ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
+    with running(tmp_path, "--urdf", str(urdf), "--stay", *ports) as stack, arm_client() as client:
+        assert components(client) == {"arm": "unconfigured", "hand": "unconfigured"}
+        assert "arm stays unconfigured: there is no" in stack.words
+        assert controllers(client)["joint_state_broadcaster"] == "active"
+        emulator = StackProcess(tmp_path / "emulate.log", "emulate", str(link), "--urdf", str(urdf))
+        try:
+            for name in ("arm", "hand"):
+                emulator.wait_for(tmp_path / f"bus.{name}")
+                assert set_state(client, name, label="active") == (True, "active")
+            assert activate(client, "arm_controller", "hand_controller")[0]
+            assert client.wait(client.send(READY)).status == SUCCEEDED
+            assert stack.end() == 0, stack.words
+        finally:
+            emulator.end()
+
+
+def test_two_makes_on_two_lines_and_both_lines_lost(ros_domain: int, tmp_path: Path) -> None:
+    """Servos of one make in the arm and of another in the hand, each a component; the emulator takes both away."""
+    hand = tmp_path / "hand.yaml"
+    urdf = write_servos(tmp_path)
+    text = hand.read_text().replace("sts3215", "xl430-w250").replace("protocol: feetech", "protocol: dynamixel")
+    hand.write_text(text)
+    link = tmp_path / "bus"
+    ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
+    emulator = StackProcess(tmp_path / "emulate.log", "emulate", str(link), "--urdf", str(urdf))
+    try:
+        for name in ("arm", "hand"):
+            emulator.wait_for(tmp_path / f"bus.{name}")
+        with running(tmp_path, "--urdf", str(urdf), *ports) as stack, arm_client() as client:
+            assert components(client) == {"arm": "active", "hand": "active"}
+            assert client.wait(client.send(READY)).status == SUCCEEDED
+            emulator.end()
+            assert stack.process.wait(60.0) == 1
+            assert "Traceback" not in stack.words
+    finally:
+        emulator.end()
+
+
+def test_components_begin_in_the_states_that_the_controllers_file_says(ros_domain: int, tmp_path: Path) -> None:
+    controllers_file = tmp_path / "controllers.yaml"
+    said = "    update_rate: 20\n    hardware_components_initial_state: {unconfigured: [hand], inactive: [arm]}\n"
+    controllers_file.write_text(CONTROLLERS.read_text().replace("    update_rate: 20\n", said))
+    options = ("--urdf", str(write_urdf(tmp_path)), "--controllers", str(controllers_file))
+    with running(tmp_path, *options), arm_client() as client:
+        assert components(client) == {"arm": "inactive", "hand": "unconfigured"}
+        states = controllers(client)
+        assert (states["arm_controller"], states["hand_controller"]) == ("inactive", "inactive")
+        for name in ("arm", "hand"):
+            assert set_state(client, name, label="active") == (True, "active")
+        assert activate(client, "arm_controller", "hand_controller")[0]

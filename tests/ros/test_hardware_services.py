@@ -1,0 +1,129 @@
+"""Hardware components over the middleware: listed, switched, lost and brought back, by a client in another process."""
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces, SetHardwareComponentState
+from lifecycle_msgs.msg import State
+
+from tests.ros.hardware_client import activate, ask, components, controllers, set_state
+from tests.ros.stack_process import READY, ArmClient, StackProcess, arm_client, running
+from tests.ros.two_components import HAND, write_urdf
+
+pytestmark = pytest.mark.ros
+
+ABORTED = 6  # action_msgs/msg/GoalStatus
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
+    folder = tmp_path_factory.mktemp("mock")
+    with running(folder, "--urdf", str(write_urdf(folder))) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def client(stack: StackProcess) -> Iterator[ArmClient]:
+    with arm_client() as client:
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def everything_active(request: pytest.FixtureRequest) -> None:
+    """Before each test that uses the mocks."""
+    if "client" in request.fixturenames:
+        client = request.getfixturevalue("client")
+        for name in ("arm", "hand"):
+            assert set_state(client, name, State.PRIMARY_STATE_ACTIVE) == (True, "active")
+        idle = [name for name, state in controllers(client).items() if state != "active"]
+        assert not idle or activate(client, *idle)[0]
+
+
+def test_both_components_are_listed_as_they_are_in_the_file(client: ArmClient) -> None:
+    arm, hand = ask(client, ListHardwareComponents, "list_hardware_components").component
+    assert (arm.name, arm.type, arm.plugin_name) == ("arm", "system", "mock_components/GenericSystem")
+    assert (arm.rw_rate, hand.rw_rate) == (20, 10)
+    assert (arm.state.id, arm.state.label) == (State.PRIMARY_STATE_ACTIVE, "active")
+    assert [i.name for i in hand.command_interfaces] == [f"{HAND}/position"]
+    assert [i.name for i in hand.state_interfaces] == [
+        f"{joint}/{kind}" for joint in (HAND, "hand_left_joint") for kind in ("position", "velocity")
+    ]
+    assert all(i.is_available and i.is_claimed and i.data_type == "double" for i in arm.command_interfaces)
+
+
+ROWS = [
+    # the states it is set to, one after the other: id and label; the answer to the last
+    ([(State.PRIMARY_STATE_INACTIVE, "")], (True, "inactive")),
+    ([(State.PRIMARY_STATE_UNCONFIGURED, "")], (True, "unconfigured")),
+    ([(0, "inactive")], (True, "inactive")),
+    ([(0, "unconfigured"), (0, "active")], (True, "active")),
+    ([(0, "unconfigured"), (0, "inactive")], (True, "inactive")),
+    ([(0, "inactive"), (0, "active")], (True, "active")),
+    ([(0, "active")], (True, "active")),
+    ([(State.PRIMARY_STATE_INACTIVE, "active")], (True, "inactive")),
+    ([(0, "asleep")], (False, "active")),
+    ([(0, "")], (False, "active")),
+    ([(77, "active")], (False, "active")),
+]
+
+
+@pytest.mark.parametrize(("steps", "answer"), ROWS)
+def test_setting_a_state(client: ArmClient, steps: list[tuple[int, str]], answer: tuple[bool, str]) -> None:
+    for target, label in steps:
+        got = set_state(client, "hand", target, label)
+    assert got == answer
+    assert components(client) == {"arm": "active", "hand": answer[1]}
+
+
+def test_a_component_that_is_not_there(client: ArmClient) -> None:
+    assert set_state(client, "foot", State.PRIMARY_STATE_ACTIVE)[0] is False
+
+
+@pytest.mark.parametrize(("label", "available"), [("active", True), ("inactive", True), ("unconfigured", False)])
+def test_its_interfaces_are_there_while_it_is_configured(client: ArmClient, label: str, available: bool) -> None:
+    assert set_state(client, "hand", label=label) == (True, label)
+    answer = ask(client, ListHardwareInterfaces, "list_hardware_interfaces")
+    hand = [i for i in (*answer.command_interfaces, *answer.state_interfaces) if i.name.startswith("hand")]
+    arm = [i for i in (*answer.command_interfaces, *answer.state_interfaces) if i.name.startswith("joint")]
+    assert [i.is_available for i in hand] == [available] * 5
+    assert all(i.is_available for i in arm)
+    assert {i.name: i.is_claimed for i in answer.command_interfaces}[f"{HAND}/position"] == (label == "active")
+
+
+def test_its_controllers_go_with_it_and_cannot_come_back_before_it_does(client: ArmClient) -> None:
+    """Unlike upstream, where they stay active and command nothing."""
+    set_state(client, "hand", label="inactive")
+    states = controllers(client)
+    assert (states["hand_controller"], states["arm_controller"], states["joint_state_broadcaster"]) == (
+        "inactive",
+        "active",
+        "active",
+    )
+    ok, message = activate(client, "hand_controller")
+    assert not ok
+    assert f"command interface '{HAND}/position' is not available" in message
+    set_state(client, "hand", label="active")
+    assert activate(client, "hand_controller")[0]
+
+
+def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) -> None:
+    """Unlike upstream, where it succeeds though nothing moves."""
+    result = client.send([0.3, *READY[1:]], seconds=5)
+    assert set_state(client, "arm", label="inactive") == (True, "inactive")
+    answer = client.wait(result)
+    assert answer.status == ABORTED
+    assert answer.result.error_string == "Current goal cancelled during deactivate transition."
+    assert controllers(client)["hand_controller"] == "active"
+
+
+def test_a_burst_of_wishes_ends_where_the_last_one_says(client: ArmClient) -> None:
+    service = client.node.create_client(SetHardwareComponentState, "/controller_manager/set_hardware_component_state")
+    assert service.wait_for_service(30.0)
+    labels = ["inactive", "unconfigured", "active", "inactive"] * 10
+    wishes = [SetHardwareComponentState.Request(name="hand", target_state=State(label=label)) for label in labels]
+    answers = [client.wait(future) for future in [service.call_async(wish) for wish in wishes]]
+    assert [answer.ok for answer in answers] == [True] * len(labels)
+    assert components(client)["hand"] == "inactive"

@@ -1,0 +1,21 @@
+"""``servoloop up --no-spawn``: a stack of its own, whose controllers wait for a spawner."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.ros.manager_client import manager_client
+from tests.ros.stack_process import running
+from tests.ros.test_manager_spawner import Spawner
+
+pytestmark = pytest.mark.ros
+
+
+def test_without_spawning_the_files_controllers_wait_for_the_spawner(ros_domain: int, tmp_path: Path) -> None:
+    with running(tmp_path, "--hardware", "mock", "--no-spawn"), manager_client() as client:
+        assert client.states() == {}
+        assert Spawner(client).spawn("hand_controller") == ""  # the manager knows its type and parameters from the file
+        assert client.states() == {"hand_controller": "active"}
+        assert client.get("/hand_controller", "joints") == [["hand_right_joint"]]

@@ -1,0 +1,191 @@
+"""The spawner's calls, in its order: a client of our own does from another process what upstream's does.
+
+Upstream's spawner: ``list_controllers``; if the controller is not loaded, the parameters ``NAME.node_options_args``,
+``NAME.params_file`` (a list), ``NAME.type`` and ``NAME.fallback_controllers`` on the manager, each set from a text;
+``load_controller``; then ``configure_controller``; then ``switch_controller``, strict, with five seconds' time.
+Killed with ``--unload-on-kill``, it deactivates strictly and unloads.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from builtin_interfaces.msg import Duration
+from controller_manager_msgs.srv import ListControllers, SwitchController
+from std_msgs.msg import Float64MultiArray
+
+from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
+from tests.ros.stack_process import StackProcess, running
+
+pytestmark = pytest.mark.ros
+
+FORWARD = "forward_command_controller/ForwardCommandController"
+EMPTY = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
+ARM = """
+arm:
+  ros__parameters:
+    type: joint_trajectory_controller/JointTrajectoryController
+    joints: [joint1, joint2, joint3, joint4, joint5, joint6]
+    command_interfaces: [position]
+    state_interfaces: [position, velocity]
+    fallback_controllers: [spare]
+spare:
+  ros__parameters: {joints: [joint1], interface_name: position}
+/**:
+  ros__parameters: {use_sim_time: false}
+"""
+HAND = f"hand: {{ros__parameters: {{type: {FORWARD}, joints: [hand_right_joint], interface_name: position}}}}\n"
+NARROW = "hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
+
+
+class Spawner:
+    """What upstream's spawner asks, call by call."""
+
+    def __init__(self, client: ManagerClient) -> None:
+        self.client = client
+
+    def spawn(
+        self,
+        name: str,
+        *,
+        files: Sequence[Path] = (),
+        kind: str = "",
+        fallback: Sequence[str] = (),
+        ros_args: Sequence[str] = (),
+        load_only: bool = False,
+        inactive: bool = False,
+    ) -> str:
+        """Returns the step that failed, or an empty text."""
+        if name not in self.client.states():
+            settings = {
+                "node_options_args": str(list(ros_args)) if ros_args else "",
+                "params_file": str([str(path) for path in files]) if files else "",
+                "type": kind,
+                "fallback_controllers": str(list(fallback)) if fallback else "",
+            }
+            for key, text in settings.items():
+                if text and not self.client.set_from_text(MANAGER, f"{name}.{key}", text):
+                    return f"set {key}"
+            if not self.client.load(name):
+                return "load"
+        if load_only:
+            return ""
+        if not self.client.configure(name):
+            return "configure"
+        return "" if inactive or self._switch([name], []) else "activate"
+
+    def unload(self, name: str) -> str:
+        """As after ``--unload-on-kill``."""
+        if not self._switch([], [name]):
+            return "deactivate"
+        return "" if self.client.unload(name) else "unload"
+
+    def _switch(self, activate: list[str], deactivate: list[str]) -> bool:
+        answer = self.client.call(
+            SwitchController,
+            f"{MANAGER}/switch_controller",
+            activate_controllers=activate,
+            deactivate_controllers=deactivate,
+            strictness=SwitchController.Request.STRICT,
+            activate_asap=True,
+            timeout=Duration(sec=5),
+        )
+        return bool(answer.ok)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a controllers file that names no controllers, and files that do."""
+    folder = tmp_path_factory.mktemp("spawner")
+    for name, text in (("empty", EMPTY), ("arm", ARM), ("hand", HAND), ("narrow", NARROW)):
+        (folder / f"{name}.yaml").write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, files: Path) -> Iterator[StackProcess]:
+    with running(files, "--hardware", "mock", "--controllers", str(files / "empty.yaml")) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def connected(stack: StackProcess) -> Iterator[ManagerClient]:
+    with manager_client() as client:
+        yield client
+
+
+@pytest.fixture
+def spawner(connected: ManagerClient) -> Iterator[Spawner]:
+    """A manager without controllers."""
+    yield Spawner(connected)
+    for name, state in connected.states().items():
+        assert state != "active" or connected.switch((), [name])[0]
+        assert connected.unload(name)
+
+
+def test_a_stack_that_starts_with_nobody_is_filled_by_the_spawner(spawner: Spawner, files: Path) -> None:
+    assert spawner.client.states() == {}
+    kind = "joint_state_broadcaster/JointStateBroadcaster"
+    assert spawner.spawn("joint_state_broadcaster", kind=kind) == ""
+    kind = "joint_trajectory_controller/JointTrajectoryController"
+    assert spawner.spawn("arm", files=[files / "arm.yaml"], kind=kind, fallback=["spare"]) == ""
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == ""
+    assert set(spawner.client.states().values()) == {"active"}
+    listed = {c.name: c for c in spawner.client.call(ListControllers, f"{MANAGER}/list_controllers").controller}
+    assert listed["hand"].claimed_interfaces == ["hand_right_joint/position"]
+    assert spawner.client.get("/arm", "joints") == [[f"joint{i}" for i in range(1, 7)]]
+    # again: it is loaded, so it is only configured, which an active one refuses
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == "configure"
+
+
+def test_load_only_and_inactive(spawner: Spawner, files: Path) -> None:
+    given = {"files": [files / "hand.yaml"], "kind": FORWARD}
+    assert spawner.spawn("hand", **given, load_only=True) == ""  # type: ignore[arg-type]
+    assert spawner.client.states() == {"hand": "unconfigured"}
+    assert spawner.spawn("hand", **given, inactive=True) == ""  # type: ignore[arg-type]
+    assert spawner.client.states() == {"hand": "inactive"}
+    assert spawner.spawn("hand", **given) == ""  # type: ignore[arg-type]
+    assert spawner.client.states() == {"hand": "active"}
+
+
+def test_unloaded_and_spawned_again_with_other_parameters(spawner: Spawner, files: Path) -> None:
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == ""
+    assert spawner.unload("hand") == ""
+    assert spawner.client.states() == {}
+    assert spawner.unload("hand") == "deactivate"
+    both = [files / "hand.yaml", files / "narrow.yaml"]
+    assert spawner.spawn("hand", files=both, kind=FORWARD) == ""
+    assert spawner.client.get("/hand", "joints") == [["hand_right_joint", "joint6"]]
+
+
+def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
+    given = ["--ros-args", "-r", "hand/commands:=/fingers"]
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD, ros_args=given) == ""
+    node = spawner.client.node
+    spawner.client.spin_until(lambda: node.count_subscribers("/fingers") == 1)
+    publisher = node.create_publisher(Float64MultiArray, "/fingers", 1)
+    spawner.client.spin_until(lambda: publisher.get_subscription_count() == 1)
+    node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "kind", "step", "said"),
+    [
+        ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
+        ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such', known types are"),
+        ("hand", "nowhere", FORWARD, "load", "cannot read"),
+        ("hand", "arm", FORWARD, "load", "joints: Field required"),
+        ("hand", "narrow", FORWARD, "load", "hand.interface_name: Field required"),
+    ],
+)
+def test_what_cannot_be_loaded_is_said_in_the_log(
+    spawner: Spawner, stack: StackProcess, files: Path, name: str, file: str, kind: str, step: str, said: str
+) -> None:
+    # the manager still knows what was set for the tests before
+    assert spawner.client.set_from_text(MANAGER, f"{name}.type", kind or "''")
+    assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
+    assert said in stack.words
+    assert spawner.client.states() == {}

@@ -1,0 +1,180 @@
+"""A client of one trajectory controller, in a process other than the stack's."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance, JointTrajectoryControllerState, SpeedScalingFactor
+from control_msgs.srv import QueryTrajectoryState
+from controller_manager_msgs.srv import SwitchController
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tests.ros.stack_process import JOINTS, PATIENCE_S
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ARM = "/arm_controller"
+
+
+def duration(seconds: float) -> Duration:
+    """Also a negative one."""
+    nanoseconds = round(seconds * 1e9)
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def point(
+    position: float | Sequence[float],
+    after_s: float,
+    velocities: Sequence[float] = (),
+    accelerations: Sequence[float] = (),
+    effort: Sequence[float] = (),
+) -> JointTrajectoryPoint:
+    """One number stands for all six joints."""
+    positions = [position] * 6 if isinstance(position, float) else list(position)
+    return JointTrajectoryPoint(
+        positions=positions,
+        velocities=list(velocities),
+        accelerations=list(accelerations),
+        effort=list(effort),
+        time_from_start=duration(after_s),
+    )
+
+
+def trajectory(*points: JointTrajectoryPoint, names: Sequence[str] = JOINTS, stamp: Time | None = None) -> Any:
+    message = JointTrajectory(joint_names=list(names), points=list(points))
+    if stamp is not None:
+        message.header.stamp = stamp
+    return message
+
+
+def goal_of(message: JointTrajectory, goal_time_s: float = 0.0, **tolerances: tuple[str, float]) -> Any:
+    """``path`` and ``goal``: a joint and its tolerance."""
+    goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=duration(goal_time_s))
+    for kind, (name, value) in tolerances.items():
+        setattr(goal, f"{kind}_tolerance", [JointTolerance(name=name, position=value)])
+    return goal
+
+
+@dataclass(slots=True)
+class Sent:
+    """A goal on its way; ``handle`` is None if it was refused."""
+
+    handle: Any
+    result: Any = None
+    feedback: list[Any] = field(default_factory=list)
+
+
+class TrajectoryClient:
+    """Sends, listens and waits; everything by its own executor, nothing by time."""
+
+    def __init__(self) -> None:
+        self.node = Node("trajectory_client")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.reasons: list[str] = []
+        self.states: list[JointTrajectoryControllerState] = []
+        self.node.create_subscription(
+            String, f"{ARM}/rejection_reason", lambda message: self.reasons.append(message.data), LATCHED
+        )
+        self.node.create_subscription(
+            JointTrajectoryControllerState, f"{ARM}/controller_state", self.states.append, 100
+        )
+        self._scaling = self.node.create_publisher(SpeedScalingFactor, f"{ARM}/speed_scaling_input", 10)
+        self._topic = self.node.create_publisher(JointTrajectory, f"{ARM}/joint_trajectory", 10)
+        self._action = ActionClient(self.node, FollowJointTrajectory, f"{ARM}/follow_joint_trajectory")
+        assert self._action.wait_for_server(PATIENCE_S)
+        self.until(lambda: bool(self.states))
+        self.until(lambda: bool(self._scaling.get_subscription_count() and self._topic.get_subscription_count()))
+
+    def until(self, ready: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not ready():
+            assert time.monotonic() < deadline_s, "never came"
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def wait(self, future: Any) -> Any:
+        self.until(future.done)
+        return future.result()
+
+    def send(self, goal: Any) -> Sent:
+        """Returns when the stack has answered."""
+        sent = Sent(None)
+        handle = self.wait(self._action.send_goal_async(goal, lambda message: sent.feedback.append(message.feedback)))
+        if handle.accepted:
+            sent.handle, sent.result = handle, handle.get_result_async()
+        return sent
+
+    def send_two(self, first: Any, second: Any) -> tuple[Sent, Sent]:
+        """In one instant."""
+        futures = [self._action.send_goal_async(goal) for goal in (first, second)]
+        handles = [self.wait(future) for future in futures]
+        one, two = (Sent(handle, handle.get_result_async()) for handle in handles)
+        return one, two
+
+    def outcome(self, sent: Sent) -> tuple[int, int, str]:
+        """Status, error code and text, when the goal has ended."""
+        assert sent.handle is not None, self.reasons
+        answer = self.wait(sent.result)
+        return answer.status, answer.result.error_code, answer.result.error_string
+
+    def cancel(self, sent: Sent) -> int:
+        """How many goals are being canceled."""
+        return len(self.wait(sent.handle.cancel_goal_async()).goals_canceling)
+
+    def refusal(self, goal: Any) -> str:
+        """The reason, as the status topic gives it."""
+        before = len(self.reasons)
+        assert self.send(goal).handle is None
+        self.until(lambda: len(self.reasons) > before)
+        return self.reasons[-1]
+
+    def cycles(self, count: int) -> list[JointTrajectoryControllerState]:
+        """The next states."""
+        before = len(self.states)
+        self.until(lambda: len(self.states) >= before + count)
+        return self.states[before:]
+
+    def publish(self, message: JointTrajectory) -> None:
+        self._topic.publish(message)
+
+    def scale(self, factor: float) -> None:
+        self._scaling.publish(SpeedScalingFactor(factor=factor))
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S)
+        answer = self.wait(client.call_async(request))
+        self.node.destroy_client(client)
+        return answer
+
+    def query(self, stamp: Time) -> Any:
+        return self.call(QueryTrajectoryState, f"{ARM}/query_state", QueryTrajectoryState.Request(time=stamp))
+
+    def switch(self, on: bool) -> bool:
+        """The arm's controller."""
+        names = {"activate_controllers" if on else "deactivate_controllers": ["arm_controller"]}
+        request = SwitchController.Request(strictness=2, **names)
+        return bool(self.call(SwitchController, "/controller_manager/switch_controller", request).ok)
+
+    def set(self, name: str, value: Any) -> tuple[bool, str]:
+        """A parameter of the controller."""
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        (result,) = self.call(SetParameters, f"{ARM}/set_parameters", request).results
+        return result.successful, result.reason
+
+    def stamp(self, later_s: float) -> Time:
+        nanoseconds = self.node.get_clock().now().nanoseconds + round(later_s * 1e9)
+        return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()

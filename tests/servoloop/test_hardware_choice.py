@@ -1,0 +1,151 @@
+"""Which hardware stands below: by the URDF's blocks, by the command line, and by what users install."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from controller.controllers_file import ControllersFileError
+from controller.kinds import PluginError
+from hal.errors import DescriptionError, HalError, RobotFileError
+from hal.lifecycle import Hardware
+from hal.mock_hardware import MockHardware
+from hal.servo_hardware import ServoHardware
+from servoloop.files import CONFIG, CONTROLLERS, Files, read_files
+from servoloop.hardware import HardwareKind, build
+from servoloop.initial_states import initial_states
+from sim_backend.clock import SimulatedClock
+from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
+
+USERS = "<plugin>acme/Arm</plugin>"
+
+
+def made(files: Files, kind: HardwareKind | None = None) -> tuple[Hardware, ...]:
+    below = build(kind, files, {}, SimulatedClock())
+    return tuple(member.hardware for member in below.hardware.members)
+
+
+def test_each_block_has_its_own_plugin_robot_file_and_rate(tmp_path: Path) -> None:
+    files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
+    below = build(None, files, {}, SimulatedClock())
+    arm, hand = below.hardware.members
+    assert isinstance(arm.hardware, ServoHardware) and isinstance(hand.hardware, MockHardware)
+    assert (arm.hardware.joints, hand.hardware.joints) == (ARM, (HAND,))
+    assert (arm.every, hand.every) == (1, 2)
+    assert list(below.set_interpolation) == ["arm"]
+    assert not below.virtual  # no emulator's feed beside the port
+    assert files.robot_paths == {"arm": tmp_path / "arm.yaml"}
+
+
+def test_two_blocks_of_servos_name_their_buses(tmp_path: Path) -> None:
+    files = read_files(write_servos(tmp_path))
+    assert list(files.robot.file.lines()) == ["arm", "hand"]
+    assert [type(one) for one in made(files)] == [ServoHardware, ServoHardware]
+
+
+def test_the_command_line_decides_for_all(tmp_path: Path) -> None:
+    files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
+    assert [type(one) for one in made(files, HardwareKind.MOCK)] == [MockHardware, MockHardware]
+    with pytest.raises(DescriptionError, match="hand has servos and no robot file: name it"):
+        made(files, HardwareKind.SERVOS)
+    with pytest.raises(DescriptionError, match="only one component can be the arm in MuJoCo"):
+        made(files, HardwareKind.MUJOCO)
+
+
+def test_a_mock_needs_no_robot_file(tmp_path: Path) -> None:
+    files = read_files(write_urdf(tmp_path))
+    assert files.robot.joints == ()
+    assert (files.limits["joint1"].velocity, files.limits[HAND].upper) == (
+        files.description.joints["joint1"].velocity,
+        0.05,
+    )
+    assert build(None, files, {}, SimulatedClock()).virtual
+
+
+def test_one_robot_option_is_not_enough_for_two(tmp_path: Path) -> None:
+    arm = servos(write_robot_file(tmp_path, "arm", *ARM))
+    urdf = write_urdf(tmp_path, arm, arm)
+    with pytest.raises(DescriptionError, match=r"several components with servos \(arm, hand\): instead of --robot"):
+        read_files(urdf, robot=CONFIG / "robot_arm.yaml")
+
+
+def test_a_robot_file_is_looked_for_beside_the_urdf_and_mistakes_name_it(tmp_path: Path) -> None:
+    write_robot_file(tmp_path, "arm", *ARM[:5])
+    with pytest.raises(RobotFileError) as caught:
+        read_files(write_urdf(tmp_path, arm=servos(Path("arm.yaml"))))
+    assert str(caught.value) == f"{tmp_path}/arm.yaml: the URDF commands joint6, for which the robot file has no servo"
+
+
+def test_a_plugin_that_nobody_knows(tmp_path: Path) -> None:
+    files = read_files(write_urdf(tmp_path, hand="<plugin>nobody/Knows</plugin>"))
+    with pytest.raises(
+        DescriptionError, match="hand: unknown <plugin> nobody/Knows: known are servoloop/ServoHardware"
+    ):
+        made(files)
+
+
+ACME = """
+from hal.errors import HalError
+from hal.mock_hardware import MockHardware
+
+def make(component, clock):
+    if component.parameters.get("port") == "none":
+        raise HalError("port: none: name a port")
+    return MockHardware(component.name, component.joints, clock)
+
+def broken(component, clock):
+    return component.no_such_thing
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user's package, as pip leaves it."""
+    folder = tmp_path / "site"
+    info = folder / "acme-1.0.dist-info"
+    info.mkdir(parents=True)
+    (folder / "acme_hardware.py").write_text(ACME)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
+    lines = "acme/Arm = acme_hardware:make\nacme/Broken = acme_hardware:broken\nacme/Gone = acme_gone:make\n"
+    (info / "entry_points.txt").write_text(f"[servoloop.hardware]\n{lines}")
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "acme_hardware", raising=False)
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_users_own_hardware(tmp_path: Path) -> None:
+    files = read_files(write_urdf(tmp_path, hand=USERS))
+    _, hand = made(files)
+    assert (hand.name, hand.joints) == ("hand", (HAND,))
+    assert not build(None, files, {}, SimulatedClock()).virtual  # it may be real
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("hand", "error", "says"),
+    [
+        ('<plugin>acme/Arm</plugin><param name="port">none</param>', HalError, "port: none: name a port"),
+        ("<plugin>acme/Broken</plugin>", PluginError, r"the hardware acme/Broken \(acme_hardware:broken\) cannot be"),
+        ("<plugin>acme/Gone</plugin>", PluginError, "No module named 'acme_gone'"),
+    ],
+)
+def test_a_users_hardware_that_cannot_be_made(tmp_path: Path, hand: str, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says):
+        made(read_files(write_urdf(tmp_path, hand=hand)))
+
+
+@pytest.mark.parametrize(
+    ("said", "says"),
+    [
+        ("{inactive: [foot]}", "names foot: the URDF has arm, hand"),
+        ("{asleep: [arm]}", "has the lists unconfigured and inactive, not asleep"),
+        ("{inactive: arm}", "has the lists unconfigured and inactive, not inactive"),
+    ],
+)
+def test_initial_states_that_cannot_be(tmp_path: Path, said: str, says: str) -> None:
+    path = tmp_path / "controllers.yaml"
+    rate = "    update_rate: 20\n"
+    path.write_text(CONTROLLERS.read_text().replace(rate, f"{rate}    hardware_components_initial_state: {said}\n"))
+    files = read_files(write_urdf(tmp_path), path)
+    with pytest.raises(ControllersFileError, match=says):
+        initial_states(files)

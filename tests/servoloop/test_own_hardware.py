@@ -1,0 +1,79 @@
+"""docs/hardware.md: the class that it shows does what hardware has to do, from the package to the loop."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller.loop import ControlLoop
+from controller.manager import ControllerManager
+from hal.lifecycle import LifecycleState
+from servoloop.files import HOME, read_files
+from servoloop.hardware import build
+from sim_backend.clock import SimulatedClock
+from tests.controller.test_loop import Puppet
+
+URDF = """
+<robot name="r">
+  <link name="frame"/><link name="top"/>
+  <joint name="belt" type="prismatic">
+    <parent link="frame"/><child link="top"/><limit lower="0" upper="100" velocity="0.5" effort="10"/>
+  </joint>
+  <ros2_control name="conveyor" type="actuator">
+    <hardware><plugin>factory/Belt</plugin></hardware>
+    <joint name="belt"><command_interface name="velocity"/><state_interface name="velocity"/></joint>
+  </ros2_control>
+</robot>
+"""
+CONTROLLERS = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
+
+
+class Driver(Puppet):
+    """Wants a speed."""
+
+    command_interfaces = ("belt/velocity",)
+    state_interfaces = ("belt/velocity",)
+
+
+def code(language: str) -> str:
+    """The page's last block in this language."""
+    return re.findall(rf"```{language}\n(.*?)```", (HOME / "docs" / "hardware.md").read_text(), re.DOTALL)[-1]
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """The package installed as pip leaves it, and the user's files."""
+    (entry,) = re.findall(r'"(.*)" = "(.*)"', code("toml"))
+    info = tmp_path / "belt-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: belt\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[servoloop.hardware]\n{entry[0]} = {entry[1]}\n")
+    (tmp_path / "belt.py").write_text(code("python"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    urdf, controllers = tmp_path / "belt.urdf", tmp_path / "controllers.yaml"
+    urdf.write_text(URDF)
+    controllers.write_text(CONTROLLERS)
+    return urdf, controllers
+
+
+def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> None:
+    read, clock = read_files(*files), SimulatedClock()
+    hardware = build(None, read, {}, clock).hardware
+    manager = ControllerManager(hardware.command_interfaces)
+    driver = Driver()
+    manager.add(driver)
+    loop = ControlLoop(hardware, manager, read.limits, clock, 0.05)
+    hardware.configure()
+    loop.activate()
+    driver.command = np.array([0.3])
+    for _ in range(20):
+        clock.sleep_until(clock.now() + 0.05)
+        state = loop.step()
+    assert state.velocity[0] == pytest.approx(0.3)
+    assert 0.2 < state.position[0] < 0.3
+    change = loop.changes.ask("conveyor", LifecycleState.INACTIVE)
+    for _ in range(10):
+        loop.step()
+    assert change.done and change.result() is None
+    assert loop.step().velocity[0] == 0.0

@@ -1,0 +1,61 @@
+"""The loop's thread, whatever ends it: the arm is brought to its end, and the other thread learns of it."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import PortLost
+from servoloop.aside import Aside
+from servoloop.files import read_files
+from servoloop.signals import Signals
+from servoloop.up import _Run
+from tests.controller.bench import Bench
+from tests.ros.two_components import write_urdf
+
+
+def run_of(folder: Path) -> tuple[Bench, _Run]:
+    """Three cycles, and then the signal."""
+    bench, signals = Bench().up(), Signals()
+    run = _Run(bench.loop, Aside(), False, read_files(write_urdf(folder)), signals)
+    bench.loop.on_cycle = lambda state: signals.ask() if len(bench.hardware.written) > 2 else None
+    return bench, run
+
+
+def test_a_signal_is_no_failure(tmp_path: Path) -> None:
+    bench, run = run_of(tmp_path)
+    run()
+    assert (run.done, run.failed) == (True, False)
+    assert bench.hardware.calls[-2:] == ["hold", "cleanup"]
+
+
+@pytest.mark.parametrize("error", [PortLost("the port is gone"), RuntimeError("a defect")])
+def test_what_ends_the_loop_is_a_failure_and_the_arm_is_brought_to_its_end(tmp_path: Path, error: Exception) -> None:
+    bench, run = run_of(tmp_path)
+    bench.hardware.failing["read"] = error
+    run()
+    assert (run.done, run.failed) == (True, True)
+    assert bench.hardware.calls[-2:] == ["hold", "cleanup"]
+
+
+def test_a_plug_in_that_wants_to_end_the_program_ends_the_loop_as_a_failure(tmp_path: Path) -> None:
+    bench, run = run_of(tmp_path)
+    bench.hardware.failing["read"] = SystemExit(0)  # type: ignore[assignment]
+    with pytest.raises(SystemExit):
+        run()
+    assert (run.done, run.failed) == (True, True)
+
+
+def test_a_failure_on_the_way_out_is_one(tmp_path: Path) -> None:
+    bench, run = run_of(tmp_path)
+    bench.hardware.failing["hold"] = RuntimeError("a defect")
+    run()
+    assert (run.done, run.failed) == (True, True)
+
+
+def test_what_is_done_aside_is_waited_for() -> None:
+    done: list[int] = []
+    aside = Aside()
+    for number in range(3):
+        aside(lambda number=number: done.append(number))  # type: ignore[misc]
+    aside.join()
+    assert sorted(done) == [0, 1, 2]
