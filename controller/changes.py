@@ -94,7 +94,7 @@ class Changes:
     def end_cycle(self) -> None:
         """What failed while it was written to, and what has come to rest. Raises as ``after_read`` does."""
         self._give_up_the_lost()
-        for leaving in [one for one in self._leaving if not self._loop.slowing.busy(one.member.commands)]:
+        for leaving in [one for one in self._leaving if not self._coasts(one.member)]:
             self._leaving.remove(leaving)
             self._left(leaving.member, leaving.change)
 
@@ -129,8 +129,11 @@ class Changes:
     def _leave(self, member: Member, change: Change | None, reason: str) -> None:
         """Its controllers end in this very cycle; then its joints come to rest."""
         self._loop.manager.release(member.hardware.command_interfaces, reason)
-        self._loop.note_claims()
         self._leaving.append(_Leaving(member, change))
+
+    def _coasts(self, member: Member) -> bool:
+        own = range(len(self._loop.kinds))[member.commands]
+        return self._loop.manager.coasting.holds(own)
 
     def _left(self, member: Member, change: Change | None) -> None:
         if member.error is not None:

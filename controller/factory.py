@@ -47,7 +47,6 @@ class Factory:
 
         Raises ControllersFileError where one does not fit the robot, ClaimError where it commands too much.
         """
-        manager.coasting.limits = self.surroundings.limits
         for order in self.file.controllers:
             manager.load(order)
             manager.configure(order.name, self._made(order))

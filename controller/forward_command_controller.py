@@ -66,7 +66,7 @@ class ForwardCommandController:
         self.command = command.copy()
         self._settling.settled = True
 
-    def deactivate(self) -> None:
+    def deactivate(self, reason: str = "") -> None:
         self._inbox.clear()
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:

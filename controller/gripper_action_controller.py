@@ -109,7 +109,7 @@ class GripperActionController:
         self.state = None
         self._running = True
 
-    def deactivate(self) -> None:
+    def deactivate(self, reason: str = "") -> None:
         self._running = False
         if self._active:
             self._active.decide(GripperStatus.ABORTED, self.state or GripperState(), DEACTIVATED)

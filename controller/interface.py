@@ -61,8 +61,8 @@ class Controller(Protocol):
         """Take over where the joints are: ``command`` (n,) is what the hardware was last told."""
         ...
 
-    def deactivate(self) -> None:
-        """Give up what is under way, in words to its client."""
+    def deactivate(self, reason: str = "") -> None:
+        """Give up what is under way, in words to its client. ``reason``: why, where nobody asked for it."""
         ...
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:

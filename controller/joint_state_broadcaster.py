@@ -138,7 +138,7 @@ class JointStateBroadcaster:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.state = None
 
-    def deactivate(self) -> None:
+    def deactivate(self, reason: str = "") -> None:
         self.state = None
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 from controller.changes import Aside, Changes, at_once
 from controller.manager import ControllerManager
 from controller.requests import Requests
-from controller.stopping import Slowing
 from drivers.clock import Clock
 from hal.components import Components
 from hal.errors import ActivationError
@@ -74,8 +73,7 @@ class ControlLoop:
         self._measured: FloatArray | None = None
         """Of each command interface's joint, where the gate needs it."""
         self.on_cycle = on_cycle
-        self.slowing = Slowing(self.limits, self.kinds, period_s)
-        self._loaded = manager.loaded
+        manager.coasting.limits = limits
         self.changes = Changes(self, stay, aside)
         manager.hardware_ready = self.hardware.ready
         manager.hardware_measured = self.hardware.measured
@@ -89,7 +87,6 @@ class ControlLoop:
                 if member.active:
                     self.take_over(member, state)
             self.manager.activate(state, self.command)
-            self.note_claims()
         except BaseException:
             self.hardware.deactivate(relax=True)
             raise
@@ -118,20 +115,10 @@ class ControlLoop:
         self.changes.after_read(state)
         # The time of the measurement is the cycle's time: what is compared with it must be as old.
         wanted = self.manager.update(state, self.command, state.stamp_s, self.period_s)
-        if self.manager.loaded is not self._loaded:
-            self.note_claims()
-        self.slowing.apply(wanted)
         self.send(wanted)
         self.changes.end_cycle()
         self._show(state)
         return state
-
-    def note_claims(self) -> None:
-        """Compared in every cycle, and told only where somebody has been switched."""
-        self._loaded = self.manager.loaded
-        claimed = self.manager.claimed
-        held = [name in claimed for name in self.hardware.command_interfaces]
-        self.slowing.claim(held, self.command, self.previous_command)
 
     def _show(self, state: JointState) -> None:
         """Whoever looks on must not be able to end the cycle."""
@@ -148,6 +135,7 @@ class ControlLoop:
         self._tell(gated.reasons)
         # What was never measured or commanded is NaN still, and the components leave that out.
         self.previous_command, self.command = self.command, gated.values
+        self.manager.sent(gated.values)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:

@@ -102,7 +102,7 @@ class ControllerManager(Roster):
             used = lost.intersection(entry.commands) | (lost.intersection(entry.states) if states else set())
             if used:
                 LOG.error("%s is deactivated, it uses %s: %s", entry.name, ", ".join(sorted(used)), reason)
-                self._stop(entry.name)
+                self._stop(entry.name, reason)
 
     def _start(self, name: str, command: FloatArray) -> None:
         entry = self._loaded[name]
@@ -116,18 +116,18 @@ class ControllerManager(Roster):
             raise SwitchError(f"Could not activate controller '{name}': {error}") from error
         self._put(replace(entry, state=ACTIVE))
 
-    def _stop(self, name: str) -> Exception | None:
+    def _stop(self, name: str, reason: str = "") -> Exception | None:
         """It is inactive after this, whatever it raises; that is returned."""
         entry = self._loaded[name]
         self._put(replace(entry, state=INACTIVE))
-        error = self._told_to_stop(entry.running)
+        error = self._told_to_stop(entry.running, reason)
         self.coasting.begin(entry.index, self._command, (self._command - self._last) / self._period_s)
         return error
 
     @staticmethod
-    def _told_to_stop(controller: Controller) -> Exception | None:
+    def _told_to_stop(controller: Controller, reason: str = "") -> Exception | None:
         try:
-            controller.deactivate()
+            controller.deactivate(reason)
         except Exception as error:  # the others' clients still wait for a word
             LOG.exception("%s failed when it was deactivated", controller.name)
             return error
@@ -155,6 +155,10 @@ class ControllerManager(Roster):
         self.coasting.fill(wanted, period_s)
         self._command, self._last, self._period_s = wanted, last, period_s
         return wanted
+
+    def sent(self, command: FloatArray) -> None:
+        """What the safety gate has made of the last cycle's command (n,): joints come to rest from there."""
+        self._command = command
 
     def _replace(self, failed: Loaded, last: FloatArray) -> None:
         """Its fallback controllers take over, from the next cycle on."""

@@ -59,7 +59,7 @@ class RateCommandController:
         self._rest()
         self.command = np.where(np.isfinite(command), command, 0.0)
 
-    def deactivate(self) -> None:
+    def deactivate(self, reason: str = "") -> None:
         self._rest()
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:

@@ -11,6 +11,7 @@ from hal.lifecycle import LifecycleState
 from hal.member import Member
 from hal.types import JointState
 from nodes.stack import Stack
+from nodes.topic import Topic
 
 INTERPOLATION = "servo_interpolation"
 
@@ -23,7 +24,7 @@ class HardwareNodes:
         self._stack = stack
         self._state: JointState | None = None
         # The first one speaks for all: they are one process, and its report is one message.
-        self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = Topic(self.nodes[0], DiagnosticArray, "/diagnostics")
         self.nodes[0].create_timer(1.0, self._publish)
         for node in self.nodes:
             if switch := stack.set_interpolation.get(node.get_name()):

@@ -28,6 +28,7 @@ from hal.lifecycle import LifecycleState
 from nodes.controller_nodes import state_message
 from nodes.controller_parameters import ParameterNode
 from nodes.stack import Stack
+from nodes.topic import Topic
 from nodes.waiting import Waiting
 
 BASE_CLASS = "controller_interface::ControllerInterface"
@@ -45,7 +46,7 @@ class ManagerNode:
         self._desk = desk
         self._waiting = waiting
         self._told: object = None
-        self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
+        self._activity = Topic(self.node, ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
         group = ReentrantCallbackGroup()  # while one waits for the loop, others are served

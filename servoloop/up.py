@@ -25,7 +25,7 @@ from servoloop.files import Files
 from servoloop.hardware import Below, HardwareKind
 from servoloop.initial_states import InitialStates, initial_states
 from servoloop.ports import links
-from servoloop.realtime import claim_realtime_priority
+from servoloop.realtime import claim_realtime_priority, put_first
 from servoloop.signals import Signals
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ class _Run:
     def __call__(self) -> None:
         ran = False
         try:
+            put_first()
             self.loop.run(lambda: self.signals.count > 0)
             ran = True
         except DriverError as error:
@@ -157,6 +158,7 @@ def _run(run: _Run, stack: "Stack", ready: Callable[[str], None], activate: Call
     from nodes.surface import Surface
 
     loop = run.loop
+    claim_realtime_priority()
     surface = Surface(stack)
     loop.on_cycle = surface.post
     try:
@@ -165,7 +167,6 @@ def _run(run: _Run, stack: "Stack", ready: Callable[[str], None], activate: Call
         surface.close()
         raise
     _prepare_interpreter()
-    claim_realtime_priority()
     thread = threading.Thread(target=run, name="control loop")
     thread.start()
     try:

@@ -33,7 +33,7 @@ class Puppet:
         self._called("activate")
         self.command = command.copy()
 
-    def deactivate(self) -> None:
+    def deactivate(self, reason: str = "") -> None:
         self._called("deactivate")
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:

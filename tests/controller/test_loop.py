@@ -37,7 +37,7 @@ class Puppet:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.command = command.copy()
 
-    def deactivate(self) -> None: ...
+    def deactivate(self, reason: str = "") -> None: ...
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         self.during_update()
@@ -241,8 +241,7 @@ def test_a_controller_that_ends_in_mid_motion_leaves_its_joints_to_come_to_rest(
     assert velocity[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_controller_that_takes_over_is_not_braked() -> None:
-    """Whoever commands a joint anew has it at once, in whatever way it was left."""
+def test_a_controller_that_takes_over_begins_where_the_joints_come_to_rest() -> None:
     puppet, loop, hardware, _ = puppet_loop()
     for step in range(1, 6):
         puppet.command = np.array([0.1 * step, 0.0, 0.0])
@@ -250,10 +249,16 @@ def test_a_controller_that_takes_over_is_not_braked() -> None:
     loop.manager.release(["shoulder/position"], "the test")
     loop.step()
     loop.manager.switch(Wish(activate=("puppet",)), loop.command)
-    puppet.command = loop.command + np.array([0.01, 0.0, 0.0])
-    wanted = puppet.command
+    rest = puppet.command.copy()  # as it was activated
+    assert 0.5 < rest[0] < 1.5
+    while loop.manager.coasting.holds([0]):
+        loop.step()
+    np.testing.assert_allclose(loop.command, rest)
+    velocity = np.diff(np.array(hardware.written)[:, 0]) / PERIOD_S
+    assert np.abs(np.diff(velocity[4:])).max() <= LIMITS["shoulder"].acceleration * PERIOD_S * 1.2
+    puppet.command = rest + np.array([0.01, 0.0, 0.0])
     loop.step()
-    np.testing.assert_allclose(hardware.written[-1], wanted)
+    np.testing.assert_allclose(hardware.written[-1], rest + np.array([0.01, 0.0, 0.0]))
 
 
 def test_a_goal_survives_the_gate_unchanged() -> None:

@@ -57,8 +57,8 @@ class Rogue:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.inner.activate(state, command)
 
-    def deactivate(self) -> None:
-        self.inner.deactivate()
+    def deactivate(self, reason: str = "") -> None:
+        self.inner.deactivate(reason)
 
     def settled(self) -> bool:
         return self.inner.settled()
