@@ -4,6 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from controller.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, resolve
 from controller.interface import Settled
@@ -16,6 +17,10 @@ from hal.types import FloatArray, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
+RECALL_S: Final = 0.05
+"""So long after its beginning a goal can be made to wait after all, and one cycle at least: a command that was sent to
+another controller in the same instant as the goal may arrive just behind it. The arm has hardly begun by then."""
+
 
 @dataclass(slots=True)
 class _Active:
@@ -27,6 +32,8 @@ class _Active:
     silence: Silence
     waited_s: float = 0.0
     begun: bool = False
+    recall_s: float = 0.0
+    """So long it can still be made to wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +117,12 @@ class Execution:
             self._active = _Active(handle, plan, tolerances, Silence(self._joints))
             if self._inbox:
                 continue  # a newer one has come already: this one is not worth beginning
-            if parameters.wait_for:
-                self._follower.stop(now.reference, parameters)
-            else:
+            if self._ready(parameters):
+                # Its first cycle is this one, in which nothing can have changed yet.
+                self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if parameters.wait_for else 0.0
                 self._begin(self._active, now, parameters)
+            else:
+                self._follower.stop(now.reference, parameters)
 
     def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
         """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
@@ -143,15 +152,26 @@ class Execution:
             self._give_up(active, verdict, now, parameters)
         elif not active.begun:
             self._wait(active, now, parameters)
+        elif active.recall_s > 0.0 and self._recalled(active, now, parameters):
+            self._follower.stop(now.reference, parameters)
         elif self._follower.path is not None:
             path, elapsed_s = self._follower.path, self._follower.elapsed_s
             if found := judge(self._joints, active.tolerances, path, elapsed_s, now.error):
                 self._give_up(active, found, now, parameters)
 
+    def _ready(self, parameters: TrajectoryParameters) -> bool:
+        return all(map(self._others_settled, parameters.wait_for))
+
+    def _recalled(self, active: _Active, now: Cycle, parameters: TrajectoryParameters) -> bool:
+        """Whether it has to wait although it has just begun."""
+        active.recall_s -= now.step_s
+        active.waited_s += now.step_s
+        active.begun = self._ready(parameters)
+        return not active.begun
+
     def _wait(self, active: _Active, now: Cycle, parameters: TrajectoryParameters) -> None:
-        """Begin when the others have settled. Never in the first cycle: a command that was sent in
-        the same instant as the goal may arrive just behind it."""
-        ready = active.waited_s > 0.0 and all(map(self._others_settled, parameters.wait_for))
+        """Begin when the others have settled."""
+        ready = self._ready(parameters)
         late = active.waited_s >= parameters.wait_for_timeout
         if late and not ready:
             LOG.warning("%s: starts although %s has not settled", self._name, ", ".join(parameters.wait_for))

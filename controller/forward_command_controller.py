@@ -64,7 +64,7 @@ class ForwardCommandController:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._inbox.clear()
         self.command = command.copy()
-        self._settling.settled = True
+        self._settling.begin(command)
 
     def deactivate(self, reason: str = "") -> None:
         self._inbox.clear()

@@ -105,7 +105,7 @@ class GripperActionController:
         self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
         self._last_s = state.stamp_s
         self.command = command.copy()
-        self._settling.settled = True
+        self._settling.begin(command)
         self.state = None
         self._running = True
 

@@ -21,9 +21,16 @@ class Settling:
         self.settled = True
         self._index = list(index)
         self._near = ARRIVED_SHARE * np.array([limit.upper - limit.lower for limit in limits])
-        self._slow = STILL_SHARE * np.array([limit.velocity for limit in limits])
+        self._velocity = np.array([limit.velocity for limit in limits])
+        self._slow = STILL_SHARE * self._velocity
+        self._sent: FloatArray = np.zeros(len(limits))
+        """Where the safety gate has brought the command by now: it lets none leap."""
         self._still_s = 0.0
         self._fresh = False
+
+    def begin(self, command: FloatArray) -> None:
+        """They are held at ``command`` (n,)."""
+        self.settled, self._sent = True, command.copy()
 
     def told(self) -> None:
         """They have just been told to be elsewhere."""
@@ -31,16 +38,23 @@ class Settling:
 
     def look(self, command: FloatArray, state: JointState, period_s: float) -> None:
         """One cycle; ``command`` (n,) is where they were told to be."""
+        self._sent += np.clip(command - self._sent, -self._velocity * period_s, self._velocity * period_s)
         if not self.settled:
             # A state that is older than the command says nothing of a stall.
-            self.settled = self._arrived(command, state) or (not self._fresh and self._stalled(state, period_s))
+            self.settled = self._arrived(command, state) or (
+                not self._fresh and self._stalled(command, state, period_s)
+            )
             self._fresh = False
 
     def _arrived(self, command: FloatArray, state: JointState) -> bool:
         return bool((np.abs(state.position[self._index] - command) <= self._near).all())
 
-    def _stalled(self, state: JointState, period_s: float) -> bool:
-        slow = bool((np.abs(state.velocity[self._index]) <= self._slow).all())
-        self._still_s = self._still_s + period_s if slow else 0.0
+    def _stalled(self, command: FloatArray, state: JointState, period_s: float) -> bool:
+        position = state.position[self._index]
+        slow = np.abs(state.velocity[self._index]) <= self._slow
+        # Fingers that held something stand until the command has come back to them from within it.
+        driven = (self._sent - position) * np.sign(command - position) > 0.0
+        still = bool((slow & (driven | (np.abs(position - command) <= self._near))).all())
+        self._still_s = self._still_s + period_s if still else 0.0
         # The first cycles after a command are still because nothing has begun to move yet.
         return self._still_s > STILL_S

@@ -34,6 +34,8 @@ class ScriptedHardware(MockHardware):
         self.stuck: set[str] = set()
         self.slow: dict[str, float] = {}
         """How far a joint gets in one period."""
+        self.objects: dict[str, float] = {}
+        """Where a joint meets something and can go no further up."""
         self.failing: dict[str, Exception] = {}
         """Call → what it raises."""
         self.calls: list[str] = []
@@ -69,6 +71,7 @@ class ScriptedHardware(MockHardware):
                 way[index] = 0.0
             reach = self.slow.get(name, np.inf)
             way[index] = np.clip(way[index], -reach, reach)
+            way[index] = min(way[index], self.objects.get(name, np.inf) - self._position[index])
         return self._position + way
 
 

@@ -114,6 +114,19 @@ def test_it_is_settled_when_the_fingers_stall_but_not_before_they_could_have_beg
     assert 0.1 < cycles * PERIOD_S <= 0.2
 
 
+def test_fingers_that_let_go_are_not_settled_while_their_goal_is_on_its_way_back_to_them() -> None:
+    """The gate brings the goal from deep in the object to the fingers first, and meanwhile they stand."""
+    bench = slow_bench()
+    bench.hardware.objects = {HAND: 0.02}
+    bench.hand.submit([0.05])
+    bench.cycles_until(bench.hand.settled)
+    bench.cycle(10)
+    assert bench.loop.command[2] == 0.05 and bench.hardware.read().position[2] == 0.02
+    bench.hand.submit([0.0])
+    bench.cycles_until(bench.hand.settled)
+    assert bench.hardware.read().position[2] == pytest.approx(0.0, abs=0.02 * HAND_LIMITS.upper + 1e-9)
+
+
 def test_fingers_that_stall_and_slip_on_are_not_settled_in_between() -> None:
     bench = slow_bench()
     bench.hand.submit([0.05])

@@ -405,10 +405,10 @@ def cycles_before_it_moves(bench: Bench) -> int:
     return bench.cycles_until(lambda: len(bench.path()) > 0 and np.abs(bench.path()[-1][:2]).max() > 0.0)
 
 
-def test_a_goal_waits_one_cycle_even_for_a_settled_hand() -> None:
+def test_a_goal_does_not_wait_for_a_settled_hand() -> None:
     bench = waiting_bench()
     bench.send(to(1.0, 0.0))
-    assert cycles_before_it_moves(bench) == 2
+    assert cycles_before_it_moves(bench) == 1
 
 
 def test_a_goal_waits_until_the_fingers_have_arrived() -> None:
@@ -433,11 +433,22 @@ def test_a_goal_waits_until_the_fingers_have_stalled_on_an_object() -> None:
 @pytest.mark.parametrize("cycles_later", [0, 1])
 def test_a_hand_command_just_behind_the_goal_is_waited_for(cycles_later: int) -> None:
     bench = waiting_bench()
-    bench.send(to(1.0, 0.0))
+    handle = bench.send(to(1.0, 0.0))
     bench.cycle(cycles_later)
     bench.hand.submit([0.05])
-    cycles_before_it_moves(bench)
-    assert bench.hardware.read().position[2] == pytest.approx(0.05, abs=0.002)
+    bench.cycles_until(lambda: abs(bench.hardware.read().position[2] - 0.05) < 0.002)
+    assert np.abs(bench.path()[:-1, 0]).max() < 0.035  # it stops at once, within its limits
+    bench.cycles_until(lambda: handle.done)
+    assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
+    assert_smooth(bench.path())
+
+
+def test_a_hand_that_moves_later_does_not_stop_the_arm() -> None:
+    bench = waiting_bench()
+    handle = bench.send(to(1.0, 0.0))
+    bench.cycle(3)
+    bench.hand.submit([0.05])
+    assert bench.cycles_until(lambda: handle.done) < 25
 
 
 def test_the_wait_is_bounded_and_then_says_for_whom(caplog: pytest.LogCaptureFixture) -> None:
@@ -497,5 +508,5 @@ def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCapt
     caplog.set_level(logging.WARNING)
     bench = Bench(arm_parameters(wait_for=["nobody"])).up()
     bench.send(to(1.0, 0.0))
-    assert cycles_before_it_moves(bench) == 2
+    assert cycles_before_it_moves(bench) == 1
     assert caplog.text == ""

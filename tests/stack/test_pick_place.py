@@ -109,21 +109,10 @@ def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str) -> None:
 
 
 @pytest.mark.parametrize("grade", BINS)
-def test_the_grasp_succeeds_with_a_hand_five_times_slower(tmp_path: Path, grade: str) -> None:
-    """Above its bin the cube is in the fingers. Bin B lies around the stand, and fingers that let go so slowly let
-    the cube slide back onto the stand: only A and C are looked at to the end."""
+def test_a_hand_five_times_slower_is_waited_for_when_it_closes_and_when_it_opens(tmp_path: Path, grade: str) -> None:
     rig = StackRig(files=_files(tmp_path, urdf=('effort="40" velocity="0.09"', 'effort="40" velocity="0.018"'))).up()
     job = UnpacedJob(rig, grade)
-    above_bin_m: list[float] = []
-
-    def react() -> None:
-        if len(job.handles) == 3 and job.handles[2].done:
-            above_bin_m.append(rig.world.poses()["cube"].position_m[2])
-        job.react()
-
-    rig.after_cycle = react
-    rig.run(40.0, lambda: job.done)
+    job.run(40.0)
     rig.run(1.0)
     assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
-    assert above_bin_m[0] > 0.11
-    assert grade == "B" or rig.world.cube_bin() == grade
+    assert rig.world.cube_bin() == grade
