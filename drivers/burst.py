@@ -1,6 +1,7 @@
 """What bursts of replies have in common, whatever the packets: sending, waiting, counting."""
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Final, Protocol, TypeVar
 
 from drivers.bus import FaultKind, ServoState
@@ -20,6 +21,7 @@ TRIED_GAP_S: Final = 0.0015
 BITS_PER_BYTE: Final = 10.0
 
 AnyReply = TypeVar("AnyReply")
+_ALARMS_OF: Final = attrgetter("alarms")
 
 
 class Decoder(Protocol[AnyReply]):
@@ -85,9 +87,9 @@ class Burst:
             accounts = self._accounts[servo_ids] = [self._counters.of(i) for i in servo_ids]
         for account in accounts:
             account.replies += 1
-        for servo_id, reading in states.items():
-            if reading.alarms:
-                self._counters.of(servo_id).alarms += 1
+        if any(map(_ALARMS_OF, states.values())):
+            for servo_id, reading in states.items():
+                self._counters.of(servo_id).alarms += bool(reading.alarms)
         return states
 
     def _wait_for(
