@@ -115,15 +115,17 @@ def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) 
     assert set_state(client, "arm", label="inactive") == (True, "inactive")
     answer = client.wait(result)
     assert answer.status == ABORTED
-    assert answer.result.error_string == "Current goal cancelled during deactivate transition."
+    assert answer.result.error_string == "Current goal cancelled during deactivate transition. arm is being set inactive"
     assert controllers(client)["hand_controller"] == "active"
 
 
 def test_a_burst_of_wishes_ends_where_the_last_one_says(client: ArmClient) -> None:
     service = client.node.create_client(SetHardwareComponentState, "/controller_manager/set_hardware_component_state")
     assert service.wait_for_service(30.0)
-    labels = ["inactive", "unconfigured", "active", "inactive"] * 10
+    # A service keeps ten requests and ten answers: of more that are under way at once, some may be lost.
+    labels = ["inactive", "unconfigured", "active", "inactive"] * 2
     wishes = [SetHardwareComponentState.Request(name="hand", target_state=State(label=label)) for label in labels]
-    answers = [client.wait(future) for future in [service.call_async(wish) for wish in wishes]]
-    assert [answer.ok for answer in answers] == [True] * len(labels)
+    for _ in range(5):
+        answers = [client.wait(future) for future in [service.call_async(wish) for wish in wishes]]
+        assert [answer.ok for answer in answers] == [True] * len(labels)
     assert components(client)["hand"] == "inactive"
