@@ -1,7 +1,7 @@
 """What the ROS 2 surface costs and how prompt it is: ``python -m bench.ros [--seconds 600]``.
 
 The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
-its only client. First one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run
+its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run
 one after the other for ``--seconds``: when each is answered, when the arm begins to move, how even the stamps of
 /joint_states are. Every third goal is cancelled on its way. Last, ros2_control's figures as they were recorded on
 another machine of two cores, to compare with.
@@ -33,6 +33,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from nodes.session import client_session
+from servoloop.realtime import claim_realtime_priority
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]
 HERE = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
@@ -208,6 +209,7 @@ def main() -> None:
     parser.add_argument("--idle", type=float, default=30.0, help="how long the stack is watched at rest")
     arguments = parser.parse_args()
     random.seed(1)
+    claim_realtime_priority()
     show(Console(width=130), measure(arguments.idle, arguments.seconds))
 
 
