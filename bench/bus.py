@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import clients, dynamixel_clients
-from bench.clients import Client
+from bench.peers import Client
 from drivers.bus import ServoGoal
 from drivers.dynamixel import wire as dynamixel_wire
 from drivers.dynamixel.models import X

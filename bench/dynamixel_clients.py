@@ -1,9 +1,9 @@
 """The drivers under comparison on a Dynamixel line: each reads the state of every servo and writes it a goal."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
-from bench.clients import Client
+from bench import peers
+from bench.peers import Client, Work
 from drivers.bus import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.dynamixel import x_series
@@ -11,8 +11,7 @@ from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.models import X
 from drivers.serial_port import SerialPort
 
-BLOCK = X.blocks[0]
-GOAL = X.goal(ServoGoal(2048))
+WORK = Work(X.blocks[0].address, X.blocks[0].size, X.goal_address, X.goal(ServoGoal(2048)))
 
 
 def _ours(device: str, baud: int, servo_ids: Sequence[int], identified: bool) -> Client:
@@ -42,40 +41,17 @@ def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The Rust driver. Its bytes stay bytes: nothing is decoded."""
+    """The Rust driver."""
     import rustypot as library
 
-    controller = library.Xl430PyController(device, baud, 0.05)
-    ids, goals = list(servo_ids), [list(GOAL) for _ in servo_ids]
-
-    def cycle() -> bool:
-        found: Any = controller.sync_read_raw_data(ids, BLOCK.address, BLOCK.size)
-        controller.sync_write_raw_data(ids, X.goal_address, goals)
-        return len(found) == len(ids)
-
-    return cycle, controller.close
+    return peers.rustypot(library.Xl430PyController(device, baud, 0.05), servo_ids, WORK)
 
 
 def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The servo maker's own, with its own port."""
+    """The servo maker's own."""
     import dynamixel_sdk as sdk
 
-    port, packets = sdk.PortHandler(device), sdk.PacketHandler(2.0)
-    assert port.openPort() and port.setBaudRate(baud)
-    states = sdk.GroupSyncRead(port, packets, BLOCK.address, BLOCK.size)
-    goals = sdk.GroupSyncWrite(port, packets, X.goal_address, X.goal_size)
-    for servo_id in servo_ids:
-        states.addParam(servo_id)
-
-    def cycle() -> bool:
-        result = states.txRxPacket()
-        for servo_id in servo_ids:
-            goals.addParam(servo_id, list(GOAL))
-        goals.txPacket()
-        goals.clearParam()
-        return bool(result == sdk.COMM_SUCCESS)
-
-    return cycle, port.closePort
+    return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
 CLIENTS: dict[str, Callable[[str, int, Sequence[int]], Client]] = {

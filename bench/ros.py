@@ -1,10 +1,11 @@
 """What the ROS 2 surface costs and how prompt it is: ``python -m bench.ros [--seconds 600]``.
 
 The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
-its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run
-one after the other for ``--seconds``: when each is answered, when the arm begins to move, how even the stamps of
-/joint_states are. Every third goal is cancelled on its way. Last, ros2_control's figures as they were recorded on
-another machine of two cores, to compare with.
+its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First
+one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run one after the other for
+``--seconds``: when each is answered, when the arm begins to move, how even the stamps of /joint_states are. Every third
+goal is cancelled on its way. Last, ros2_control's figures as they were recorded on another machine of two cores, to
+compare with.
 """
 
 import argparse

@@ -11,12 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from controller.goal import GoalStatus
 from controller.gripper_goal import (
     GripperGoal,
     GripperHandle,
     GripperParameters,
     GripperState,
-    GripperStatus,
     reason_to_reject,
     velocity_of,
 )
@@ -87,7 +87,7 @@ class GripperActionController:
         handle = GripperHandle(goal)
         self._inbox.append(handle)
         if not self._running:  # stopped since the check
-            handle.decide(GripperStatus.ABORTED, GripperState(), DEACTIVATED)
+            handle.decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
         return handle
 
     def cancel(self, handle: GripperHandle) -> None:
@@ -112,7 +112,7 @@ class GripperActionController:
     def deactivate(self, reason: str = "") -> None:
         self._running = False
         if self._active:
-            self._active.decide(GripperStatus.ABORTED, self.state or GripperState(), DEACTIVATED)
+            self._active.decide(GoalStatus.ABORTED, self.state or GripperState(), DEACTIVATED)
         self._refuse_waiting()
         self._active = self.state = None
 
@@ -143,7 +143,7 @@ class GripperActionController:
 
     def _refuse_waiting(self) -> None:
         while self._inbox:
-            self._inbox.popleft().decide(GripperStatus.ABORTED, GripperState(), DEACTIVATED)
+            self._inbox.popleft().decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
 
     def _sample(self, ahead_s: float) -> Kinematics:
         assert self._motion is not None, "activated before the first update"
@@ -156,7 +156,7 @@ class GripperActionController:
         self._active = None
         self._follow(plan_stop(reference, (self._limits,)))
 
-    def _decide(self, handle: GripperHandle, status: GripperStatus, text: str, **flags: bool) -> None:
+    def _decide(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
         assert self.state is not None, "measured before anything is decided"
         handle.decide(status, replace(self.state, **flags), text)
 
@@ -167,12 +167,12 @@ class GripperActionController:
                 self._stop(reference)
             elif handle in self._inbox:
                 self._inbox.remove(handle)
-            self._decide(handle, GripperStatus.CANCELED, "canceled: the fingers stop where they are")
+            self._decide(handle, GoalStatus.CANCELED, "canceled: the fingers stop where they are")
 
     def _take_goals(self, reference: Kinematics) -> None:
         while self._inbox:
             if self._active:
-                self._decide(self._active, GripperStatus.ABORTED, PREEMPTED)
+                self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
             self._active = self._inbox.popleft()
             if not self._inbox:  # else a newer one has come already: this one is not worth planning
                 self._start(self._active, reference)
@@ -194,10 +194,10 @@ class GripperActionController:
         if self._silent >= SILENT_CYCLES:
             self._give_up(handle, self._sample(0.0), state.faults[self.joint])
         elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
-            self._end(handle, GripperStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
+            self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
         elif self._stalls(self.state, before, step_s):
             good = self.parameters.allow_stalling
-            status = GripperStatus.SUCCEEDED if good else GripperStatus.ABORTED
+            status = GoalStatus.SUCCEEDED if good else GoalStatus.ABORTED
             text = f"stalled at {self.state.position:.4f}, short of {handle.goal.position:.4f}"
             self._end(handle, status, text, stalled=True)
 
@@ -209,14 +209,14 @@ class GripperActionController:
         self._still_s = 0.0 if moves else self._still_s + step_s
         return self._still_s > self.parameters.stall_timeout
 
-    def _end(self, handle: GripperHandle, status: GripperStatus, text: str, **flags: bool) -> None:
+    def _end(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
         """Decided. The command stays what it is: fingers that hold something go on holding it."""
         self._active = None
         self._decide(handle, status, text, **flags)
 
     def _give_up(self, handle: GripperHandle, reference: Kinematics, text: str) -> None:
         LOG.error("%s: %s", self.name, text)
-        self._decide(handle, GripperStatus.ABORTED, text)
+        self._decide(handle, GoalStatus.ABORTED, text)
         self._stop(reference)
 
 

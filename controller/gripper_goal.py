@@ -1,12 +1,12 @@
 """What a gripper is asked for and how that ends, and the parameters of its controller."""
 
 from dataclasses import dataclass
-from enum import Enum
 from math import isfinite, nan
 from typing import Annotated
 
 from pydantic import Field, field_validator
 
+from controller.goal import GoalStatus
 from controller.parameters import NotNegative, Parameters
 from hal.types import JointLimits
 
@@ -70,21 +70,12 @@ class GripperState:
     reached_goal: bool = False
 
 
-class GripperStatus(Enum):
-    """What has become of a goal."""
-
-    UNDER_WAY = "under way"
-    SUCCEEDED = "succeeded"
-    ABORTED = "aborted"
-    CANCELED = "canceled"
-
-
 class GripperHandle:
     """One accepted goal. The loop's thread decides it, once; other threads look."""
 
     def __init__(self, goal: GripperGoal) -> None:
         self.goal = goal
-        self.status = GripperStatus.UNDER_WAY
+        self.status = GoalStatus.EXECUTING
         self.state = GripperState()
         """When it was decided."""
         self.text = ""
@@ -92,9 +83,9 @@ class GripperHandle:
     @property
     def done(self) -> bool:
         """Whether it is decided."""
-        return self.status is not GripperStatus.UNDER_WAY
+        return self.status is not GoalStatus.EXECUTING
 
-    def decide(self, status: GripperStatus, state: GripperState, text: str) -> None:
+    def decide(self, status: GoalStatus, state: GripperState, text: str) -> None:
         """The first word counts. ``status`` comes last, because other threads look at it."""
         if not self.done:
             self.state, self.text = state, text

@@ -5,15 +5,15 @@ from typing import Any, ClassVar
 
 from builtin_interfaces.msg import Time
 from control_msgs.action import GripperCommand, ParallelGripperCommand
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from controller.gripper_action_controller import GripperActionController
-from controller.gripper_goal import GripperGoal, GripperHandle, GripperState, GripperStatus
+from controller.gripper_goal import GripperGoal, GripperHandle, GripperState
 from nodes.conversions import seconds
+from nodes.goals import RESULT_TIMEOUT_S, Goals
 from nodes.pace import Pace
 
 
@@ -25,17 +25,17 @@ class GripperNode(ABC):
     def __init__(self, node: Node, controller: GripperActionController) -> None:
         self.node = node
         self._controller = controller
-        self._goals: dict[bytes, GripperHandle] = {}
-        self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+        self._goals: Goals[GripperHandle] = Goals(controller.cancel, self._result)
         self._pace = Pace()
         self._server = ActionServer(
             node,
             self.action,
             "~/gripper_cmd",
-            execute_callback=self._execute,
+            execute_callback=self._goals.execute,
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
-            cancel_callback=self._on_cancel,
+            cancel_callback=self._goals.on_cancel,
+            result_timeout=RESULT_TIMEOUT_S,
         )
 
     @abstractmethod
@@ -57,15 +57,11 @@ class GripperNode(ABC):
 
     def publish(self, stamp: Time) -> None:
         """Feedback of the goal under way, and the end of those that are decided."""
-        if not self._waiting:
+        if not self._goals.any:
             return
         due = self._pace.due(seconds(stamp), self._controller.parameters.action_monitor_rate)
-        for key, (server_goal, future) in list(self._waiting.items()):
-            if self._goals[key].done:
-                del self._waiting[key]
-                future.set_result(None)
-            elif due and self._controller.state is not None:
-                server_goal.publish_feedback(self.feedback(self._controller.state, stamp))
+        state = self._controller.state
+        self._goals.publish((lambda: self.feedback(state, stamp)) if due and state is not None else None)
 
     def _on_goal(self, request: Any) -> GoalResponse:
         try:
@@ -78,37 +74,14 @@ class GripperNode(ABC):
         return GoalResponse.ACCEPT
 
     def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
-        # Handed over here and not in _execute, which runs only when the executor comes round again.
         goal = self.goal(server_goal.request)
         if goal.max_effort:
             words = f"max effort {goal.max_effort:g} is not heeded: torque_limit in the robot file bounds the force"
             self.node.get_logger().warning(words, once=True)
-        self._goals[bytes(server_goal.goal_id.uuid)] = self._controller.submit(goal)
-        server_goal.execute()
+        self._goals.accept(server_goal, self._controller.submit(goal))
 
-    def _on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
-        handle = self._goals.get(bytes(server_goal.goal_id.uuid))
-        if handle is None or handle.done:
-            return CancelResponse.REJECT
-        self._controller.cancel(handle)
-        return CancelResponse.ACCEPT
-
-    async def _execute(self, server_goal: ServerGoalHandle) -> Any:
-        key = bytes(server_goal.goal_id.uuid)
-        future: Future = Future()
-        self._waiting[key] = (server_goal, future)
-        await future
-        return self._finish(server_goal, self._goals.pop(key))
-
-    def _finish(self, server_goal: ServerGoalHandle, handle: GripperHandle) -> Any:
+    def _result(self, handle: GripperHandle) -> Any:
         self.node.get_logger().info(f"goal {handle.status.value}: {handle.text}")
-        # A goal that ends in the instant in which its cancel is accepted is canceling for the server.
-        if handle.status is GripperStatus.CANCELED and server_goal.is_cancel_requested:
-            server_goal.canceled()
-        elif handle.status is GripperStatus.SUCCEEDED:
-            server_goal.succeed()
-        else:
-            server_goal.abort()
         return self.result(handle.state, self.node.get_clock().now().to_msg())
 
 

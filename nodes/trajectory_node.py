@@ -2,15 +2,15 @@
 
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.task import Future
 
-from controller.goal import GoalHandle, GoalStatus, TrajectoryGoal
+from controller.goal import GoalHandle, TrajectoryGoal
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_goal
+from nodes.goals import RESULT_TIMEOUT_S, Goals
 from nodes.trajectory_topics import TrajectoryTopics, error_message
 
 MONITOR_SLACK = 0.1
@@ -25,33 +25,28 @@ class TrajectoryNode:
         self._controller = controller
         self._topics = TrajectoryTopics(node, controller)
         self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
-        self._goals: dict[bytes, GoalHandle] = {}
-        self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+        self._goals: Goals[GoalHandle] = Goals(controller.cancel, _result)
         self._feedback_s = 1.0 / controller.parameters.action_monitor_rate
         self._feedback_due_s = 0.0
         self._server = ActionServer(
             self.node,
             FollowJointTrajectory,
             "~/follow_joint_trajectory",
-            execute_callback=self._execute,
+            execute_callback=self._goals.execute,
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
-            cancel_callback=self._on_cancel,
+            cancel_callback=self._goals.on_cancel,
+            result_timeout=RESULT_TIMEOUT_S,
         )
 
     def publish(self, stamp: Time) -> None:
         """State, feedback of the goals under way, and the end of those that are decided."""
         tracking = self._controller.tracking
         self._topics.publish(tracking, stamp)
-        if not self._waiting:
+        if not self._goals.any:
             return
         due = tracking is not None and self._feedback_due(seconds(stamp))
-        for key, (server_goal, future) in list(self._waiting.items()):
-            if self._goals[key].done:
-                future.set_result(None)
-                del self._waiting[key]
-            elif due and tracking is not None:
-                server_goal.publish_feedback(self._feedback(tracking, stamp))
+        self._goals.publish((lambda: self._feedback(tracking, stamp)) if due and tracking is not None else None)
 
     def _feedback_due(self, now_s: float) -> bool:
         """At ``action_monitor_rate``, but not more often than there are cycles."""
@@ -71,12 +66,7 @@ class TrajectoryNode:
         return GoalResponse.ACCEPT
 
     def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
-        # Handed over here and not in _execute, which runs only when the executor comes round again.
-        key = bytes(server_goal.goal_id.uuid)
-        self._goals[key] = self._controller.submit(self._taken(server_goal.request))
-        future: Future = Future()
-        self._waiting[key] = (server_goal, future)
-        server_goal.execute()
+        self._goals.accept(server_goal, self._controller.submit(self._taken(server_goal.request)))
 
     def _taken(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
         """The goal as it was checked, with its plan."""
@@ -84,30 +74,6 @@ class TrajectoryNode:
         if offered is not None and offered[0] is request:
             return offered[1]
         return trajectory_goal(request, seconds(self.node.get_clock().now().to_msg()))
-
-    def _on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
-        handle = self._goals.get(bytes(server_goal.goal_id.uuid))
-        if handle is None or handle.done:
-            return CancelResponse.REJECT
-        self._controller.cancel(handle)
-        return CancelResponse.ACCEPT
-
-    async def _execute(self, server_goal: ServerGoalHandle) -> FollowJointTrajectory.Result:
-        key = bytes(server_goal.goal_id.uuid)
-        if key in self._waiting:  # else it has been decided already
-            await self._waiting[key][1]
-        return self._finish(server_goal, self._goals.pop(key))
-
-    def _finish(self, server_goal: ServerGoalHandle, handle: GoalHandle) -> FollowJointTrajectory.Result:
-        # A goal that reaches its end in the instant in which its cancel is accepted is canceling
-        # for the action server, which then allows no success.
-        if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
-            server_goal.canceled()
-        elif handle.status is GoalStatus.SUCCEEDED:
-            server_goal.succeed()
-        else:
-            server_goal.abort()
-        return FollowJointTrajectory.Result(error_code=handle.error_code, error_string=handle.error_text)
 
     def _feedback(self, tracking: Tracking, stamp: Time) -> FollowJointTrajectory.Feedback:
         feedback = FollowJointTrajectory.Feedback()
@@ -117,3 +83,7 @@ class TrajectoryNode:
         feedback.actual = point_message(tracking.feedback_position, tracking.feedback_velocity)
         feedback.error = error_message(tracking)
         return feedback
+
+
+def _result(handle: GoalHandle) -> FollowJointTrajectory.Result:
+    return FollowJointTrajectory.Result(error_code=handle.error_code, error_string=handle.error_text)

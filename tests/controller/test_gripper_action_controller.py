@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.goal import GoalStatus
 from controller.gripper_action_controller import (
     DEACTIVATED,
     NOT_RUNNING,
@@ -13,7 +14,7 @@ from controller.gripper_action_controller import (
     GripperActionController,
     PositionGripperActionController,
 )
-from controller.gripper_goal import GripperGoal, GripperHandle, GripperParameters, GripperStatus
+from controller.gripper_goal import GripperGoal, GripperHandle, GripperParameters
 from controller.interface import Surroundings
 from controller.motion import MotionError
 from hal.description import Component, Description
@@ -79,7 +80,7 @@ def test_it_arrives_and_says_so_with_what_was_measured() -> None:
     fingers = Fingers()
     handle = fingers.send(0.05)
     fingers.cycles_until_done(handle)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED
     assert handle.state.reached_goal
     assert not handle.state.stalled
     assert handle.state.position == pytest.approx(0.05, abs=0.001)
@@ -140,10 +141,10 @@ def test_what_is_no_goal_is_rejected_with_the_numbers(goal: GripperGoal, words: 
 # Stalls
 
 
-@pytest.mark.parametrize(("allow", "status"), [(True, GripperStatus.SUCCEEDED), (False, GripperStatus.ABORTED)])
+@pytest.mark.parametrize(("allow", "status"), [(True, GoalStatus.SUCCEEDED), (False, GoalStatus.ABORTED)])
 @pytest.mark.parametrize("says_velocity", [True, False])
 def test_fingers_on_an_object_have_stalled_and_go_on_holding_it(
-    allow: bool, status: GripperStatus, says_velocity: bool
+    allow: bool, status: GoalStatus, says_velocity: bool
 ) -> None:
     fingers = Fingers(gripper(allow_stalling=allow, stall_timeout=0.3), wall=0.02, says_velocity=says_velocity)
     handle = fingers.send(0.05)
@@ -171,7 +172,7 @@ def test_slow_fingers_are_not_stalled(says_velocity: bool) -> None:
     fingers = Fingers(gripper(stall_timeout=0.2), says_velocity=says_velocity)
     handle = fingers.send(0.05, max_velocity=0.01)
     fingers.cycles_until_done(handle)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED
     assert len(fingers.path) * PERIOD_S > 4.0
 
 
@@ -181,7 +182,7 @@ def test_tolerances_can_be_set_while_it_runs() -> None:
     fingers.controller.reconfigure(parameters.model_copy(update={"allow_stalling": True}))
     handle = fingers.send(0.05)
     fingers.cycles_until_done(handle)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED
     assert {"goal_tolerance", "stall_timeout"} <= GripperActionController.settable
 
 
@@ -194,10 +195,10 @@ def test_a_new_goal_takes_over_without_a_jump() -> None:
     fingers.cycle(6)
     second = fingers.send(0.0)
     fingers.cycle()
-    assert (first.status, first.text) == (GripperStatus.ABORTED, PREEMPTED)
+    assert (first.status, first.text) == (GoalStatus.ABORTED, PREEMPTED)
     assert first.state.position == pytest.approx(fingers.path[-2])
     fingers.cycles_until_done(second)
-    assert second.status is GripperStatus.SUCCEEDED
+    assert second.status is GoalStatus.SUCCEEDED
     assert np.abs(np.diff(fingers.speeds())).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
 
 
@@ -207,7 +208,7 @@ def test_a_slower_goal_brakes_within_the_limits() -> None:
     fingers.cycle(5)
     second = fingers.send(0.05, max_velocity=0.02)
     fingers.cycles_until_done(second)
-    assert second.status is GripperStatus.SUCCEEDED
+    assert second.status is GoalStatus.SUCCEEDED
     assert np.abs(np.diff(fingers.speeds())).max() <= LIMITS.acceleration * PERIOD_S + 1e-9
     assert max(fingers.path) <= LIMITS.upper + 1e-9
 
@@ -216,7 +217,7 @@ def test_of_two_goals_in_a_cycle_the_second_is_followed() -> None:
     fingers = Fingers()
     first, second = fingers.send(0.05), fingers.send(0.02)
     fingers.cycle()
-    assert (first.status, second.status) == (GripperStatus.ABORTED, GripperStatus.UNDER_WAY)
+    assert (first.status, second.status) == (GoalStatus.ABORTED, GoalStatus.EXECUTING)
     fingers.cycles_until_done(second)
     assert max(fingers.path) <= 0.02 + 1e-9
 
@@ -227,7 +228,7 @@ def test_cancel_stops_without_a_step_back() -> None:
     fingers.cycle(6)
     fingers.controller.cancel(handle)
     fingers.cycle()
-    assert handle.status is GripperStatus.CANCELED
+    assert handle.status is GoalStatus.CANCELED
     fingers.cycle(20)
     assert np.diff(fingers.path).min() >= -1e-9
     assert fingers.path[-1] < 0.05
@@ -241,7 +242,7 @@ def test_cancel_of_a_goal_that_is_over_changes_nothing() -> None:
     fingers.cycles_until_done(handle)
     fingers.controller.cancel(handle)
     fingers.cycle(20)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED
     assert fingers.path[-1] == pytest.approx(0.02)
 
 
@@ -250,7 +251,7 @@ def test_cancel_of_a_goal_that_has_not_begun() -> None:
     handle = fingers.send(0.02)
     fingers.controller.cancel(handle)
     fingers.cycle(3)
-    assert handle.status is GripperStatus.CANCELED
+    assert handle.status is GoalStatus.CANCELED
     assert fingers.path == pytest.approx([0.0] * 3)
 
 
@@ -261,7 +262,7 @@ def test_inactive_it_takes_no_goals() -> None:
     controller = gripper()
     assert controller.check(GripperGoal(0.02)) == NOT_RUNNING
     handle = controller.submit(GripperGoal(0.02))
-    assert (handle.status, handle.text) == (GripperStatus.ABORTED, DEACTIVATED)
+    assert (handle.status, handle.text) == (GoalStatus.ABORTED, DEACTIVATED)
     fingers = Fingers(controller)
     fingers.cycle(5)
     assert fingers.path == pytest.approx([0.0] * 5)
@@ -274,7 +275,7 @@ def test_deactivated_it_gives_up_what_is_under_way_and_what_waits() -> None:
     second = fingers.send(0.02)
     fingers.controller.deactivate()
     for handle in (first, second):
-        assert (handle.status, handle.text) == (GripperStatus.ABORTED, DEACTIVATED)
+        assert (handle.status, handle.text) == (GoalStatus.ABORTED, DEACTIVATED)
     assert fingers.controller.state is None
     assert fingers.controller.check(GripperGoal(0.02)) == NOT_RUNNING
     fingers.controller.activate(fingers.state(), np.array([fingers.position]))
@@ -295,7 +296,7 @@ def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not
     fingers.cycle(4)
     assert not handle.done
     fingers.cycle(1)
-    assert (handle.status, handle.text) == (GripperStatus.ABORTED, "finger: no reply")
+    assert (handle.status, handle.text) == (GoalStatus.ABORTED, "finger: no reply")
     fingers.silent = False
     fingers.cycle(20)
     assert fingers.path[-1] == fingers.path[-2] < 0.05
@@ -309,7 +310,7 @@ def test_a_goal_to_which_there_is_no_way_is_aborted_with_the_reason(monkeypatch:
     monkeypatch.setattr("controller.gripper_action_controller.plan", no_way)
     handle = fingers.send(0.05)
     fingers.cycle(10)
-    assert (handle.status, handle.text) == (GripperStatus.ABORTED, "no motion within the limits")
+    assert (handle.status, handle.text) == (GoalStatus.ABORTED, "no motion within the limits")
     assert fingers.path == pytest.approx([0.0] * 10)
     assert fingers.controller.settled()
 
@@ -346,7 +347,7 @@ def test_it_is_not_settled_in_a_slow_motion_that_is_within_the_tolerance() -> No
     fingers = Fingers(gripper(goal_tolerance=0.05))
     handle = fingers.send(0.04, max_velocity=0.0015)
     fingers.cycle(20)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED
     assert not fingers.controller.settled()
 
 
@@ -408,4 +409,4 @@ def test_it_is_built_from_the_controllers_file(kind: type[GripperActionControlle
     fingers = Fingers(made)
     handle = fingers.send(0.05)
     fingers.cycles_until_done(handle)
-    assert handle.status is GripperStatus.SUCCEEDED
+    assert handle.status is GoalStatus.SUCCEEDED

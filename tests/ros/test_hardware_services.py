@@ -115,7 +115,8 @@ def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) 
     assert set_state(client, "arm", label="inactive") == (True, "inactive")
     answer = client.wait(result)
     assert answer.status == ABORTED
-    assert answer.result.error_string == "Current goal cancelled during deactivate transition. arm is being set inactive"
+    text = "Current goal cancelled during deactivate transition."
+    assert answer.result.error_string == f"{text} arm is being set inactive"
     assert controllers(client)["hand_controller"] == "active"
 
 

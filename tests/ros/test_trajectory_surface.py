@@ -6,6 +6,7 @@ test_joint_trajectory_controller.py.
 """
 
 import math
+import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,9 +19,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from action_msgs.msg import GoalStatusArray
 from builtin_interfaces.msg import Time
 from std_msgs.msg import String
 
+from nodes.goals import RESULT_TIMEOUT_S
 from servoloop.files import CONTROLLERS, URDF
 from tests.ros.stack_process import JOINTS, running
 from tests.ros.trajectory_client import ARM, LATCHED, TrajectoryClient, goal_of, point, trajectory
@@ -336,6 +339,20 @@ class TestOurConfiguration:
         assert ours.states[-1].reference.velocities[0] == 0.0
         assert ours.states[-1].output.positions[0] == pytest.approx(held, abs=0.1)
         assert ours.outcome(ours.send(goal_of(T(P(0.0, 0.6)))))[:2] == (SUCCEEDED, 0)
+
+    def test_ended_goals_are_forgotten_as_upstream_does(self, ours: TrajectoryClient) -> None:
+        """rclpy would name every goal of a quarter of an hour in every status message."""
+        statuses: list[GoalStatusArray] = []
+        topic = "/arm_controller/follow_joint_trajectory/_action/status"
+        subscription = ours.node.create_subscription(GoalStatusArray, topic, statuses.append, LATCHED)
+        for _ in range(2):
+            ours.outcome(ours.send(goal_of(T(P(0.0, 0.3)))))
+        assert len(statuses[-1].status_list) > 1
+        forgotten_s = time.monotonic() + RESULT_TIMEOUT_S + 1.0
+        ours.until(lambda: time.monotonic() > forgotten_s)
+        ours.outcome(ours.send(goal_of(T(P(0.0, 0.3)))))
+        ours.node.destroy_subscription(subscription)
+        assert len(statuses[-1].status_list) == 1
 
 
 class TestPlainFiles:

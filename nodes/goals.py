@@ -1,0 +1,81 @@
+"""The goals of one action under way: accepted here, decided by the loop."""
+
+from collections.abc import Callable
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from rclpy.action import CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+
+from controller.goal import GoalStatus
+
+RESULT_TIMEOUT_S: Final = 10
+"""So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status
+message names all goals of that time, and answers come late after some hundreds."""
+
+
+class Decided(Protocol):
+    """An accepted goal; the loop's thread decides it."""
+
+    @property
+    def done(self) -> bool: ...
+    @property
+    def status(self) -> GoalStatus: ...
+
+
+Handle = TypeVar("Handle", bound=Decided)
+
+
+class Goals(Generic[Handle]):
+    """All in the ROS thread. ``cancel`` tells the controller, ``result`` makes the action's result."""
+
+    def __init__(self, cancel: Callable[[Handle], None], result: Callable[[Handle], Any]) -> None:
+        self._cancel = cancel
+        self._result = result
+        self._handles: dict[bytes, Handle] = {}
+        self._waiting: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+
+    @property
+    def any(self) -> bool:
+        """Whether a client waits for a result."""
+        return bool(self._waiting)
+
+    def accept(self, server_goal: ServerGoalHandle, handle: Handle) -> None:
+        """In the server's ``handle_accepted_callback``: ``execute`` runs only when the executor comes round again."""
+        key = bytes(server_goal.goal_id.uuid)
+        self._handles[key] = handle
+        self._waiting[key] = (server_goal, Future())
+        server_goal.execute()
+
+    def on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
+        """The server's ``cancel_callback``."""
+        handle = self._handles.get(bytes(server_goal.goal_id.uuid))
+        if handle is None or handle.done:
+            return CancelResponse.REJECT
+        self._cancel(handle)
+        return CancelResponse.ACCEPT
+
+    def publish(self, feedback: Callable[[], Any] | None) -> None:
+        """After a cycle: those that are decided end, the others get feedback where it is due."""
+        for key, (server_goal, future) in list(self._waiting.items()):
+            if self._handles[key].done:
+                del self._waiting[key]
+                future.set_result(None)
+            elif feedback is not None:
+                server_goal.publish_feedback(feedback())
+
+    async def execute(self, server_goal: ServerGoalHandle) -> Any:
+        """The server's ``execute_callback``: waits for the decision without holding up the executor."""
+        key = bytes(server_goal.goal_id.uuid)
+        if key in self._waiting:  # else it has been decided already
+            await self._waiting[key][1]
+        handle = self._handles.pop(key)
+        # A goal that ends in the instant in which its cancel is accepted is canceling for the action server,
+        # which then allows no success.
+        if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
+            server_goal.canceled()
+        elif handle.status is GoalStatus.SUCCEEDED:
+            server_goal.succeed()
+        else:
+            server_goal.abort()
+        return self._result(handle)
