@@ -193,6 +193,6 @@ def _loop(below: Below, files: Files, stay: bool, aside: Aside) -> tuple[Control
 
 def _prepare_interpreter() -> None:
     """Keep the other thread and the collector from making the loop late."""
-    sys.setswitchinterval(0.0005)
+    sys.setswitchinterval(0.0001)  # so long the loop waits at most for a callback of the other thread to let go
     gc.collect()
     gc.freeze()
