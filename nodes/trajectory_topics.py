@@ -4,7 +4,7 @@ from builtin_interfaces.msg import Time
 from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
 from control_msgs.srv import QueryTrajectoryState
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -14,6 +14,8 @@ from nodes.conversions import kinematics_message, point_message, seconds, trajec
 from nodes.topic import Topic
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ANY_CLIENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""As upstream: who publishes best effort is heard too."""
 
 
 class TrajectoryTopics:
@@ -25,10 +27,10 @@ class TrajectoryTopics:
         self._controller = controller
         self._seen: tuple[Tracking, float] | None = None
         """The newest cycle and its ROS time in seconds."""
-        self._state = Topic(node, JointTrajectoryControllerState, "~/controller_state")
+        self._state = Topic(node, JointTrajectoryControllerState, "~/controller_state", LATCHED)
         self._reason = Topic(node, String, "~/rejection_reason", LATCHED)
-        node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, 10)
-        node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, 10)
+        node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
+        node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
 
     def publish(self, tracking: Tracking | None, stamp: Time) -> None:

@@ -1,6 +1,7 @@
 """A gripper behind upstream's two actions, as a client in another process meets it."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -48,8 +49,9 @@ class Gripper:
         self._client = ActionClient(self.node, self.action, "/gripper_controller/gripper_cmd")
         assert self._client.wait_for_server(PATIENCE_S)
 
+    @abstractmethod
     def goal(self, position: float, **fields: Any) -> Any:
-        raise NotImplementedError
+        """The action's goal."""
 
     def offer(self, goal: Any) -> Any:
         """The goal handle, accepted or not."""

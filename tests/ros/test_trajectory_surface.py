@@ -21,8 +21,10 @@ pytest.importorskip("rclpy")
 import rclpy
 from action_msgs.msg import GoalStatusArray
 from builtin_interfaces.msg import Time
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
+from hal.description import parse_urdf
 from nodes.goals import RESULT_TIMEOUT_S
 from servoloop.files import CONTROLLERS, URDF
 from tests.ros.stack_process import JOINTS, running
@@ -35,6 +37,7 @@ NAN, INF = math.nan, math.inf
 REACHED = "Goal successfully reached!"
 DEACTIVATED = "Current goal cancelled during deactivate transition."
 ZERO, V, A = (0.0,) * 6, (0.2,) * 6, (0.5,) * 6
+LARGEST_STEP_RAD = 1.001 * max(j.velocity for j in parse_urdf(URDF.read_text()).joints.values()) * 0.05
 
 
 @contextmanager
@@ -178,13 +181,28 @@ class TestOurConfiguration:
 
     @pytest.mark.parametrize("build", SUCCEEDING.values(), ids=SUCCEEDING.keys())
     def test_succeeds(self, ours: TrajectoryClient, build: Callable[[TrajectoryClient], Any]) -> None:
-        status, code, text = ours.outcome(ours.send(build(ours)))
+        goal, before = build(ours), len(ours.states)
+        status, code, text = ours.outcome(ours.send(goal))
         assert (status, code) == (SUCCEEDED, 0)
         assert text.startswith(REACHED)
+        end = ours.cycles(1)[-1]
+        path = [state.output.positions for state in ours.states[before - 1 :]]
+        steps = [abs(b - a) for one, other in pairwise(path) for a, b in zip(one, other, strict=True)]
+        assert max(steps) <= LARGEST_STEP_RAD
+        wanted = dict(zip(goal.trajectory.joint_names, goal.trajectory.points[-1].positions, strict=True))
+        assert list(end.output.positions) == pytest.approx([wanted[name] for name in end.joint_names], abs=1e-6)
 
     @pytest.mark.parametrize(("message", "text"), REFUSED.values(), ids=REFUSED.keys())
     def test_refused_with_a_reason_on_the_status_topic(self, ours: TrajectoryClient, message: Any, text: str) -> None:
         assert text in ours.refusal(goal_of(message))
+
+    def test_any_publisher_is_heard_and_any_listener_served(self, ours: TrajectoryClient) -> None:
+        for name in ("joint_trajectory", "speed_scaling_input"):
+            (listener,) = ours.node.get_subscriptions_info_by_topic(f"{ARM}/{name}")
+            assert listener.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        (publisher,) = ours.node.get_publishers_info_by_topic(f"{ARM}/controller_state")
+        assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+        assert publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
 
     def test_a_late_listener_learns_the_last_reason(self, ours: TrajectoryClient) -> None:
         ours.refusal(goal_of(T()))
