@@ -191,16 +191,29 @@ def test_the_hand_does_what_is_a_command_and_drops_what_is_none(client: Client, 
         publisher.publish(Float64MultiArray(data=list(values)))
 
     send(0.02)
-    client.first(JointState, "/joint_states", lambda m: abs(_hand(m) - 0.02) < 1e-6)
+    state = client.first(JointState, "/joint_states", lambda m: abs(_hand(m) - 0.02) < 1e-6)
+    assert state.position[state.name.index("hand_left_joint")] == _hand(state)  # it mimics the right one
+
+    def finger(name: str) -> tuple[float, float, float]:
+        message = client.first(TFMessage, "/tf", lambda m: name in {t.child_frame_id for t in m.transforms})
+        (place,) = (t.transform.translation for t in message.transforms if t.child_frame_id == name)
+        return place.x, place.y, place.z
+
+    assert finger("hand_right_link") == pytest.approx((-0.05 + 0.02, 0.0, 0.15))
+    assert finger("hand_left_link") == pytest.approx((0.05 - 0.02, 0.0, 0.15))
     send(0.01, 0.03)
     until(lambda: "command size (2) does not match number of interfaces (1): dropped, send one" in stack.words)
-    send(math.nan)
-    until(lambda: "Non-finite value received. Dropping message" in stack.words)
+    for number, value in enumerate((math.nan, math.inf, -math.inf), start=1):
+        send(value)
+        until(lambda n=number: stack.words.count("Non-finite value received. Dropping message") >= n)
     send()
+    assert _hand(client.first(JointState, "/joint_states")) == pytest.approx(0.02)
     send(0.04)
     client.first(JointState, "/joint_states", lambda m: abs(_hand(m) - 0.04) < 1e-6)
     send(9.0)
     client.first(JointState, "/joint_states", lambda m: abs(_hand(m) - 0.05) < 1e-6)
+    send(-0.01)
+    client.first(JointState, "/joint_states", lambda m: abs(_hand(m)) < 1e-6)
 
 
 @pytest.mark.parametrize(
