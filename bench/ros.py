@@ -68,6 +68,16 @@ class Figures:
     failed: int = 0
 
 
+def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
+    """One point (rad), as most clients send it."""
+    goal = FollowJointTrajectory.Goal()
+    goal.trajectory.joint_names = JOINTS
+    point = JointTrajectoryPoint(positions=list(position))
+    point.time_from_start.sec, point.time_from_start.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
+    goal.trajectory.points = [point]
+    return goal
+
+
 class Client:
     """A client of the arm, which also listens to /joint_states."""
 
@@ -90,11 +100,7 @@ class Client:
 
     def go(self, position: Sequence[float], seconds: float, cancel_after_s: float | None) -> None:
         """One goal to its end; cancelled on its way where ``cancel_after_s`` says so."""
-        goal = FollowJointTrajectory.Goal()
-        goal.trajectory.joint_names = JOINTS
-        point = JointTrajectoryPoint(positions=list(position))
-        point.time_from_start.sec, point.time_from_start.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
-        goal.trajectory.points = [point]
+        goal = goal_to(position, seconds)
         self.spin(random.uniform(0.0, PERIOD_S))  # at any point of the cycle
         sent_s = self._waiting_since_s = time.perf_counter()
         self._start = self._position

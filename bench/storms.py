@@ -31,9 +31,8 @@ from rclpy.node import Node
 from rich.console import Console
 from rich.table import Table
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectoryPoint
 
-from bench.ros import HERE, JOINTS, PATIENCE_S, stack
+from bench.ros import HERE, PATIENCE_S, goal_to, stack
 
 GOALS_PER_S = 100
 CLIENTS = 50
@@ -98,15 +97,6 @@ class Watch:
                 self.reports += 1
 
 
-def _goal(position: tuple[float, ...], seconds: float) -> FollowJointTrajectory.Goal:
-    goal = FollowJointTrajectory.Goal()
-    goal.trajectory.joint_names = JOINTS
-    point = JointTrajectoryPoint(positions=list(position))
-    point.time_from_start.sec, point.time_from_start.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
-    goal.trajectory.points = [point]
-    return goal
-
-
 def goals(seconds: float) -> None:
     """A hundred goals a second, each over the one before; the last one, left alone, leads home."""
     with participant("bench_goals") as (node, executor):
@@ -116,7 +106,7 @@ def goals(seconds: float) -> None:
         end_s = due_s + seconds
         while due_s < end_s:
             near = tuple(a + random.uniform(-0.1, 0.1) for a in HERE)
-            client.send_goal_async(_goal(near, 1.0))
+            client.send_goal_async(goal_to(near, 1.0))
             due_s += 1.0 / GOALS_PER_S
             while (left_s := due_s - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left_s)
@@ -125,7 +115,7 @@ def goals(seconds: float) -> None:
 
 def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> None:
     """Bring the arm to where every storm begins."""
-    answer = client.send_goal_async(_goal(HERE, 2.5))
+    answer = client.send_goal_async(goal_to(HERE, 2.5))
     executor.spin_until_future_complete(answer, timeout_sec=PATIENCE_S)
     result = answer.result().get_result_async()
     executor.spin_until_future_complete(result, timeout_sec=PATIENCE_S)
@@ -136,12 +126,12 @@ def killed_client(seconds: float) -> None:
     """Clients that are killed in the middle of their goal. The arm goes on to where it was sent, and holds there."""
     del seconds
     program = (
-        "from bench.storms import ActionClient, FollowJointTrajectory as F, _goal, participant\n"
+        "from bench.storms import ActionClient, FollowJointTrajectory as F, goal_to, participant\n"
         "from bench.ros import THERE\n"
         "with participant('victim') as (node, executor):\n"
         "    client = ActionClient(node, F, '/arm_controller/follow_joint_trajectory')\n"
         "    client.wait_for_server(30.0)\n"
-        "    client.send_goal_async(_goal(THERE, 2.5))\n"
+        "    client.send_goal_async(goal_to(THERE, 2.5))\n"
         "    print('sent', flush=True)\n"
         "    while True: executor.spin_once(timeout_sec=1.0)\n"
     )

@@ -7,13 +7,10 @@ from typing import Protocol
 from builtin_interfaces.msg import Time
 from control_msgs.msg import DynamicJointState, InterfaceValue
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from hal.types import JointState
+from nodes.qos import LATCHED
 from nodes.topic import Topic
-
-# Upstream's publishers are transient local: a late subscriber gets the newest state at once.
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class HasInterfaces(Protocol):

@@ -4,11 +4,9 @@ from typing import Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray
 
-# As upstream's: a best effort subscriber hears every publisher, and the next command makes up for a lost one.
-_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+from nodes.qos import ANY_CLIENT
 
 
 class TakesCommands(Protocol):
@@ -25,7 +23,7 @@ class ForwardNode:
     def __init__(self, node: Node, controller: TakesCommands) -> None:
         self.node = node
         self._controller = controller
-        self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, _QOS)
+        self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, ANY_CLIENT)
 
     def publish(self, stamp: Time) -> None:
         """It has nothing to say."""

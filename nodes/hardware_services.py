@@ -5,16 +5,13 @@ from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInte
 from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile
 
 from hal.component import Component
 from hal.lifecycle import LifecycleState
 from hal.member import Member
+from nodes.qos import EVERY_CALL
 from nodes.stack import Stack
 from nodes.waiting import Waiting
-
-SERVICES = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""No call of a burst is lost."""
 
 
 class HardwareServices:
@@ -30,7 +27,7 @@ class HardwareServices:
             (ListHardwareInterfaces, "list_hardware_interfaces", self._list_interfaces),
             (SetHardwareComponentState, "set_hardware_component_state", self._set_state),
         ):
-            node.create_service(kind, f"~/{name}", callback, qos_profile=SERVICES, callback_group=group)
+            node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
 
     def _pairs(self) -> list[tuple[Component, Member]]:
         members = self._stack.loop.hardware.members

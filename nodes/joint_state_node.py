@@ -8,7 +8,8 @@ from sensor_msgs.msg import JointState
 
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from hal.types import FloatArray
-from nodes.dynamic_states import LATCHED, DynamicStates
+from nodes.dynamic_states import DynamicStates
+from nodes.qos import LATCHED
 from nodes.topic import Topic
 
 

@@ -18,7 +18,6 @@ from controller_manager_msgs.srv import (
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from std_msgs.msg import String
 
 from controller.desk import Desk
@@ -27,14 +26,12 @@ from controller.switching import Loaded, Strictness, Wish
 from hal.lifecycle import LifecycleState
 from nodes.controller_nodes import state_message
 from nodes.controller_parameters import ParameterNode
+from nodes.qos import EVERY_CALL, LATCHED
 from nodes.stack import Stack
 from nodes.topic import Topic
 from nodes.waiting import Waiting
 
 BASE_CLASS = "controller_interface::ControllerInterface"
-SERVICES = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""No call of a burst is lost."""
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ManagerNode:
@@ -64,7 +61,7 @@ class ManagerNode:
             ),
             (SwitchController, "switch_controller", self._switch),
         ):
-            self.node.create_service(kind, f"~/{name}", callback, qos_profile=SERVICES, callback_group=group)
+            self.node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
 
     def publish(self) -> None:
         """``~/activity``, where anything has changed."""

@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
@@ -22,12 +21,12 @@ from controller.node_parameters import parameters_of
 from nodes.conversions import transform_message
 from nodes.links import Links, fixed_links
 from nodes.pace import Pace
+from nodes.qos import LATCHED
 from nodes.stack import Stack
 from nodes.topic import Topic
 
 NAME: Final = "robot_state_publisher"
 
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _BASE: Final = "base_link"
 _LOOK_HZ: Final = 1.0
 """So often the scene is looked at when nobody listens: a feed that is left unread for long hangs up."""
@@ -52,8 +51,8 @@ class RobotStatePublisher:
         self._parameters = self._initial()
         self._pace, self._idle = Pace(), Pace()
         self._tf = Topic(self.node, TFMessage, "/tf", 100)
-        self._tf_static = self.node.create_publisher(TFMessage, "/tf_static", _LATCHED)
-        self._description = self.node.create_publisher(String, "robot_description", _LATCHED)
+        self._tf_static = self.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+        self._description = self.node.create_publisher(String, "robot_description", LATCHED)
         self._description.publish(String(data=stack.description.xml))
         self._declare()
         self._draw()

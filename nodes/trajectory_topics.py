@@ -4,18 +4,14 @@ from builtin_interfaces.msg import Time
 from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
 from control_msgs.srv import QueryTrajectoryState
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_of
+from nodes.qos import ANY_CLIENT, LATCHED
 from nodes.topic import Topic
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-ANY_CLIENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""As upstream: who publishes best effort is heard too."""
 
 
 class TrajectoryTopics:
