@@ -64,7 +64,11 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 class Client:
-    """The official SDK's own classes on ``link``; lost answers of a busy machine are asked for again."""
+    """The official SDK's own classes on ``link``; lost answers of a busy machine are asked for again.
+
+    The SDK waits 34 ms. Where the emulator was held up for longer, its answer meets the next question, and the SDK
+    takes an empty answer (a ping's, a write's) for the read's and stumbles over the values that are not in it.
+    """
 
     def __init__(self, link: Path) -> None:
         self.port = sdk.PortHandler(str(link))
@@ -76,8 +80,10 @@ class Client:
 
         def answered() -> bool:
             self.port.ser.reset_input_buffer()
-            answers.append(ask())
-            return bool(answers[-1][-2] == sdk.COMM_SUCCESS)
+            with contextlib.suppress(IndexError):
+                answers.append(ask())
+                return bool(answers[-1][-2] == sdk.COMM_SUCCESS)
+            return False
 
         eventually(answered)
         return answers[-1][0]
@@ -139,11 +145,7 @@ def test_another_baud_is_accepted_and_meets_silence(client: Client) -> None:
     assert client.port.setBaudRate(250_000)
     assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
     assert client.port.setBaudRate(1_000_000)
-    for _ in range(20):  # an emulator that was held up reads the ping only now; the SDK stumbles over its answer
-        with contextlib.suppress(IndexError):
-            client.position(1)
-            return
-    raise AssertionError("the servo stays silent at its own baud")
+    assert client.position(1) == pytest.approx(2048, abs=2)
 
 
 def test_a_second_emulator_is_refused_and_says_why(link: Path) -> None:
