@@ -72,12 +72,13 @@ class Line:
         self._servos = servos
         self._byte_s = 10.0 / baud if baud else 0.0
         self._free_s = 0.0
+        self._rest = b""
 
     def serve_once(self) -> None:
-        """Wait for bytes and answer all packets in them."""
-        data = os.read(self.master, 4096)
+        """Wait for bytes and answer all packets that are whole; the kernel may hand one over in pieces."""
+        data = self._rest + os.read(self.master, 4096)
         now_s = time.perf_counter()
-        while size := self._servos.size(data):
+        while 0 < (size := self._servos.size(data)) <= len(data):
             packet, data = data[:size], data[size:]
             replies = self._servos.answer(packet)
             if self._byte_s:
@@ -86,6 +87,7 @@ class Line:
                     _wait_until(self._free_s)
             if replies:
                 os.write(self.master, replies)
+        self._rest = data
 
 
 def _wait_until(due_s: float) -> None:

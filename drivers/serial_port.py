@@ -21,6 +21,8 @@ LOG = logging.getLogger("servoloop.drivers")
 _BURST = 32
 """From this many expected bytes on, one wake-up for all is worth telling the kernel."""
 _LARGEST_VMIN = 255
+STALLED_S = 1.0
+"""How long an adapter may take nothing; the kernel's 4 KB are sent within half of it at 115200 baud."""
 TOLERATED_RATE = 0.02
 """How far the real rate may be from the wanted one: a receiver samples ten bits from one edge."""
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
@@ -52,13 +54,27 @@ class SerialPort:
         self._settings = termios.tcgetattr(self._fd)
 
     def write(self, data: bytes) -> None:
+        sent = self._write(data)
+        while sent < len(data):  # the kernel's buffer was full: rare, a request is short
+            self._wait_for_room()
+            sent += self._write(data[sent:])
+
+    def _write(self, data: bytes) -> int:
+        """How many bytes the kernel took."""
         try:
-            sent = os.write(self._fd, data)
-            while sent < len(data):  # the kernel's buffer was full: rare, a request is short
-                select.select([], [self._fd], [], 1.0)
-                sent += os.write(self._fd, data[sent:])
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
+
+    def _wait_for_room(self) -> None:
+        try:
+            room = select.select([], [self._fd], [], STALLED_S)[1]
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not room:
+            raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
         received = b""

@@ -284,6 +284,17 @@ def test_more_than_the_kernel_takes_at_once_is_sent_whole(terminal: Terminal) ->
     port.close()
 
 
+def test_a_line_that_takes_no_more_is_waited_for_and_then_lost(
+    monkeypatch: pytest.MonkeyPatch, terminal: Terminal
+) -> None:
+    monkeypatch.setattr(serial_port, "STALLED_S", 0.05)
+    port = SerialPort(terminal.device)
+    with pytest.raises(PortLost, match=r"takes no more bytes.*check the cable"):
+        for _ in range(1_000_000):  # nobody reads at the other end
+            port.write(bytes(100))
+    port.close()
+
+
 def test_input_from_before_the_opening_is_dropped(terminal: Terminal) -> None:
     os.write(terminal.master, b"stale")
     port = SerialPort(terminal.device)
