@@ -51,9 +51,9 @@ class TimedHardware(ServoHardware):
 
     reads_s: list[float]
 
-    def read(self) -> JointState:
+    def reading(self) -> Steps[JointState]:
         begin_s = time.perf_counter()
-        state = super().read()
+        state = yield from super().reading()
         self.reads_s.append(time.perf_counter() - begin_s)
         return state
 

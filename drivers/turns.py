@@ -23,21 +23,23 @@ def finish(steps: Steps[Result]) -> Result:
         return result
 
 
-def overlapped(transactions: Sequence[Steps[Result]]) -> list[Result]:
+def overlapped(transactions: Sequence[Steps[Result]]) -> Steps[list[Result]]:
     """All of them, step by step in turns; their results in the order given.
 
     An exception of one ends them all: it is raised here, and the others are closed.
     """
     results: dict[int, Result] = {}
     try:
-        while len(results) < len(transactions):
+        while True:
             for index, steps in enumerate(transactions):
                 if index not in results:
                     try:
                         next(steps)
                     except StopIteration as end:
                         results[index] = end.value
+            if len(results) == len(transactions):
+                return [results[index] for index in range(len(transactions))]
+            yield
     finally:
         for steps in transactions:
             steps.close()
-    return [results[index] for index in range(len(transactions))]

@@ -7,8 +7,9 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from drivers.turns import Steps, finish, overlapped
 from hal.errors import HalError, PartLost
-from hal.lifecycle import Hardware, LifecycleState
+from hal.lifecycle import Hardware, InSteps, LifecycleState
 from hal.member import CONFIGURED, Member, absence, members_of
 from hal.types import FloatArray, JointCommand, JointState, ServoHealth
 
@@ -32,6 +33,7 @@ class Components:
         self._clock = clock
         self._cycle = 0
         self._parts: dict[str, JointState] = {}
+        self._readings = {one.name: _in_steps(one) for one in hardware}
 
     @property
     def name(self) -> str:
@@ -132,16 +134,19 @@ class Components:
         """What is measured now. Of a component that is not there, the last known values and a fault for each joint."""
         due = [m for m in self.members if m.sound and (self._cycle % m.every == 0 or m.name not in self._parts)]
         self._cycle += 1
-        for member in due:
-            try:
-                self._parts[member.name] = member.hardware.read()
-            except DriverError as error:
-                self._fail(member, error)
+        finish(overlapped([self._reading(member) for member in due]))
         only = self.members[0]
         if len(self.members) == 1 and only.sound and only.name in self._parts:
             return self._parts[only.name]
         stamps = [self._parts[m.name].stamp_s for m in due if m.sound]
         return self._merged(max(stamps, default=self._clock.now()))
+
+    def _reading(self, member: Member) -> Steps[None]:
+        """Its part, in steps where it has them: components with ports of their own wait at the same time."""
+        try:
+            self._parts[member.name] = yield from self._readings[member.name]()
+        except Exception as error:  # a defect of one component loses this one: the others go on
+            self._fail(member, error)
 
     def _merged(self, stamp_s: float) -> JointState:
         position, velocity, effort = (np.full(len(self.joints), np.nan) for _ in range(3))
@@ -162,12 +167,15 @@ class Components:
         return JointState(stamp_s, position, velocity, effort, faults, health, extra)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """To each that is active its part of ``values`` (m,); a lost one is tried too, it may be lost in part only."""
+        """To each that is active its part of ``values`` (m,); a lost one is tried too, it may be lost in part only.
+
+        What takes no commands, a sensor, is only read.
+        """
         for member in self.members:
-            if member.away or member.hardware.state is not LifecycleState.ACTIVE:
+            if member.away or member.state is not LifecycleState.ACTIVE:
                 continue
             part = values[member.commands]
-            if (self._cycle - 1) % member.every == 0 and np.isfinite(part).all():
+            if (self._cycle - 1) % member.every == 0 and part.size and np.isfinite(part).all():
                 self._write(member, JointCommand(part, period_s * member.every))
 
     def _write(self, member: Member, command: JointCommand) -> None:
@@ -176,13 +184,14 @@ class Components:
             member.hardware.write(command)
         except PartLost as error:
             self._fail(member, error)
-        except DriverError as error:
+        except Exception as error:  # as in read
             member.out_of_reach = True
             self._fail(member, error)
 
-    def _fail(self, member: Member, error: DriverError) -> None:
+    def _fail(self, member: Member, error: Exception) -> None:
         if member.error is None:
-            LOG.error("%s is lost: %s", member.name, error)
+            defect = None if isinstance(error, DriverError) else error
+            LOG.error("%s is lost: %s", member.name, error, exc_info=defect)
             member.error = error
             self.failures.append(member)
 
@@ -201,6 +210,18 @@ class Components:
         except Exception as error:  # whatever it is, the others go on; this one does not come back
             LOG.error("%s is given up for good: %s", member.name, error)
             member.finalized = True
+
+
+def _in_steps(hardware: Hardware) -> Callable[[], Steps[JointState]]:
+    """How to read it in steps."""
+    if isinstance(hardware, InSteps):
+        return hardware.reading
+
+    def whole() -> Steps[JointState]:
+        yield  # it may wait: the others' questions come first
+        return hardware.read()
+
+    return whole
 
 
 def _tried(member: Member, step: Callable[[], None], stay: bool) -> None:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
+from drivers.turns import Steps
 from hal.errors import LifecycleError
 from hal.types import JointCommand, JointState
 
@@ -50,6 +51,15 @@ class Hardware(Protocol):
 
     def write(self, command: JointCommand) -> None:
         """To all that can be reached. Raises PartLost where that is not all, another DriverError where it is none."""
+        ...
+
+
+@runtime_checkable
+class InSteps(Protocol):
+    """Hardware that can be read in steps, so that several components wait at the same time (drivers.turns)."""
+
+    def reading(self) -> Steps[JointState]:
+        """``read``; yields when it has asked, returns what is measured."""
         ...
 
 

@@ -61,9 +61,10 @@ class Lines:
                 readings.append(bus.read_states(self._ids[name]))
         return self._by_joint(readings)
 
-    def read(self, deadline_s: float) -> dict[str, Reading]:
+    def reading(self, deadline_s: float) -> Steps[dict[str, Reading]]:
         """Every servo's state by joint name; the buses' questions are all out before any answer is waited for."""
-        return self._by_joint(overlapped([self._steps(name, deadline_s) for name in self._buses]))
+        readings = yield from overlapped([self._steps(name, deadline_s) for name in self._buses])
+        return self._by_joint(readings)
 
     def _steps(self, name: str, deadline_s: float) -> Steps[dict[int, Reading]]:
         with self._named(name):

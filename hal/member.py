@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from drivers.errors import DriverError
 from hal.lifecycle import Hardware, LifecycleState
 
 CONFIGURED = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
@@ -20,8 +19,8 @@ class Member:
     """It is read and written in every so many-th cycle."""
     away: bool = False
     """Somebody changes its state just now: the cycle leaves it alone."""
-    error: DriverError | None = None
-    """Why it is lost. It may still be told to stop, as far as it can be reached."""
+    error: Exception | None = None
+    """Why it is lost, or by what defect. It may still be told to stop, as far as it can be reached."""
     out_of_reach: bool = False
     """The last command reached nobody."""
     finalized: bool = False

@@ -9,6 +9,7 @@ import numpy as np
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError
+from drivers.turns import Steps, finish
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
@@ -115,8 +116,13 @@ class ServoHardware:
 
     def read(self) -> JointState:
         """One exchange with all servos. A silent servo keeps its last values and is named."""
+        return finish(self.reading())
+
+    def reading(self) -> Steps[JointState]:
+        """``read`` in steps: it yields when all questions are out."""
         lines = self._opened("read")
-        return self._take(lines.read(self._clock.now() + READ_SHARE * self._period_s))
+        readings = yield from lines.reading(self._clock.now() + READ_SHARE * self._period_s)
+        return self._take(readings)
 
     def _take(self, readings: Mapping[str, Reading]) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()

@@ -82,8 +82,13 @@ class WatchedPort:
 class Bench:
     """``hardware`` and everything below it. Counts are the servos', positions the joints'."""
 
-    def __init__(self, counts: Sequence[int] = (2048, 2000, 1500), joints: Sequence[Joint] = JOINTS) -> None:
-        self.clock = SimulatedClock(1000.0)
+    def __init__(
+        self,
+        counts: Sequence[int] = (2048, 2000, 1500),
+        joints: Sequence[Joint] = JOINTS,
+        clock: SimulatedClock | None = None,
+    ) -> None:
+        self.clock = clock or SimulatedClock(1000.0)
         self.plant = BenchPlant([joint.servo_id for joint in joints])
         self.place(counts)
         self.servos = VirtualBus.of(self.plant)

@@ -12,6 +12,7 @@ from drivers.bus import Reading, ServoBus
 from drivers.errors import DriverError, PortLost
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
+from drivers.turns import finish
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -214,7 +215,7 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
 
     joints: list[Joint] = [SHOULDER, FINGER, ELBOW]
     lines = Lines(joints, cast(Mapping[str, ServoBus], {"arm": Line("arm"), "hand": Line("hand")}))
-    assert lines.read(1.0) == {"shoulder": "arm", "finger": "hand", "elbow": "arm"}
+    assert finish(lines.reading(1.0)) == {"shoulder": "arm", "finger": "hand", "elbow": "arm"}
     assert log == ["ask arm", "ask hand", "wait arm", "wait hand"]
 
 

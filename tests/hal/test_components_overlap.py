@@ -1,0 +1,60 @@
+"""Components with ports of their own are read at the same time, and none of them hides another."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.errors import PortLost
+from hal.components import Components
+from hal.mock_hardware import MockHardware
+from sim_backend.clock import SimulatedClock
+from tests.hal.bench import JOINTS, Bench
+
+
+def side_by_side(count: int) -> tuple[Components, list[Bench]]:
+    """Benches on one clock; a mock, which has nothing to wait for, is the first of the components."""
+    clock = SimulatedClock(1000.0)
+    benches = [Bench(joints=[replace(j, name=f"{j.name}_{n}") for j in JOINTS], clock=clock) for n in range(count)]
+    for number, bench in enumerate(benches):
+        bench.hardware.name = f"arm_{number}"
+    mock = MockHardware("mock", ("wheel",), clock)
+    components = Components([mock, *(bench.hardware for bench in benches)], clock)
+    components.configure()
+    return components, benches
+
+
+def reading_s(components: Components, clock: SimulatedClock) -> float:
+    begin_s = clock.now()
+    components.read()
+    return clock.now() - begin_s
+
+
+def test_reading_all_takes_as_long_as_the_longest_line() -> None:
+    """The simulated clock is exact."""
+    alone, (bench,) = side_by_side(1)
+    alone_s = reading_s(alone, bench.clock)
+    assert alone_s > 0.0003
+    three, (bench, *_) = side_by_side(3)
+    assert reading_s(three, bench.clock) < 1.2 * alone_s
+
+
+def test_everyones_values_are_there() -> None:
+    components, benches = side_by_side(2)
+    benches[1].place((2148, 2000, 1500))
+    components.read()
+    position = components.read().position
+    np.testing.assert_allclose(position[1:4], [0.0, 0.0, 0.0219], atol=2e-3)
+    np.testing.assert_allclose(position[4:7], [100 * 2 * np.pi / 4096, 0.0, 0.0219], atol=2e-3)
+
+
+def test_a_lost_line_does_not_keep_the_others_from_theirs() -> None:
+    for lost, kept in ((0, 1), (1, 0)):
+        components, benches = side_by_side(2)
+        benches[lost].port.port.unplug()
+        benches[kept].place((2248, 2000, 1500))
+        state = components.read()
+        (failed,) = components.failures
+        assert failed.name == f"arm_{lost}" and isinstance(failed.error, PortLost)
+        assert set(state.faults) == set(benches[lost].hardware.joints)
+        shoulder = components.joints.index(f"shoulder_{kept}")
+        assert abs(state.position[shoulder] - 200 * 2 * np.pi / 4096) < 2e-3
