@@ -3,6 +3,7 @@
 import logging
 from collections import deque
 from collections.abc import Callable
+from time import time
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -10,6 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from controller.desk import Desk
 from controller.joint_state_broadcaster import JointStateBroadcaster
+from drivers.clock import wall_offset_s
 from hal.types import JointState
 from nodes.controller_nodes import ControllerNodes
 from nodes.conversions import time_message
@@ -99,9 +101,7 @@ class Surface:
             return
         state = self._cycles[-1]  # where the ROS side lags behind, the newest is what counts
         self._cycles.clear()
-        age_s = self._stack.loop.clock.now() - state.stamp_s
-        now_s = self._manager.node.get_clock().now().nanoseconds * 1e-9
-        stamp = time_message(now_s - age_s)
+        stamp = time_message(state.stamp_s + wall_offset_s(self._stack.loop.clock, time))
         self._hardware.see(state)
         self._controllers.publish(stamp)
         for broadcaster in self._broadcasters:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.clock import MonotonicClock
+from drivers.clock import MonotonicClock, wall_offset_s
 from servoloop.following import UNKNOWN, FollowingError, between_cycles, following_error
 from servoloop.live import Live
 from servoloop.processes import Processes
@@ -130,7 +130,7 @@ def _errors(samples: "Sequence[Sample]", trace: Trace) -> tuple[FollowingError, 
     """At the cycles and between them; the samples' ROS time is brought to the trace's clock."""
     if not samples:
         return UNKNOWN, UNKNOWN
-    offset_s = time() - MonotonicClock().now()
+    offset_s = wall_offset_s(MonotonicClock(), time)
     stamps = np.array([sample.stamp_s for sample in samples]) - offset_s
     reference = np.array([sample.reference for sample in samples])
     velocity = np.array([sample.reference_velocity for sample in samples])
