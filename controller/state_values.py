@@ -17,6 +17,7 @@ _OF_HEALTH: Final[dict[str, Callable[[ServoHealth], float]]] = {
     "temperature": lambda health: health.temperature_c,
     "voltage": lambda health: health.voltage_v,
     "load": lambda health: health.load,
+    "current": lambda health: health.current_a,
     "alarms": lambda health: float(len(health.alarms)),
 }
 _COUNTERS: Final[dict[str, str]] = {
@@ -24,12 +25,13 @@ _COUNTERS: Final[dict[str, str]] = {
     "silent": "silent",
     "corrupt": "corrupt",
     "late": "late",
+    "reset": "reset",
     "alarm_replies": "alarms",
     "retries": "retries",
     "skipped": "skipped",
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
-"""What a servo says of itself (°C, V, share of full drive, number of alarms), whether it is faulty (1, 0), and the
+"""What a servo says of itself (°C, V, share of full drive, A, number of alarms), whether it is faulty (1, 0), and the
 bus's account of it."""
 
 

@@ -33,7 +33,7 @@ class AbsenceWatch:
             for servo_id in outcome.keys() - missing:
                 self._misses.pop(servo_id, None)
         for servo_id in missing:
-            if outcome[servo_id] == "corrupt":
+            if outcome[servo_id] in ("corrupt", "reset"):
                 self._misses.pop(servo_id, None)
             else:
                 self.missed(servo_id, now_s)

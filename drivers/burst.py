@@ -1,13 +1,16 @@
-"""What bursts of replies have in common, whatever the packets: sending, waiting, counting."""
+"""What bursts of replies have in common, whatever the packets: sending, waiting, judging, counting."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
-from typing import Final, Protocol, TypeVar
+from typing import Final, Generic
 
-from drivers.bus import FaultKind, ServoState
+from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters, ServoCounters
+from drivers.decoder import ReplyT
 from drivers.echo import Echo
+from drivers.hearing import Hearing
 from drivers.owed import Missed, OwedReplies
 from drivers.port import Port
 from drivers.readings import Outcome
@@ -20,28 +23,10 @@ TRIED_GAP_S: Final = 0.0015
 """How long a servo is waited for that did not answer the last time."""
 BITS_PER_BYTE: Final = 10.0
 
-AnyReply = TypeVar("AnyReply")
 _ALARMS_OF: Final = attrgetter("alarms")
 
 
-class Decoder(Protocol[AnyReply]):
-    """Bytes in any pieces to replies."""
-
-    def feed(self, data: bytes) -> list[AnyReply]: ...
-
-
-class Hearing(Protocol[AnyReply]):
-    """What has come of one burst that did not come as a whole."""
-
-    @property
-    def decoder(self) -> Decoder[AnyReply]: ...
-
-    def take(self, replies: Sequence[AnyReply]) -> None: ...
-
-    def lacking(self, servo_ids: tuple[int, ...]) -> int: ...
-
-
-class Burst:
+class Burst(ABC, Generic[ReplyT]):
     """One port's bursts. Counts what goes wrong; raises only PortLost."""
 
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
@@ -51,7 +36,7 @@ class Burst:
         self._counters = counters
         self._owed = OwedReplies()
         self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
-        self._byte_s = BITS_PER_BYTE / port.baud
+        self.byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
         self._sent, self._sent_s = b"", 0.0
         self.clean = False
@@ -60,7 +45,7 @@ class Burst:
     def send(self, packet: bytes) -> None:
         """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""
         self._port.write(packet)
-        on_wire_s = len(packet) * self._byte_s
+        on_wire_s = len(packet) * self.byte_s
         self._busy_until_s = max(self._busy_until_s, self._clock.now()) + on_wire_s
         if self._echo.present:
             self._port.read(len(packet), self._busy_until_s + on_wire_s + GAP_S)
@@ -68,16 +53,14 @@ class Burst:
     def _first_data(self, expected: int, sent_s: float, deadline_s: float, firm: bool) -> bytes:
         """The whole burst if it comes in time, or else what there is of it."""
         gap_s = GAP_S if firm else TRIED_GAP_S
-        patience_s = sent_s + expected * self._byte_s + gap_s
+        patience_s = sent_s + expected * self.byte_s + gap_s
         data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
         if data or not firm:
             return data
         data = self._port.read(1, min(sent_s + FIRST_REPLY_S, deadline_s))
         if not data:
             return data
-        return data + self._port.read(
-            expected - 1, min(self._clock.now() + expected * self._byte_s + GAP_S, deadline_s)
-        )
+        return data + self._port.read(expected - 1, min(self._clock.now() + expected * self.byte_s + GAP_S, deadline_s))
 
     def _all_well(self, servo_ids: tuple[int, ...], states: Mapping[int, ServoState]) -> Mapping[int, ServoState]:
         if self._echo.present is None:
@@ -92,27 +75,58 @@ class Burst:
                 self._counters.of(servo_id).alarms += bool(reading.alarms)
         return states
 
-    def _wait_for(
-        self, hearing: Hearing[AnyReply], servo_ids: tuple[int, ...], gap_s: float, deadline_s: float
-    ) -> None:
-        end_s = min(self._clock.now() + FIRST_REPLY_S + gap_s * len(servo_ids), deadline_s)  # however much noise
+    def _listen_on(
+        self, hearing: Hearing[ReplyT], firm: tuple[int, ...], tried: tuple[int, ...], data: bytes, deadline_s: float
+    ) -> dict[int, Outcome]:
+        """Something is missing or there is garbage: piece by piece until the line falls silent."""
+        hearing.feed(data)
+        if data:
+            self._wait_for(hearing, firm, deadline_s)
+        if tried:
+            self._wait_for(hearing, tried, deadline_s)
+        hearing.finish()
+        return self._judge(hearing)
+
+    def _wait_for(self, hearing: Hearing[ReplyT], servo_ids: tuple[int, ...], deadline_s: float) -> None:
+        """Each gap shortly: the long wait is over."""
+        # However much noise there is.
+        end_s = min(self._clock.now() + FIRST_REPLY_S + TRIED_GAP_S * len(servo_ids), deadline_s)
         while lacking := hearing.lacking(servo_ids):
-            patience_s = self._clock.now() + lacking * self._byte_s + gap_s
+            patience_s = self._clock.now() + lacking * self.byte_s + TRIED_GAP_S
             data = self._port.read(lacking, min(patience_s, end_s))
             if not data:
                 return
-            hearing.take(hearing.decoder.feed(data))
+            hearing.feed(data)
 
-    def _missed(
-        self, servo_ids: Sequence[int], outcome: dict[int, Outcome], corrupt: set[int], belated: Mapping[int, Missed]
-    ) -> None:
-        """Whoever has given no state: why."""
-        for servo_id in servo_ids:
+    def _judge(self, hearing: Hearing[ReplyT]) -> dict[int, Outcome]:
+        """A value or a fault for everyone who was asked, each counted once."""
+        outcome: dict[int, Outcome] = {}
+        belated: list[tuple[int, Missed]] = []
+        for reply in hearing.replies:
+            what = self._said(reply) if hearing.fits(reply) else None
+            if what is not None:
+                self._counters.strange += reply.servo_id in outcome
+                outcome[reply.servo_id] = what
+            elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
+                belated.append((reply.servo_id, counted_as))
+            else:
+                self._counters.strange += 1
+        corrupt, noise = hearing.spoiled()
+        self._counters.noise += noise
+        late = {servo_id for servo_id, _ in belated}
+        for servo_id in hearing.sizes:
             if servo_id not in outcome:
-                kind: FaultKind = "late" if servo_id in belated else "silent"
-                outcome[servo_id] = "corrupt" if servo_id in corrupt else kind
+                outcome[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else "silent"
+        self._count(outcome, hearing.sizes, belated)
+        return outcome
 
-    def _count(self, outcome: Mapping[int, Outcome], sizes: Mapping[int, int], belated: Mapping[int, Missed]) -> None:
+    @abstractmethod
+    def _said(self, reply: ReplyT) -> Outcome | None:
+        """What a reply to this question says; None if it is none after all."""
+
+    def _count(
+        self, outcome: Mapping[int, Outcome], sizes: Mapping[int, int], belated: Sequence[tuple[int, Missed]]
+    ) -> None:
         """Each question once. ``sizes``: the bytes that each was asked for."""
         now_s = self._clock.now()
         for servo_id, what in outcome.items():
@@ -120,9 +134,11 @@ class Burst:
             if isinstance(what, ServoState):
                 account.replies += 1
                 account.alarms += bool(what.alarms)
+            elif what == "reset":  # it has answered, and owes nothing
+                account.reset += 1
             else:
                 account.corrupt += what == "corrupt"
                 account.silent += what != "corrupt"
                 self._owed.owe(servo_id, sizes[servo_id], now_s, "corrupt" if what == "corrupt" else "silent")
-        for servo_id, counted in belated.items():
+        for servo_id, counted in belated:
             self._counters.of(servo_id).came_late(counted)

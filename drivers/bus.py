@@ -13,8 +13,9 @@ from drivers.errors import ServoError
 from drivers.registers import Register, ServoModel
 from drivers.turns import Steps
 
-FaultKind = Literal["silent", "corrupt", "late"]
-"""No reply; one that does not hold together; a stale one, which belongs to an earlier request."""
+FaultKind = Literal["silent", "corrupt", "late", "reset"]
+"""No reply; one that does not hold together; a stale one, which belongs to an earlier request; one that shows that
+the servo has lost its memory, so its torque and its goal too."""
 
 
 class ServoState(NamedTuple):
@@ -30,6 +31,8 @@ class ServoState(NamedTuple):
     voltage_v: float
     temperature_c: float
     alarms: tuple[str, ...] = ()
+    current_a: float | None = None
+    """Of the motor, negative where it drives backwards; None where it is not among what is read."""
 
 
 @dataclass(frozen=True, slots=True)

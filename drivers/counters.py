@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 
 @dataclass(slots=True)
 class ServoCounters:
-    """One servo's account. Every reply that was asked for ends in exactly one of the first four."""
+    """One servo's account. Every reply that was asked for ends in exactly one of the first five."""
 
     replies: int = 0
     """Good ones."""
@@ -15,6 +15,8 @@ class ServoCounters:
     """Asked, and what came had a wrong checksum or no header."""
     late: int = 0
     """Asked, and what came was the answer to an earlier request."""
+    reset: int = 0
+    """Asked, and what came shows that the servo has lost its memory."""
     alarms: int = 0
     """Good replies whose status byte named a trouble."""
     retries: int = 0
@@ -57,6 +59,7 @@ class BusCounters:
             "silent": sum(a.silent for a in accounts),
             "corrupt": sum(a.corrupt for a in accounts),
             "late": sum(a.late for a in accounts),
+            "reset": sum(a.reset for a in accounts),
             "alarms": sum(a.alarms for a in accounts),
             "retries": sum(a.retries for a in accounts),
             "skipped": sum(a.skipped for a in accounts),

@@ -1,12 +1,12 @@
 """What every bus says in the same words, and does in the same way, whatever its packets."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final
 
 from drivers.bus import FaultKind, Reading, ServoFault, ServoState
 from drivers.counters import BusCounters
-from drivers.errors import ServoRefused
+from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
 from drivers.registers import ServoModel
 
@@ -20,6 +20,7 @@ TEXTS: Final[Mapping[FaultKind, str]] = {
     "silent": "does not answer",
     "corrupt": "answered with a wrong checksum",
     "late": "answers too late",
+    "reset": "has lost the map of its indirect registers, as after a reboot: no value was made of its answer",
 }
 
 
@@ -54,6 +55,17 @@ def refuse_stranger(servo_id: int, number: int, model: ServoModel, models: Mappi
         f"is model {number} ({known}), not {model.number} ({model.name}): "
         "correct the model in the robot file or swap the servo",
     )
+
+
+def tried_with_each(servo_ids: Sequence[int], do: Callable[[int], None]) -> list[ServoError]:
+    """``do`` for every servo, whatever the others answer; what failed."""
+    failed: list[ServoError] = []
+    for servo_id in servo_ids:
+        try:
+            do(servo_id)
+        except ServoError as error:
+            failed.append(error)
+    return failed
 
 
 @contextmanager

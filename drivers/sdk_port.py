@@ -5,11 +5,18 @@ Feetech's flushes output where it should drop stale input; this one waits on the
 """
 
 import math
+from typing import Final
+
+import dynamixel_sdk
+import scservo_sdk
 
 from drivers.clock import Clock
 from drivers.echo import Echo
+from drivers.errors import ServoCorrupt, ServoSilent
 from drivers.port import Port
 
+_CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
+"""The other numbers are the same in both, or mean no answer."""
 _GRACE_S = 0.034
 """What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
 
@@ -73,3 +80,11 @@ class SdkPort:
 
     def isPacketTimeout(self) -> bool:
         return self._clock.now() >= self._deadline_s
+
+
+def raise_for(servo_id: int, result: int) -> None:
+    """Turn an SDK's result code into an error."""
+    if result in _CORRUPT:
+        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
+    if result != dynamixel_sdk.COMM_SUCCESS:
+        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

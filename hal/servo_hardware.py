@@ -140,8 +140,9 @@ class ServoHardware:
                 effort[index] = reading.load * joint.full_effort * joint.sign
                 account = lines.counters(joint)
                 load = reading.load * joint.sign
+                current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
                 health[joint.name] = ServoHealth(
-                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load
+                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
                 )
         self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last

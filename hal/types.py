@@ -36,6 +36,8 @@ class ServoHealth:
     """What went wrong with it on the wire so far: the bus's own account, which goes on counting."""
     load: float = math.nan
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
+    current_a: float = math.nan
+    """Of the motor, in the joint's direction; NaN where the servo's state has none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,17 +4,16 @@ import logging
 from collections.abc import Mapping
 from typing import Final
 
-from drivers.burst import GAP_S, TRIED_GAP_S, Burst
+from drivers.burst import GAP_S, Burst
 from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.dynamixel import wire
-from drivers.dynamixel.hearing import Hearing, corrupt_ones
 from drivers.dynamixel.plan import Plan, Plans
 from drivers.dynamixel.series import StateBlock
 from drivers.dynamixel.servos import Servos
 from drivers.echo import Echo
-from drivers.owed import Missed
+from drivers.hearing import Hearing
 from drivers.port import Port
 from drivers.readings import Outcome
 
@@ -26,7 +25,7 @@ FAST_TRIES: Final = 5
 """After so many broken answers in a row there are no more fast sync reads."""
 
 
-class BurstReader(Burst):
+class BurstReader(Burst[wire.Reply]):
     """Group reads on one port. Counts what goes wrong; raises only PortLost."""
 
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters, servos: Servos) -> None:
@@ -36,8 +35,6 @@ class BurstReader(Burst):
         self.plans = Plans(servos)
         self._broken_in_a_row = 0
         self._plan = self.plans.plan(())
-        self.unproven: set[int] = set()
-        """Who has answered well and not proved that it is the state: no value was made of it. The caller clears it."""
         self.fast = False
         """Whether the servos answer fast sync reads; ``try_fast`` finds out."""
 
@@ -59,9 +56,9 @@ class BurstReader(Burst):
         self._port.discard_input()
         self._port.write(plan.request)
         self.clean = False
-        sent_s = max(self._busy_until_s, self._clock.now()) + len(plan.request) * self._byte_s
+        sent_s = max(self._busy_until_s, self._clock.now()) + len(plan.request) * self.byte_s
         expected = self._echo.expected(plan.request) + plan.reply_size
-        data = self._port.read(expected, sent_s + expected * self._byte_s + FAST_TRIAL_S)
+        data = self._port.read(expected, sent_s + expected * self.byte_s + FAST_TRIAL_S)
         self.fast = plan.states(self._echo.strip(plan.request, data)) is not None
         if not self.fast:
             LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", self._port.name)
@@ -90,7 +87,7 @@ class BurstReader(Burst):
         plan = self._fast_or_none(firm, begin_s) if fast and self.fast else None
         self._plan = plan = plan or self._free_plan(firm + tried, begin_s)
         self._sent = sent = before + plan.request
-        self._sent_s = begin_s + len(sent) * self._byte_s
+        self._sent_s = begin_s + len(sent) * self.byte_s
         if not self.clean:
             self._port.discard_input()
         self.clean = False
@@ -107,7 +104,9 @@ class BurstReader(Burst):
         if plan.fast:
             return self._hear_fast(plan, states, data, deadline_s)
         if states is None:
-            return self._listen_on(firm, tried, plan, data, deadline_s)
+            size = min(plan.sizes.values())
+            decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
+            return self._listen_on(Hearing(plan.sizes, wire.OVERHEAD, decoder), firm, tried, data, deadline_s)
         self.clean = True
         return self._all_well(plan.servo_ids, states)
 
@@ -125,7 +124,7 @@ class BurstReader(Burst):
             self.clean, self._broken_in_a_row = True, 0
             return self._all_well(plan.servo_ids, states)
         outcome = self._judge_fast(plan, data, deadline_s)
-        self._broken_in_a_row += not self.unproven
+        self._broken_in_a_row += "reset" not in outcome.values()
         if self._broken_in_a_row == FAST_TRIES:
             self.fast = False
             LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", self._port.name, FAST_TRIES)
@@ -137,59 +136,21 @@ class BurstReader(Burst):
         piece = size + wire.FAST_OVERHEAD
         begin = data.find(wire.fast_head(len(plan.servo_ids), size))
         if begin > 0:  # behind noise, so as many bytes of it are still to come
-            data += self._port.read(begin, min(self._clock.now() + begin * self._byte_s + GAP_S, deadline_s))
+            data += self._port.read(begin, min(self._clock.now() + begin * self.byte_s + GAP_S, deadline_s))
         states = plan.fast_states(data[begin:]) if begin >= 0 else {}
-        outcome = {i: self._proven(i, reading) for i, reading in states.items()}
+        outcome: dict[int, Outcome] = {i: reading or "reset" for i, reading in states.items()}
         garbage = len(data) - max(begin, 0) - len(outcome) * piece - wire.FAST_HEAD_SIZE
         for servo_id in plan.servo_ids[len(outcome) :]:
             corrupt = garbage > piece - piece // 2
             outcome[servo_id] = "corrupt" if corrupt else "silent"
             garbage -= piece if corrupt else 0
         self._counters.noise += (begin > 0) + (garbage > 0)
-        return self._counted(outcome, plan, {})
-
-    def _listen_on(
-        self, firm: tuple[int, ...], tried: tuple[int, ...], plan: Plan, data: bytes, deadline_s: float
-    ) -> dict[int, Outcome]:
-        """Something is missing or there is garbage: piece by piece until the line falls silent."""
-        size = min(plan.sizes.values())
-        decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
-        hearing = Hearing(plan, decoder)
-        hearing.take(decoder.feed(data))
-        if data:
-            self._wait_for(hearing, firm, TRIED_GAP_S, deadline_s)  # the long wait is over
-        if tried:
-            self._wait_for(hearing, tried, TRIED_GAP_S, deadline_s)
-        hearing.take(decoder.finish())
-        return self._judge(hearing)
-
-    def _proven(self, servo_id: int, reading: ServoState | None) -> Outcome:
-        """The state, or a fault where the reply does not prove to be one. Noted, for it will stay so."""
-        if reading is not None:
-            return reading
-        self.unproven.add(servo_id)
-        return "corrupt"
-
-    def _judge(self, hearing: Hearing) -> dict[int, Outcome]:
-        """A value or a fault for everyone who was asked, each counted once."""
-        outcome: dict[int, Outcome] = {}
-        belated: dict[int, Missed] = {}
-        for reply in hearing.replies:
-            if hearing.fits(reply) and not reply.error & ~wire.ALERT:
-                self._counters.strange += reply.servo_id in outcome
-                block = hearing.plan.blocks[reply.servo_id]
-                outcome[reply.servo_id] = self._proven(reply.servo_id, block.decode(reply.error, reply.data))
-            elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
-                belated[reply.servo_id] = counted_as
-            else:
-                self._counters.strange += 1
-        corrupt = corrupt_ones(hearing, self._counters)
-        self._missed(hearing.plan.servo_ids, outcome, corrupt, belated)
-        return self._counted(outcome, hearing.plan, belated)
-
-    def _counted(self, outcome: dict[int, Outcome], plan: Plan, belated: Mapping[int, Missed]) -> dict[int, Outcome]:
-        """The outcome, once it is accounted for. Who proved nothing has answered, and owes nothing."""
-        self._count(outcome, plan.sizes, belated)
-        for servo_id in self.unproven.intersection(outcome):
-            self._owed.settle(servo_id, plan.sizes[servo_id])
+        self._count(outcome, plan.sizes, ())
         return outcome
+
+    def _said(self, reply: wire.Reply) -> Outcome | None:
+        """An answer that refuses the question is none."""
+        if reply.error & ~wire.ALERT:
+            return None
+        plan, servo_id = self._plan, reply.servo_id
+        return plan.blocks[servo_id].decode(reply.error, reply.data, plan.units_a[servo_id]) or "reset"

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final
 
 from drivers.burst import FIRST_REPLY_S
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
@@ -20,11 +19,9 @@ from drivers.dynamixel.servos import Servos
 from drivers.echo import Echo
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
-from drivers.readings import Outcome, fault, port_at, readings_of, refuse_stranger
+from drivers.readings import Outcome, port_at, readings_of, refuse_stranger
 from drivers.registers import ServoModel
 from drivers.turns import Steps, finish
-
-_UNPROVEN: Final = "has lost the map of its indirect registers, as after a reboot: no value was made of its answer"
 
 
 class DynamixelBus(ServoCalls):
@@ -68,7 +65,7 @@ class DynamixelBus(ServoCalls):
     def identify(self, servo_id: int, model: ServoModel) -> None:
         refuse_stranger(servo_id, self._single.number(servo_id), model, MODELS)
         series = series_of(model)
-        self._servos.take_for(servo_id, series)
+        self._servos.take_for(servo_id, model)
         misfit = series.misfit(lambda register: self.read(servo_id, register))
         if misfit:
             raise ServoRefused(servo_id, misfit)
@@ -117,13 +114,11 @@ class DynamixelBus(ServoCalls):
         """``readings_of``, alarms by name. Then what the maps need, if there is time."""
         readings = readings_of(asked, outcome)
         for servo_id, reading in readings.items():
-            if isinstance(reading, ServoState) and reading.alarms == ALARMED:
+            if not isinstance(reading, ServoState):
+                if reading.kind == "reset":
+                    self._maps.lost(servo_id)
+            elif reading.alarms == ALARMED:
                 readings[servo_id] = self._named(servo_id, reading, deadline_s)
-        if self._burst.unproven:
-            for servo_id in self._burst.unproven.intersection(asked):
-                readings[servo_id] = fault(servo_id, "corrupt", _UNPROVEN)
-            self._maps.lost(sorted(self._burst.unproven))
-            self._burst.unproven.clear()
         if self._maps.busy or self._reader.missed:
             self._maps.watch(self._reader.proofs())
             self._maps.tend(outcome, deadline_s)

@@ -31,13 +31,13 @@ LAST_OLD_X330: Final = 52
 _SHOWN: Final = (
     x.hardware_error_status,
     x.present_pwm,
-    x.present_current,  # or load, as the model is; not in ServoState, whose load is the PWM in all models
+    x.present_current,  # or load, as the model is; ServoState's load is the PWM in all models
     x.present_velocity,
     x.present_position,
     x.present_voltage,
     x.present_temperature,
 )
-_FIELDS: Final = Struct("<BBh2xiiHBB")
+_FIELDS: Final = Struct("<BBhhiiHBB")
 _SIZE: Final = _FIELDS.size
 _FIRST_PROOF: Final = POINTERS
 _LAST_PROOF: Final = POINTERS + 2 * (_SIZE - 1)
@@ -53,15 +53,15 @@ _ALARMS: Final = tuple(x.alarms(bits) or _UNKNOWN for bits in range(256))
 
 
 def _state(
-    error: int, _first: int, hardware_error: int, pwm: int, velocity: int, position: int, voltage: int,
-    temperature: int, _last: int,
+    unit_a: float | None, error: int, _first: int, hardware_error: int,
+    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int, _last: int,
 ) -> ServoState:  # fmt: skip
     alarms = _ALARMS[hardware_error] if hardware_error else alarmed(error)
-    return x_state(alarms, pwm, velocity, position, voltage, temperature)
+    return x_state(unit_a, alarms, pwm, current, velocity, position, voltage, temperature)
 
 
 def _block(address: int) -> StateBlock:
-    proof = ((0, _FIRST_PROOF & 0xFF), (7, _LAST_PROOF & 0xFF))
+    proof = ((0, _FIRST_PROOF & 0xFF), (8, _LAST_PROOF & 0xFF))
     return StateBlock(address, _SIZE, _FIELDS, _state, fast=True, proof=proof)
 
 

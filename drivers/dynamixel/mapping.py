@@ -7,7 +7,7 @@ written, read back, and then the cells are read. Only what they show is trusted.
 
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -112,17 +112,16 @@ class Maps:
         data = self._single.read(servo_id, cells).to_bytes(cells.size, ORDER)
         return "" if block.decode(0, data[: block.size]) else "does not show what it is to show"
 
-    def lost(self, servo_ids: Iterable[int]) -> None:
-        """These have answered without proof of their map."""
-        for servo_id in servo_ids:
-            if self._servos.is_mapped(servo_id):
-                LOG.warning(
-                    "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip "
-                    "of its supply?), and its torque went off. It is read by the direct block until it is mapped again",
-                    self._port.name,
-                    servo_id,
-                )
-                self._doubt(servo_id)
+    def lost(self, servo_id: int) -> None:
+        """It has answered without proof of its map."""
+        if self._servos.is_mapped(servo_id):
+            LOG.warning(
+                "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip of "
+                "its supply?), and its torque went off. It is read by the direct block until it is mapped again",
+                self._port.name,
+                servo_id,
+            )
+            self._doubt(servo_id)
 
     def _doubt(self, servo_id: int) -> None:
         """By the direct block, and mapped again after a while."""

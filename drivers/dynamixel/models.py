@@ -26,8 +26,9 @@ _MANY: Final = 1 << 31
 
 
 def x_state(
-    alarms: tuple[str, ...], pwm: int, velocity: int, position: int, voltage: int, temperature: int
-) -> ServoState:
+    unit_a: float | None, alarms: tuple[str, ...],
+    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
+) -> ServoState:  # fmt: skip
     """The numbers of an X series servo's registers in our units; ``alarms`` have their names already."""
     fields = (
         position,
@@ -36,12 +37,16 @@ def x_state(
         _VOLTAGES_V[voltage] if voltage < 256 else voltage * x_series.VOLTAGE_UNIT_V,
         float(temperature),
         alarms,
+        None if unit_a is None else current * unit_a,
     )
     return _new(ServoState, fields)
 
 
-def _x_direct(error: int, pwm: int, velocity: int, position: int, voltage: int, temperature: int) -> ServoState:
-    return x_state(alarmed(error), pwm, velocity, position, voltage, temperature)
+def _x_direct(
+    unit_a: float | None, error: int,
+    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
+) -> ServoState:  # fmt: skip
+    return x_state(unit_a, alarmed(error), pwm, current, velocity, position, voltage, temperature)
 
 
 def profile_units(velocity_counts_s: int) -> int:
@@ -74,9 +79,9 @@ X: Final = Series(
     blocks=blocks(
         (x_series.present_pwm, x_series.moving, x_series.realtime_tick, x_series.goal_position),
         x_series.STATE_BLOCK_END,
-        # PWM, velocity, position, voltage, temperature; between them what is current in one model and load
-        # in another, and the trajectory.
-        Struct("<h2xii8xHB"),
+        # PWM, current (or load, as the model is), velocity, position, voltage, temperature; between them the
+        # trajectory.
+        Struct("<hhii8xHB"),
         _x_direct,
         fast=True,
     ),
@@ -109,7 +114,9 @@ def _signed(raw: int) -> int:
     return -(raw & _SIGN - 1) if raw & _SIGN else raw & _SIGN - 1
 
 
-def _xl_state(error: int, position: int, speed: int, load: int, voltage: int, temperature: int) -> ServoState:
+def _xl_state(
+    _unit_a: None, error: int, position: int, speed: int, load: int, voltage: int, temperature: int
+) -> ServoState:
     return ServoState(
         position,
         round(_signed(speed) * xl320.SPEED_UNIT_COUNTS_S),

@@ -45,7 +45,7 @@ class StateReader:
         # that were missing are asked last, and whoever may have waited in vain is asked once more.
         firm, tried = self._absent.split(asked, math.inf)
         outcome = dict(self._burst.read(firm + self._queued(tried), (), math.inf)) if asked else {}
-        behind = tuple(i for i in self._note(outcome)[:-1] if i in firm)
+        behind = tuple(i for i in _worth_asking(self._note(outcome)[:-1], outcome) if i in firm)
         if behind:
             for servo_id in behind:
                 self._counters.of(servo_id).retries += 1
@@ -88,7 +88,7 @@ class StateReader:
         if not (self._burst.clean and firm == asked):
             missing = self._note(outcome)
             self.missed.update(missing)
-            self._ask_again(self._worth_asking([i for i in missing if i in firm]), outcome, deadline_s)
+            self._ask_again([i for i in _worth_asking(missing, outcome) if i in firm], outcome, deadline_s)
         elif self._absent:
             self._note(outcome)
         return outcome
@@ -96,10 +96,6 @@ class StateReader:
     def proofs(self) -> dict[int, bool]:
         """Who was asked in the last cycle for a block that proves itself, and whether a state came at once."""
         return {i: i not in self.missed for i, block in self._first.items() if block.proof}
-
-    def _worth_asking(self, missing: list[int]) -> list[int]:
-        """Not who answered without proof: it would do so again."""
-        return [i for i in missing if i not in self._burst.unproven]
 
     def _ask_again(self, missing: list[int], outcome: dict[int, Outcome], deadline_s: float) -> None:
         """Only what is missing, and only while there is time."""
@@ -110,7 +106,7 @@ class StateReader:
                 self._counters.of(servo_id).retries += 1
             again = self._burst.read((), tuple(missing), deadline_s)
             outcome.update(again)
-            missing = self._worth_asking(self._note(again))
+            missing = _worth_asking(self._note(again), again)
 
     def _has_time(self, servo_ids: Sequence[int], deadline_s: float) -> bool:
         """Whether those can be asked again and waited for."""
@@ -128,3 +124,8 @@ class StateReader:
     def _queued(self, servo_ids: tuple[int, ...]) -> tuple[int, ...]:
         """Those that were missing in the order in which to try them."""
         return tuple(i for i in self._queue if i in servo_ids)
+
+
+def _worth_asking(missing: list[int], outcome: Mapping[int, Outcome]) -> list[int]:
+    """Not who has lost its map: it would answer the same again."""
+    return [i for i in missing if outcome[i] != "reset"]

@@ -20,8 +20,9 @@ class StateBlock:
     """``size`` bytes from ``address`` that end with the state.
 
     ``fields`` are the state's numbers for ``struct``, at the block's end; ``state`` makes values of the
-    reply's error byte and of them. ``proof``: some of these numbers, by their place, and what each of them
-    is as long as the block is what it is taken for; otherwise the numbers mean nothing.
+    servo's unit of current (A; None where it measures none), of the reply's error byte and of them.
+    ``proof``: some of these numbers, by their place, and what each of them is as long as the block is what
+    it is taken for; otherwise the numbers mean nothing.
     """
 
     address: int
@@ -32,12 +33,12 @@ class StateBlock:
     """Whether some firmware answers a fast sync read of it."""
     proof: tuple[tuple[int, int], ...] = ()
 
-    def decode(self, error: int, data: bytes) -> ServoState | None:
+    def decode(self, error: int, data: bytes, unit_a: float | None = None) -> ServoState | None:
         """The state in one reply's data; None without proof."""
         numbers = self.fields.unpack_from(data, self.size - self.fields.size)
         if any(numbers[place] != value for place, value in self.proof):
             return None
-        return self.state(error, *numbers)
+        return self.state(unit_a, error, *numbers)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

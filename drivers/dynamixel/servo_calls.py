@@ -3,17 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from dynamixel_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, Protocol2PacketHandler
+from dynamixel_sdk import Protocol2PacketHandler
 
 from drivers.clock import Clock
 from drivers.dynamixel import wire
 from drivers.dynamixel.models import SERIES
 from drivers.dynamixel.servos import Servos
 from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.errors import ServoCorrupt, ServoError, ServoRefused
 from drivers.port import Port
+from drivers.readings import tried_with_each
 from drivers.registers import Register
-from drivers.sdk_port import SdkPort
+from drivers.sdk_port import SdkPort, raise_for
 
 ORDER: Final = "little"
 
@@ -102,13 +103,7 @@ class ServoCalls:
             off = {i: register.encode(0, ORDER) for i in servo_ids if self._servos.series(i) is kind}
             if off:
                 self._send(wire.sync_write(register.address, register.size, off))
-        failed: list[ServoError] = []
-        for servo_id in servo_ids:
-            try:
-                self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
-            except ServoError as error:
-                failed.append(error)
-        return failed
+        return tried_with_each(servo_ids, lambda i: self.write(i, self._servos.series(i).torque_enable, 0))
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         """Limit the drive to a share (0 to 1) of full drive until power-off."""
@@ -123,10 +118,7 @@ def _raise_for(servo_id: int, result: int, error: int = 0) -> None:
 
     The alert bit is no failure: alarms are states.
     """
-    if result == COMM_RX_CORRUPT:
-        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
-    if result != COMM_SUCCESS:
-        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")
+    raise_for(servo_id, result)
     number = error & ~wire.ALERT
     if number:
         raise ServoRefused(servo_id, wire.ERRORS.get(number, f"answered error {number}"))

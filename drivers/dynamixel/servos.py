@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from drivers.dynamixel.models import X, series_of
 from drivers.dynamixel.series import Series, StateBlock
+from drivers.dynamixel.x_series import CURRENT_UNIT_A
 from drivers.registers import ServoModel
 
 
@@ -11,6 +12,7 @@ class Servos:
     """By ID. Who is not known is taken to be of the X series until it is identified."""
 
     def __init__(self, models: Mapping[int, ServoModel]) -> None:
+        self._models = dict(models)
         self._series = {i: series_of(model) for i, model in models.items()}
         self._mapped: dict[int, tuple[StateBlock, ...]] = {}
         self.changes = 0
@@ -20,15 +22,21 @@ class Servos:
         """What the servo is."""
         return self._series.get(servo_id, X)
 
+    def current_unit_a(self, servo_id: int) -> float | None:
+        """What one unit of its present current is; None for one that measures none, or is not known yet."""
+        model = self._models.get(servo_id)
+        return CURRENT_UNIT_A.get(model.name) if model else None
+
     def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
         """What the servo may be asked for, the first if nothing speaks against it."""
         return self._mapped.get(servo_id) or self.series(servo_id).blocks
 
-    def take_for(self, servo_id: int, series: Series) -> None:
+    def take_for(self, servo_id: int, model: ServoModel) -> None:
         """What the servo is has been seen."""
-        if self.series(servo_id) is not series:
+        if self._models.get(servo_id) != model:
             self.changes += 1
-        self._series[servo_id] = series
+        self._models[servo_id] = model
+        self._series[servo_id] = series_of(model)
 
     def is_mapped(self, servo_id: int) -> bool:
         """Whether the state is asked for through indirect registers."""

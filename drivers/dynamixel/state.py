@@ -3,8 +3,9 @@
 Offsets and formats are computed once; a cycle then unpacks whole bursts.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from itertools import repeat
 from struct import Struct
 from typing import Final
 
@@ -16,6 +17,10 @@ from drivers.dynamixel.series import Series, StateBlock
 
 _HEAD_SIZE: Final = 8
 """Header, ID, length and instruction."""
+
+UnitsA = Iterable[float | None]
+"""What one unit of each servo's current is, in the order of the question; None for one that measures none."""
+NO_CURRENT: Final = repeat(None)
 
 _Layout = tuple[Struct, int, tuple[int, ...], Struct, list[tuple[int, int, int]]]
 
@@ -42,7 +47,9 @@ def _layout(servo_ids: tuple[int, ...], block: StateBlock) -> _Layout:
     return burst, numbers, tuple(int.from_bytes(head, "little") for head in heads), words, checks
 
 
-def burst(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> dict[int, ServoState] | None:
+def burst(
+    data: bytes, servo_ids: tuple[int, ...], block: StateBlock, units_a: UnitsA = NO_CURRENT
+) -> dict[int, ServoState] | None:
     """All states where ``data`` is exactly the replies of all servos in their order; None otherwise.
 
     None too where a reply is stuffed, has an error number, or does not prove what it is.
@@ -66,7 +73,7 @@ def burst(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> dict[in
     for place, value in block.proof:
         if columns[place].count(value) != len(servo_ids):
             return None
-    return dict(zip(servo_ids, map(block.state, errors, *columns), strict=True))
+    return dict(zip(servo_ids, map(block.state, units_a, errors, *columns), strict=True))
 
 
 @lru_cache(maxsize=64)
@@ -78,7 +85,9 @@ def _fast_layout(servo_ids: tuple[int, ...], block: StateBlock) -> tuple[bytes, 
     return wire.fast_head(len(servo_ids), block.size), layout, numbers
 
 
-def fast_whole(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> dict[int, ServoState] | None:
+def fast_whole(
+    data: bytes, servo_ids: tuple[int, ...], block: StateBlock, units_a: UnitsA = NO_CURRENT
+) -> dict[int, ServoState] | None:
     """All states where ``data`` is exactly the reply of all servos to a fast sync read; None otherwise.
 
     The last checksum goes over the whole packet: those of the pieces before need no look.
@@ -96,10 +105,12 @@ def fast_whole(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> di
     for place, value in block.proof:
         if columns[place].count(value) != len(servo_ids):
             return None
-    return dict(zip(servo_ids, map(block.state, errors, *columns), strict=True))
+    return dict(zip(servo_ids, map(block.state, units_a, errors, *columns), strict=True))
 
 
-def fast_burst(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> dict[int, ServoState | None]:
+def fast_burst(
+    data: bytes, servo_ids: tuple[int, ...], block: StateBlock, units_a: UnitsA = NO_CURRENT
+) -> dict[int, ServoState | None]:
     """The states of a fast sync read's one reply, up to the first servo that cannot be believed.
 
     Each servo's piece ends in a checksum of all that was sent before, so a piece is as sure as a packet.
@@ -111,7 +122,7 @@ def fast_burst(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> di
     if not data.startswith(wire.fast_head(len(servo_ids), block.size)):
         return states
     value, done = 0, 0
-    for n, servo_id in enumerate(servo_ids):
+    for n, (servo_id, unit_a) in enumerate(zip(servo_ids, units_a, strict=False)):
         at = wire.FAST_HEAD_SIZE + n * piece
         end = at + piece
         refused = len(data) >= end and data[at] & ~wire.ALERT
@@ -121,7 +132,7 @@ def fast_burst(data: bytes, servo_ids: tuple[int, ...], block: StateBlock) -> di
         if value != int.from_bytes(data[end - 2 : end], "little"):
             return states
         done = end - 2
-        states[servo_id] = None if refused else block.decode(data[at], data[at + 2 : end - 2])
+        states[servo_id] = None if refused else block.decode(data[at], data[at + 2 : end - 2], unit_a)
     return states
 
 

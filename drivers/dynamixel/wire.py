@@ -9,6 +9,7 @@ header occurs nowhere but at the beginning. Source: ROBOTIS e-manual, "Protocol 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from drivers.decoder import Decoder
 from drivers.dynamixel.crc import crc16
 
 BROADCAST_ID = 0xFE
@@ -105,70 +106,23 @@ def sync_write(address: int, size: int, data: Mapping[int, bytes]) -> bytes:
 
 
 @dataclass(slots=True)
-class ReplyDecoder:
-    """Finds replies with ``data_size`` bytes of data in a stream of any pieces and any garbage.
+class ReplyDecoder(Decoder[Reply]):
+    """Finds replies, stuffed or not. Sizes are those without the stuffing."""
 
-    The size is known from the request; a frame of another size is passed over, so that noise that
-    looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
-    of earlier requests) are found too.
-    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
-    counts the bytes since the last reply that belong to none.
-    """
+    HEADER = HEADER
 
-    data_size: int
-    other_sizes: frozenset[int] = frozenset()
-    corrupt_ids: list[int] = field(default_factory=list)
-    garbage: int = 0
-    _pending: bytes = b""
-
-    @property
-    def waiting(self) -> int:
-        """Bytes of a reply whose end has not come."""
-        return len(self._pending)
-
-    def feed(self, data: bytes) -> list[Reply]:
-        """The replies that end in ``data``."""
-        pending = self._pending + data
-        replies: list[Reply] = []
-        while (start := pending.find(HEADER)) >= 0:
-            self.garbage += start
-            pending = pending[start:]
-            taken = self._take(pending, replies)
-            if taken is None:
-                self._pending = pending
-                return replies
-            pending = pending[taken:]
-        begun = next(size for size in (3, 2, 1, 0) if pending.endswith(HEADER[:size]))
-        self.garbage += len(pending) - begun
-        self._pending = HEADER[:begun]
-        return replies
-
-    def finish(self) -> list[Reply]:
-        """Nothing more comes: the replies behind a false header that waited for its end."""
-        replies: list[Reply] = []
-        while self._pending:
-            rest, self._pending = self._pending[1:], b""
-            self.garbage += 1
-            replies += self.feed(rest)
-        return replies
-
-    def _take(self, pending: bytes, replies: list[Reply]) -> int | None:
-        """Judge what begins here; returns how many bytes are done with, None if more are needed."""
-        if len(pending) > 4 and pending[4] > LARGEST_ID:
-            return self._pass(1)
-        if len(pending) <= _HEAD:
+    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+        left = len(pending) - at
+        if left > 4 and pending[at + 4] > LARGEST_ID:
+            return self._pass()
+        if left <= _HEAD:
             return None
-        end = int.from_bytes(pending[5:7], "little") + _HEAD
-        if pending[_HEAD] != STATUS or not self._plausible(end):
-            return self._pass(1)
-        if len(pending) < end:
+        length = int.from_bytes(pending[at + 5 : at + 7], "little") + _HEAD
+        if pending[at + _HEAD] != STATUS or not self._plausible(length):
+            return self._pass()
+        if left < length:
             return None
-        return self._judge(pending[:end], replies)
-
-    def _pass(self, size: int) -> int:
-        """These bytes belong to no reply."""
-        self.garbage += size
-        return size
+        return self._judge(pending[at : at + length], replies)
 
     def _plausible(self, size: int) -> bool:
         """Whether a reply of a right size, stuffed or not, may be so long."""
@@ -178,7 +132,7 @@ class ReplyDecoder:
     def _judge(self, frame: bytes, replies: list[Reply]) -> int:
         if crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
             self.corrupt_ids.append(frame[4])
-            return self._pass(1)  # a true frame may begin inside the false one
+            return self._pass()
         body = unstuffed(frame[_HEAD:-2])
         size = len(body) - 2
         if size != self.data_size and size not in self.other_sizes:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final, cast
 
-from scservo_sdk import COMM_RX_CORRUPT, COMM_SUCCESS, INST_READ, PacketHandler
+from scservo_sdk import INST_READ, PacketHandler
 
 from drivers.absent import AbsenceWatch
 from drivers.burst import BITS_PER_BYTE, TRIED_GAP_S
@@ -13,13 +13,13 @@ from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoError, ServoSilent
+from drivers.errors import ServoCorrupt, ServoError
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
 from drivers.port import Port
-from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger
+from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger, tried_with_each
 from drivers.registers import Register, ServoModel
-from drivers.sdk_port import SdkPort
+from drivers.sdk_port import SdkPort, raise_for
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
@@ -55,7 +55,7 @@ class FeetechBus:
         request = [0, 0, servo_id, 4, INST_READ, register.address, register.size, 0]
         self._burst.clean = False
         reply, result, _ = self._sdk.txRxPacket(self._sdk_port, request)
-        _raise_for(servo_id, result)
+        raise_for(servo_id, result)
         data = reply[5 : reply[3] + 3]
         if len(data) != register.size:
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
@@ -65,7 +65,7 @@ class FeetechBus:
         data = list(register.encode(value, _ORDER))
         self._burst.clean = False
         result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
-        _raise_for(servo_id, result)
+        raise_for(servo_id, result)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
         if deadline_s is not None:
@@ -163,13 +163,7 @@ class FeetechBus:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
         off = {servo_id: sts.torque_enable.encode(0, _ORDER) for servo_id in servo_ids}
         self._burst.send(wire.sync_write(sts.torque_enable.address, sts.torque_enable.size, off))
-        failed: list[ServoError] = []
-        for servo_id in servo_ids:
-            try:
-                self.write(servo_id, sts.torque_enable, 0)
-            except ServoError as error:
-                failed.append(error)
-        return failed
+        return tried_with_each(servo_ids, lambda servo_id: self.write(servo_id, sts.torque_enable, 0))
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         self.write(servo_id, sts.torque_limit, round(share / sts.TORQUE_UNIT))
@@ -182,12 +176,3 @@ class FeetechBus:
 
     def close(self) -> None:
         self._port.close()
-
-
-def _raise_for(servo_id: int, result: int) -> None:
-    """Turn the SDK's result code into an error. The status byte is no failure: alarms are states."""
-    if result == COMM_SUCCESS:
-        return
-    if result == COMM_RX_CORRUPT:
-        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
-    raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

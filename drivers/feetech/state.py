@@ -90,6 +90,7 @@ def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, Servo
             _VOLTAGES_V[voltage],
             _TEMPERATURES_C[temperature],
             _ALARMS[status],
+            None,
         )
         states[servo_id] = _new(ServoState, fields)
     return states

@@ -8,6 +8,8 @@ from id on. Source: Feetech's "communication protocol" manual; the SDK's protoco
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from drivers.decoder import Decoder
+
 BROADCAST_ID = 0xFE
 HEADER = b"\xff\xff"
 OVERHEAD = 6
@@ -48,71 +50,24 @@ def sync_write(address: int, size: int, data: Mapping[int, bytes]) -> bytes:
 
 
 @dataclass(slots=True)
-class ReplyDecoder:
-    """Finds replies with ``data_size`` bytes of data in a stream of any pieces and any garbage.
+class ReplyDecoder(Decoder[Reply]):
+    """Finds replies."""
 
-    The size is known from the request; a frame of another size is passed over, so that noise that
-    looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
-    of earlier requests) are found too.
-    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
-    counts the bytes since the last reply that belong to none.
-    """
+    HEADER = HEADER
 
-    data_size: int
-    other_sizes: frozenset[int] = frozenset()
-    corrupt_ids: list[int] = field(default_factory=list)
-    garbage: int = 0
-    _pending: bytes = b""
-
-    @property
-    def waiting(self) -> int:
-        """Bytes of a reply whose end has not come."""
-        return len(self._pending)
-
-    def feed(self, data: bytes) -> list[Reply]:
-        """The replies that end in ``data``."""
-        pending = self._pending + data
-        replies: list[Reply] = []
-        at = 0
-        while (start := pending.find(HEADER, at)) >= 0:
-            self.garbage += start - at
-            at = start
-            end = self._end(pending, at)
-            if end > len(pending):
-                self._pending = pending[at:]
-                return replies
-            at += self._take(pending[at:end], replies)
-        at_end = len(pending) - pending.endswith(b"\xff", at)
-        self.garbage += at_end - at
-        self._pending = pending[at_end:]
-        return replies
-
-    def finish(self) -> list[Reply]:
-        """Nothing more comes: the replies behind a false header that waited for its end."""
-        replies: list[Reply] = []
-        while self._pending:
-            rest, self._pending = self._pending[1:], b""
-            self.garbage += 1
-            replies += self.feed(rest)
-        return replies
-
-    def _end(self, pending: bytes, at: int) -> int:
-        """Where a frame that begins at ``at`` would end; where it begins, if it can be none."""
+    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         left = len(pending) - at
         if left > 2 and pending[at + 2] > _LARGEST_ID:
-            return at
+            return self._pass()
         size = pending[at + 3] - 2 if left > 3 else self.data_size
         if size != self.data_size and size not in self.other_sizes:
-            return at
-        return at + size + OVERHEAD
-
-    def _take(self, frame: bytes, replies: list[Reply]) -> int:
-        """Judge what may be a frame; returns how many bytes are done with."""
-        if frame and ~sum(frame[2:-1]) & 0xFF == frame[-1]:
-            replies.append(Reply(frame[2], frame[4], frame[5:-1], self.garbage))
-            self.garbage = 0
-            return len(frame)
-        if frame:
+            return self._pass()
+        if left < size + OVERHEAD:
+            return None
+        frame = pending[at : at + size + OVERHEAD]
+        if ~sum(frame[2:-1]) & 0xFF != frame[-1]:
             self.corrupt_ids.append(frame[2])
-        self.garbage += 1
-        return 1  # a true frame may begin inside the false one
+            return self._pass()
+        replies.append(Reply(frame[2], frame[4], frame[5:-1], self.garbage))
+        self.garbage = 0
+        return len(frame)

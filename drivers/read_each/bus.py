@@ -18,7 +18,7 @@ from drivers.read_each.identify import identify
 from drivers.read_each.line import RETRY_GAP_S, Line
 from drivers.read_each.sdk import SingleServo
 from drivers.read_each.series import series_of
-from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of
+from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of, tried_with_each
 from drivers.registers import Register, ServoModel
 from drivers.sdk_port import SdkPort
 from drivers.turns import Steps, finish
@@ -190,13 +190,7 @@ class ReadEachBus:
         register = self._series.torque_enable
         off = {servo_id: register.encode(0, self._series.byte_order) for servo_id in servo_ids}
         self._line.send(wire.sync_write(register.address, register.size, off))
-        failed: list[ServoError] = []
-        for servo_id in servo_ids:
-            try:
-                self.write(servo_id, register, 0)
-            except ServoError as error:
-                failed.append(error)
-        return failed
+        return tried_with_each(servo_ids, lambda servo_id: self.write(servo_id, register, 0))
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         series = self._series

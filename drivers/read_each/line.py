@@ -3,15 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from drivers.burst import BITS_PER_BYTE
-from drivers.bus import ServoState
+from drivers.burst import Burst
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
 from drivers.feetech import wire
-from drivers.owed import Missed, OwedReplies
+from drivers.hearing import Hearing
+from drivers.owed import Missed
 from drivers.port import Port
-from drivers.read_each.hearing import Hearing
 from drivers.read_each.patience import FIRM_S, FIRST_REPLY_S, SPARE_S, Patience
 from drivers.read_each.series import Series, StateOf
 from drivers.readings import Outcome
@@ -34,7 +33,7 @@ def bulk_packet(servo_ids: tuple[int, ...], address: int, size: int) -> bytes:
     return wire.packet(wire.BROADCAST_ID, BULK_READ, b"\0" + asked)
 
 
-class Line:
+class Line(Burst[wire.Reply]):
     """Reads of the state on one port. Counts what goes wrong; raises only PortLost."""
 
     def __init__(
@@ -46,34 +45,18 @@ class Line:
         series: Series,
         state_of: Mapping[int, StateOf],
     ) -> None:
-        self._port = port
-        self._clock = clock
-        self._echo = echo
-        self._counters = counters
+        super().__init__(port, clock, echo, counters)
         self._address = series.state_address
         self._state_of = state_of
-        self._owed = OwedReplies()
         self._sizes = series.state_sizes
         self._largest = max(series.state_sizes)
-        self.byte_s = BITS_PER_BYTE / port.baud
-        self._busy_until_s = 0.0
         self.patience = Patience()
-        self.clean = False
-        """Whether the last answer was whole, so that nothing can be left to throw away."""
 
     def question(self, servo_ids: tuple[int, ...], size: int) -> bytes:
         """A read for one servo, a bulk read for several."""
         if len(servo_ids) == 1:
             return read_packet(servo_ids[0], self._address, size)
         return bulk_packet(servo_ids, self._address, size)
-
-    def send(self, packet: bytes) -> None:
-        """A packet that nobody answers. Its echo, if there is one, is taken off the line at once."""
-        self._port.write(packet)
-        on_wire_s = len(packet) * self.byte_s
-        self._busy_until_s = max(self._busy_until_s, self._clock.now()) + on_wire_s
-        if self._echo.present:
-            self._port.read(len(packet), self._busy_until_s + on_wire_s + FIRM_S)
 
     def steps(
         self, servo_ids: tuple[int, ...], firm: bool, deadline_s: float, before: bytes = b""
@@ -91,13 +74,28 @@ class Line:
         self.clean = False
         self._port.write(sent)
         yield
-        hearing = Hearing(servo_ids, size, wire.ReplyDecoder(size, self._owed.sizes() - {size}))
-        self._listen(hearing, sent, begin_s + len(sent) * self.byte_s, firm, deadline_s)
-        return self._judge(hearing)
+        decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
+        hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
+        self._listen(hearing, servo_ids, sent, begin_s + len(sent) * self.byte_s, firm, deadline_s)
+        noise = self._counters.noise
+        outcome = self._judge(hearing)
+        whole = len(hearing.answered) == len(hearing.replies) == len(servo_ids)
+        self.clean = whole and self._counters.noise == noise
+        if self.clean and self._echo.present is None:
+            self._echo.present = False
+        return outcome
 
-    def _listen(self, hearing: Hearing, sent: bytes, sent_s: float, firm: bool, deadline_s: float) -> None:
+    def _listen(
+        self,
+        hearing: Hearing[wire.Reply],
+        servo_ids: tuple[int, ...],
+        sent: bytes,
+        sent_s: float,
+        firm: bool,
+        deadline_s: float,
+    ) -> None:
         """The whole answer if it comes in time, or else piece by piece until the line falls silent."""
-        expected = hearing.frame_size * len(hearing.servo_ids)
+        expected = hearing.lacking(servo_ids)
         due_s = sent_s + expected * self.byte_s
         wait_s = self.patience.wait_s(firm)
         data = self._port.read(expected + self._echo.expected(sent), min(due_s + wait_s, deadline_s))
@@ -105,63 +103,29 @@ class Line:
             data = self._echo.strip(sent, data)
         hearing.feed(data)
         end_s = min(self._clock.now() + FIRST_REPLY_S, deadline_s)  # however much noise there is
-        while data and (lacking := hearing.lacking):
+        while data and (lacking := hearing.lacking(servo_ids)):
             gap_s = min(wait_s, RETRY_GAP_S) if hearing.replies else wait_s
             data = self._port.read(lacking, min(self._clock.now() + lacking * self.byte_s + gap_s, end_s))
             hearing.feed(data)
         hearing.finish()
-        if not hearing.lacking:
+        if not hearing.lacking(servo_ids):
             self.patience.heard(max(0.0, self._clock.now() - due_s))
         elif not hearing.answered:
             self.patience.in_vain()
 
-    def _judge(self, hearing: Hearing) -> dict[int, Outcome]:
-        """A value or a fault for everyone who was asked, each counted once."""
-        outcome: dict[int, Outcome] = {}
-        belated: set[int] = set()
-        for reply in hearing.replies:
-            if hearing.wanted(reply):
-                self._counters.strange += reply.servo_id in outcome
-                outcome[reply.servo_id] = self._state_of[reply.servo_id](reply.status, reply.data)
-            elif counted := self._owed.settle(reply.servo_id, len(reply.data)):
-                belated.add(reply.servo_id)
-                self._was_late(reply.servo_id, counted)
-            else:
-                self._counters.strange += 1
-        corrupt, noise = hearing.spoiled()
-        self._counters.noise += noise
-        self.clean = len(outcome) == len(hearing.replies) == len(hearing.servo_ids) and not noise
-        if self.clean and self._echo.present is None:
-            self._echo.present = False
-        for servo_id in hearing.servo_ids:
-            if servo_id not in outcome:
-                outcome[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in belated else "silent"
-        self._count(outcome, hearing.size)
-        return outcome
+    def _said(self, reply: wire.Reply) -> Outcome:
+        return self._state_of[reply.servo_id](reply.status, reply.data)
+
+    def _count(
+        self, outcome: Mapping[int, Outcome], sizes: Mapping[int, int], belated: Sequence[tuple[int, Missed]]
+    ) -> None:
+        super()._count(outcome, sizes, belated)
+        if belated:
+            self.patience.heard_late()
 
     def _free_size(self, servo_ids: tuple[int, ...], now_s: float) -> int:
         self._owed.forget(now_s)
         return self._sizes[self._owed.free(dict.fromkeys(servo_ids, self._sizes))]
-
-    def _was_late(self, servo_id: int, counted: Missed) -> None:
-        """What was taken for silence, or for the garbage that came, was a late reply."""
-        self._counters.of(servo_id).came_late(counted)
-        self.patience.heard_late()
-
-    def _count(self, outcome: Mapping[int, Outcome], size: int) -> None:
-        now_s = self._clock.now()
-        for servo_id, what in outcome.items():
-            account = self._counters.of(servo_id)
-            if isinstance(what, ServoState):
-                account.replies += 1
-                account.alarms += bool(what.alarms)
-            elif what == "corrupt":
-                # It may be another's garbage, and its own reply still to come.
-                account.corrupt += 1
-                self._owed.owe(servo_id, size, now_s, "corrupt")
-            else:
-                account.silent += 1
-                self._owed.owe(servo_id, size, now_s, "silent")
 
     def has_time(self, servo_ids: tuple[int, ...], deadline_s: float, gap_s: float = 0.0) -> bool:
         """Whether they can be asked and answer before the deadline."""

@@ -1,18 +1,13 @@
 """Single-servo instructions by the makers' SDKs, and their results as errors."""
 
-from typing import Any, Final
+from typing import Any
 
-import dynamixel_sdk
-import scservo_sdk
-from dynamixel_sdk import COMM_SUCCESS, INST_PING, INST_READ
+from dynamixel_sdk import INST_PING, INST_READ
 
-from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
+from drivers.errors import ServoCorrupt, ServoRefused
 from drivers.read_each.series import Series
 from drivers.registers import Register
-from drivers.sdk_port import SdkPort
-
-_CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
-"""The other numbers are the same in both, or mean no answer."""
+from drivers.sdk_port import SdkPort, raise_for
 
 
 class SingleServo:
@@ -27,7 +22,7 @@ class SingleServo:
         """Raise ServoSilent unless it is there."""
         # Not the SDK's ping, which reads the model number too: a servo may answer pings alone.
         _, result, _ = self._sdk.txRxPacket(self._port, [0, 0, servo_id, 2, INST_PING, 0])
-        _raise_for(servo_id, result)
+        raise_for(servo_id, result)
 
     def read(self, servo_id: int, register: Register) -> int:
         """One register."""
@@ -48,15 +43,8 @@ class SingleServo:
 
     def _check(self, servo_id: int, result: int, error: int) -> None:
         """A bit that speaks of the instruction refuses it; the others are no failure: alarms are states."""
-        _raise_for(servo_id, result)
+        raise_for(servo_id, result)
         refused = error & self._series.refusals
         if refused:
             names = " and ".join(self._series.alarms(refused))
             raise ServoRefused(servo_id, f"refused the instruction ({names} error)")
-
-
-def _raise_for(servo_id: int, result: int) -> None:
-    if result in _CORRUPT:
-        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
-    if result != COMM_SUCCESS:
-        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

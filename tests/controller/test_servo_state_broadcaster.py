@@ -11,11 +11,11 @@ from hal.types import JointState, ServoHealth
 
 NAN = float("nan")
 JOINTS = ("base", "wrist")
-COUNTERS = ServoCounters(replies=9, silent=1, corrupt=2, late=3, alarms=4, retries=5, skipped=6)
+COUNTERS = ServoCounters(replies=9, silent=1, corrupt=2, late=3, reset=7, alarms=4, retries=5, skipped=6)
 
 
 def state() -> JointState:
-    health = {"wrist": ServoHealth(11.5, 41.0, ("overload", "overheating"), COUNTERS, -0.25)}
+    health = {"wrist": ServoHealth(11.5, 41.0, ("overload", "overheating"), COUNTERS, -0.25, 0.4)}
     return JointState(1.0, np.zeros(2), np.zeros(2), np.zeros(2), {"wrist": "wrist: no reply"}, health)
 
 
@@ -40,24 +40,26 @@ def test_each_servo_has_all_values_by_name() -> None:
         "temperature": 41.0,
         "voltage": 11.5,
         "load": -0.25,
+        "current": 0.4,
         "alarms": 2.0,
         "fault": 1.0,
         "replies": 9.0,
         "silent": 1.0,
         "corrupt": 2.0,
         "late": 3.0,
+        "reset": 7.0,
         "alarm_replies": 4.0,
         "retries": 5.0,
         "skipped": 6.0,
     }
     assert dict(zip(controller.interfaces["base"], base, strict=True))["fault"] == 0.0
-    np.testing.assert_equal(np.delete(base, 4), [NAN] * 11)
+    np.testing.assert_equal(np.delete(base, 5), [NAN] * 13)
 
 
 def test_a_servo_without_an_account_of_its_bus_has_no_counters() -> None:
-    controller = broadcaster(joints=["base"], interfaces=["silent", "voltage", "load"])
+    controller = broadcaster(joints=["base"], interfaces=["silent", "voltage", "load", "current"])
     standing = replace(state(), health={"base": ServoHealth(7.4, 30.0)})
-    np.testing.assert_equal(controller.values(standing), [[NAN, 7.4, NAN]])
+    np.testing.assert_equal(controller.values(standing), [[NAN, 7.4, NAN, NAN]])
 
 
 def test_joints_and_interfaces_can_be_chosen() -> None:
@@ -70,7 +72,7 @@ def test_joints_and_interfaces_can_be_chosen() -> None:
     ("parameters", "words"),
     [
         ({"joints": ["elbow"]}, "joints names elbow: take out what is not among base, wrist"),
-        ({"interfaces": ["current"]}, "interfaces names current: take out what is not among temperature, voltage"),
+        ({"interfaces": ["power"]}, "interfaces names power: take out what is not among temperature, voltage"),
     ],
 )
 def test_what_is_not_there_is_refused_with_what_is(parameters: dict[str, list[str]], words: str) -> None:

@@ -65,6 +65,7 @@ class TrueLine:
             (x.hardware_error_status, self.errors[servo_id]),
             (x.present_position, self.number * 7 - servo_id * 1000),
             (x.present_pwm, -servo_id),
+            (x.present_current, 3 * servo_id - self.number % 50),
             (x.present_velocity, self.number % 50),
             (x.present_voltage, 100 + servo_id),
             (x.present_temperature, 30 + servo_id),
@@ -74,13 +75,17 @@ class TrueLine:
     def holds(self, servo_id: int, reading: ServoState) -> bool:
         """Whether it is the servo's state in this very cycle; its alarms by name, or at least that there are some."""
         names = x.alarms(self.errors[servo_id])
-        return reading[:5] == (
+        unit_a = x.CURRENT_UNIT_A.get(self.models[servo_id].name)
+        wanted = (
             self.number * 7 - servo_id * 1000,
             round(self.number % 50 * x.VELOCITY_UNIT_COUNTS_S),
             -servo_id / x.FULL_PWM,
             pytest.approx((100 + servo_id) / 10.0),
             30.0 + servo_id,
-        ) and reading.alarms in ((names, ALARMED) if names else ((),))
+            reading.alarms,
+            unit_a and pytest.approx((3 * servo_id - self.number % 50) * unit_a),
+        )
+        return reading == wanted and reading.alarms in ((names, ALARMED) if names else ((),))
 
     def cycle(self) -> dict[int, Reading]:
         """One cycle; every value is held against the truth."""

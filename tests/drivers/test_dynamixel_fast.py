@@ -29,7 +29,7 @@ Spoil = Callable[[bytes], bytes]
 
 def numbers(servo_id: int) -> bytes:
     """A state that says the servo."""
-    return BLOCK.fields.pack(servo_id, -servo_id, 1000 * servo_id, 120, 30)
+    return BLOCK.fields.pack(servo_id, 2 * servo_id, -servo_id, 1000 * servo_id, 120, 30)
 
 
 def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> bytes:
@@ -234,7 +234,11 @@ def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCapt
 def test_the_whole_and_its_pieces_give_the_same_states() -> None:
     for block in X.blocks:
         whole = fast_reply(block.size, error=wire.ALERT)
-        assert state.fast_whole(whole, IDS, block) == state.fast_burst(whole, IDS, block)
+        units_a = (None, 0.001, None, 0.00269)
+        states = state.fast_whole(whole, IDS, block, units_a)
+        assert states is not None
+        assert [reading.current_a for reading in states.values()] == [None, 0.004, None, 8 * 0.00269]
+        assert states == state.fast_burst(whole, IDS, block, units_a)
         assert state.fast_whole(whole + b"\0", IDS, block) is state.fast_whole(whole, IDS[::-1], block) is None
         assert state.fast_whole(fast_reply(block.size, error=2), IDS, block) is None
 

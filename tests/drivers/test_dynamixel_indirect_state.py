@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from drivers.bus import ServoFault, ServoGoal, ServoState
 from drivers.dynamixel import indirect, mapping, wire, xl320
 from drivers.dynamixel import x_series as x
+from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.indirect import AT_208, AT_224, MAP, block_for
 from drivers.dynamixel.series import ALARMED
 from drivers.registers import Register
@@ -82,8 +83,6 @@ def test_a_line_whose_cells_lie_apart_by_one_bulk_read() -> None:
 @pytest.mark.parametrize("firmware", [46, 53])
 def test_every_model_shows_what_its_registers_hold(model: Any, firmware: int) -> None:
     line = TrueLine({1: model}, {1: firmware}).identified()
-    at_126 = x.present_current if model.name in x.CURRENT_UNIT_A else x.present_load
-    line.servos.servo(1).memory.put(at_126, -321)
     block = block_for(model, firmware)
     assert block is not None
     window = windows_of(model, firmware)[0]
@@ -97,8 +96,45 @@ def test_every_model_shows_what_its_registers_hold(model: Any, firmware: int) ->
         shown[register.name] = register.decode(cells[at : at + register.size], "little")
         at += register.size
     assert at == block.size - 1
-    assert shown.pop("present_current") == -321
+    assert shown.pop("present_current") == 3 - line.number % 50
     assert shown == {name: line.bus.read(1, getattr(x, name)) for name in shown}
+
+
+AMPERES = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269}
+
+
+@pytest.mark.parametrize("mapped", [True, False])
+@pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
+def test_the_current_is_in_amperes_where_the_model_measures_it(model: Any, mapped: bool) -> None:
+    unit_a = AMPERES.get(model.name[:5])
+    line = TrueLine({1: model}).identified() if mapped else TrueLine({1: model})
+    for number in (7, 49):
+        line.number = number
+        for deadline_s in (None, line.clock.now() + 0.02):
+            reading = line.bus.read_states((1,), deadline_s)[1]
+            assert isinstance(reading, ServoState)
+            assert reading.current_a == (unit_a and pytest.approx((3 - number) * unit_a))
+    assert (line.mapped() == {1}) is mapped
+
+
+def test_models_with_and_without_a_current_share_one_fast_read() -> None:
+    line = TrueLine({1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350}, {2: 53}).identified()
+    readings = line.cycle()
+    assert [i.code for i in line.taken()] == [Code.FAST_SYNC_READ]
+    assert [r.current_a is None for r in readings.values() if isinstance(r, ServoState)] == [True, False, False]
+
+
+def test_another_model_in_its_place_has_its_own_current() -> None:
+    """As a program finds it that was told of no model before."""
+    line = TrueLine({1: x.XM430_W350})
+    line.bus = DynamixelBus(line.port, line.clock)
+    for model, current in ((x.XM430_W350, 2 * 0.00269), (x.XL330_M288, 0.002), (x.XL430_W250, None)):
+        line.servos.servo(1).memory.put(x.model_number, model.number)
+        line.bus.identify(1, model)
+        line.number = 1
+        reading = line.bus.read_states((1,))[1]
+        assert isinstance(reading, ServoState)
+        assert reading.current_a == current
 
 
 def test_a_servo_that_is_not_identified_is_read_directly() -> None:
@@ -152,7 +188,7 @@ def test_the_map_names_the_registers_and_its_own_ends() -> None:
     places = [int.from_bytes(MAP[i : i + 2], "little") for i in range(0, len(MAP), 2)]
     assert places == [168, 70, *range(124, 136), *range(144, 147)[:0], *places[14:]]
     assert places[14:] == [144, 145, 146, 202]
-    assert (AT_224.proof, AT_208.proof) == (((0, 168), (7, 202)),) * 2
+    assert (AT_224.proof, AT_208.proof) == (((0, 168), (8, 202)),) * 2
 
 
 # Proof
@@ -180,7 +216,7 @@ def test_a_servo_that_was_reset_is_a_fault_then_direct_then_mapped_again(
         readings = line.cycle()
         fault = readings.pop(victim)
         assert isinstance(fault, ServoFault)
-        assert (fault.kind, "lost the map" in fault.text) == ("corrupt", True)
+        assert (fault.kind, "lost the map" in fault.text) == ("reset", True)
         assert all(isinstance(reading, ServoState) for reading in readings.values())
         assert line.mapped() == set(line.ids) - {victim}
         for _ in range(30):
@@ -188,14 +224,15 @@ def test_a_servo_that_was_reset_is_a_fault_then_direct_then_mapped_again(
         assert line.mapped() == set(line.ids)
         assert [r.levelname for r in caplog.records if f"servo {victim} has lost" in r.message] == ["WARNING"]
         account = line.bus.counters.of(victim)
-        assert (account.corrupt, account.silent, account.late) == (1, 0, 0)
+        assert (account.reset, account.corrupt, account.silent, account.late) == (1, 0, 0, 0)
+        assert line.bus.counters.faults()["reset"] == account.as_dict()["reset"] == 1
 
 
 def test_all_of_them_at_once() -> None:
     line = seven()
     for servo_id in line.ids:
         line.reset(servo_id)
-    assert set(line.faults()) == set(line.ids)
+    assert line.faults() == dict.fromkeys(line.ids, "reset")
     for _ in range(40):
         assert line.faults() == {}
     assert line.mapped() == set(line.ids)
@@ -429,6 +466,7 @@ def test_thousands_of_cycles_on_a_bad_line_with_servos_that_are_reset(make: Any,
         states += sum(isinstance(reading, ServoState) for reading in line.cycle().values())
     assert resets > CYCLES * len(line.ids) * 0.001
     assert states > 0.97 * CYCLES * len(line.ids)
+    assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + mapping.LONGEST_PAUSE_S)
     for _ in range(30):
@@ -491,7 +529,7 @@ def test_behind_our_own_echo_too() -> None:
     line.port.write, line.port.read, line.port.discard_input = echoing, heard, discarded  # type: ignore[method-assign]
     line.identified()
     line.reset(3)
-    assert set(line.faults()) == {3}
+    assert line.faults() == {3: "reset"}
     for _ in range(40):
         assert line.faults() == {}
     assert line.mapped() == set(line.ids)

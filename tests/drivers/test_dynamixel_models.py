@@ -200,6 +200,7 @@ def mixed() -> tuple[Tables, DynamixelBus]:
     place_xl320(port, 2)
     for servo_id in (1, 5, 9):
         port.put(servo_id, x_series.present_position, 100 * servo_id)
+        port.put(servo_id, x_series.present_current, -50)  # only the last one's is none of its load
         port.put(servo_id, x_series.present_voltage, 120)
     return port, DynamixelBus(port, port.clock, MIXED)
 
@@ -211,7 +212,8 @@ def test_a_mixed_line_by_a_bulk_read_and_a_sync_write_a_series() -> None:
     assert list(states) == list(IDS)
     assert states[2] == XL320_STATE
     for i in (1, 5, 9):
-        assert states[i] == (100 * i, 0, 0.0, pytest.approx(12.0), 0.0, ())
+        current = pytest.approx(-0.05) if i == 9 else None
+        assert states[i] == (100 * i, 0, 0.0, pytest.approx(12.0), 0.0, (), current)
     assert [i.code for i in port.sent] == [Code.SYNC_WRITE, Code.SYNC_WRITE, Code.BULK_READ]
     assert [bus.goal(i) for i in IDS] == [101, 102, 105, 109]
     assert bus.read_states(IDS) == states

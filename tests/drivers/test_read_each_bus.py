@@ -15,9 +15,11 @@ from drivers.feetech import scs, sts, wire
 from drivers.feetech.bus import FeetechBus
 from drivers.makes import MODELS, bus_for, language_of, make_of
 from drivers.read_each.bus import ReadEachBus
+from drivers.read_each.series import series_of
 from drivers.registers import ServoModel
 from sim_backend.clock import SimulatedClock
-from tests.drivers.read_each_lines import IDS, KINDS, Kind, Line
+from tests.drivers.fault_lines import IDS, Kind, Line
+from tests.drivers.fault_lines import READ_EACH as KINDS
 from tests.drivers.tape import Tape
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -107,7 +109,7 @@ def test_a_mode_in_which_goals_mean_something_else_is_refused(kind: Kind, limits
 )
 def test_a_servo_that_does_not_answer_everything_is_refused(kind: Kind, level: int, text: str) -> None:
     line = Line(kind)
-    line.servos.servo(3).memory.put(kind.series.status_level, level)
+    line.servos.servo(3).memory.put(series_of((kind.model,)).status_level, level)
     with pytest.raises(ServoRefused, match=text):
         line.bus.identify(3, kind.model)
 
@@ -132,7 +134,7 @@ def test_a_corrupt_reply_is_named(kind: Kind) -> None:
     line.faults.corrupt_next(3)
     with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
         line.bus.goal(3)
-    assert line.bus.goal(3) == line.held(3, kind.series.goal_position)
+    assert line.bus.goal(3) == line.held(3, series_of((kind.model,)).goal_position)
 
 
 @every_kind
@@ -165,9 +167,9 @@ def test_an_alarm_is_no_failure_but_a_refused_instruction_is() -> None:
 @every_kind
 def test_states_have_units_and_signs(kind: Kind) -> None:
     order = kind.order
-    speed = 0x8064 if kind.series.byte_order == "big" else 0x0464
+    speed = 0x8064 if order == "big" else 0x0464
     raw = (700).to_bytes(2, order) + speed.to_bytes(2, order) + (0x05F4).to_bytes(2, order) + bytes((118, 41))
-    bus, _, _ = scripted(Kind(kind.name, {1: kind.model}, kind.series), wire.packet(1, 0x24, raw))
+    bus, _, _ = scripted(Kind(kind.name, {1: kind.model}), wire.packet(1, 0x24, raw))
     unit = 1.0 if order == "big" else dxl.SPEED_UNIT_COUNTS_S[kind.model.name]
     full = 1000.0 if order == "big" else 1023.0
     assert bus.read_states([1])[1] == ServoState(

@@ -1,0 +1,86 @@
+"""Finding replies in a stream of any pieces and any garbage, whatever the packets."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, Protocol, TypeVar
+
+
+class AnyReply(Protocol):
+    """A packet whose checksum is right."""
+
+    @property
+    def servo_id(self) -> int: ...
+
+    @property
+    def data(self) -> bytes: ...
+
+    @property
+    def garbage(self) -> int:
+        """Bytes before it that belong to no reply."""
+        ...
+
+
+ReplyT = TypeVar("ReplyT", bound=AnyReply)
+
+
+@dataclass(slots=True)
+class Decoder(ABC, Generic[ReplyT]):
+    """Finds replies with ``data_size`` bytes of data.
+
+    The size is known from the request; a frame of another size is passed over, so that noise that
+    looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
+    of earlier requests) are found too.
+    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
+    counts the bytes since the last reply that belong to none.
+    """
+
+    HEADER: ClassVar[bytes]
+
+    data_size: int
+    other_sizes: frozenset[int] = frozenset()
+    corrupt_ids: list[int] = field(default_factory=list)
+    garbage: int = 0
+    _pending: bytes = b""
+
+    @property
+    def waiting(self) -> int:
+        """Bytes of a reply whose end has not come."""
+        return len(self._pending)
+
+    def feed(self, data: bytes) -> list[ReplyT]:
+        """The replies that end in ``data``."""
+        header = self.HEADER
+        pending = self._pending + data
+        replies: list[ReplyT] = []
+        at = 0
+        while (start := pending.find(header, at)) >= 0:
+            self.garbage += start - at
+            taken = self._take(pending, start, replies)
+            if taken is None:
+                self._pending = pending[start:]
+                return replies
+            at = start + taken
+        size = len(header) - 1
+        while not pending.endswith(header[:size], at):
+            size -= 1
+        self.garbage += len(pending) - size - at
+        self._pending = header[:size]
+        return replies
+
+    def finish(self) -> list[ReplyT]:
+        """Nothing more comes: the replies behind a false header that waited for its end."""
+        replies: list[ReplyT] = []
+        while self._pending:
+            rest, self._pending = self._pending[1:], b""
+            self.garbage += 1
+            replies += self.feed(rest)
+        return replies
+
+    @abstractmethod
+    def _take(self, pending: bytes, at: int, replies: list[ReplyT]) -> int | None:
+        """Judge what begins with the header at ``at``; how many bytes are done with, None if more are needed."""
+
+    def _pass(self, size: int = 1) -> int:
+        """These bytes belong to no reply. After one, because a true frame may begin inside a false one."""
+        self.garbage += size
+        return size

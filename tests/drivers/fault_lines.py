@@ -1,0 +1,191 @@
+"""Lines of virtual servos of every make, and registers that say the servo and the cycle: a wrong or old value shows."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from drivers.bus import Reading, ServoFault, ServoState
+from drivers.counters import ServoCounters
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel1 import tables as dxl
+from drivers.feetech import scs, sts
+from drivers.makes import bus_for, language_of
+from drivers.registers import ByteOrder, Register, ServoModel
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_servo import VirtualXServo
+from sim_backend.line import ServoLine
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+IDS = (1, 2, 3, 4, 5, 6, 7)
+
+
+@dataclass(frozen=True)
+class Table:
+    """What the tests need of a series' table, and how long a cycle of its servos may take."""
+
+    period_s: float
+    budget_s: float
+    middle: int
+    position: Register
+    max_voltage: Register
+    counts_s: Callable[[ServoModel], float]
+    """In one unit of velocity."""
+    full_load: int
+    order: ByteOrder = "little"
+
+
+TABLES: dict[str, Table] = {
+    "Feetech STS": Table(0.01, 0.008, 2048, sts.present_position, sts.max_voltage, lambda model: 1.0, 1000),
+    "Feetech SCS": Table(0.02, 0.016, 512, scs.present_position, scs.max_voltage, lambda model: 1.0, 1000, "big"),
+    "Dynamixel protocol 1.0": Table(
+        0.02, 0.016, 512, dxl.present_position, dxl.max_voltage_limit,
+        lambda model: dxl.SPEED_UNIT_COUNTS_S[model.name], dxl.FULL_TORQUE,
+    ),
+    "Dynamixel protocol 2.0": Table(
+        0.015, 0.012, 2048, x.present_position, x.max_voltage_limit, lambda model: x.VELOCITY_UNIT_COUNTS_S, x.FULL_PWM
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Which servos are on a line."""
+
+    name: str
+    models: Mapping[int, ServoModel]
+    one_by_one: bool = False
+    """Whether each is asked by itself."""
+    mapped: bool = False
+    """Whether the state is read through indirect registers."""
+
+    @property
+    def model(self) -> ServoModel:
+        return self.models[IDS[0]]
+
+    @property
+    def table(self) -> Table:
+        return TABLES[language_of(self.model)]
+
+    @property
+    def order(self) -> ByteOrder:
+        return self.table.order
+
+
+def mixed(*models: ServoModel) -> dict[int, ServoModel]:
+    """In turn."""
+    return {i: models[i % len(models)] for i in IDS}
+
+
+READ_EACH = (
+    Kind("scs0009", mixed(scs.SCS0009), one_by_one=True),
+    Kind("scs15 and scs0009", mixed(scs.SCS15, scs.SCS0009), one_by_one=True),
+    Kind("ax-12a", mixed(dxl.AX_12A), one_by_one=True),
+    Kind("mx-28", mixed(dxl.MX_28)),
+    Kind("ax-12a and mx-28", mixed(dxl.AX_12A, dxl.MX_28), one_by_one=True),
+)
+"""Those without a sync read."""
+KINDS = (
+    Kind("sts3215", mixed(sts.STS3215)),
+    Kind("xl430 and xm430", mixed(x.XM430_W350, x.XL430_W250)),
+    Kind("xl430 and xm430, mapped", mixed(x.XM430_W350, x.XL430_W250), mapped=True),
+    *READ_EACH,
+)
+
+every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+every_servo = pytest.mark.parametrize(
+    ("kind", "servo_id"),
+    # Every place in the plainest group read and in that which proves itself; elsewhere the first, a middle, the last.
+    [
+        pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
+        for kind in KINDS
+        for servo_id in (IDS if kind.mapped or kind is KINDS[0] else (1, 4, 7))
+    ],
+)
+
+
+class Line:
+    """A bus of virtual servos and everything around it."""
+
+    def __init__(self, kind: Kind, port: type[VirtualPort] = VirtualPort, clock: SimulatedClock | None = None) -> None:
+        self.kind = kind
+        self.clock = clock or SimulatedClock(50.0)
+        plant = BenchPlant(IDS, timestep_s=0.005)
+        language = language_of(kind.model)
+        of = VirtualDynamixelBus.of if language == "Dynamixel protocol 2.0" else VirtualBus.of
+        self.servos: ServoLine[Any] = of(plant, kind.models)
+        self.faults = self.servos.faults
+        self.port = port(self.servos, self.clock)
+        self.bus = bus_for(kind.models, self.port, self.clock)
+        for servo_id in IDS if kind.mapped else ():
+            self.bus.identify(servo_id, kind.models[servo_id])
+
+    def account(self, servo_id: int) -> ServoCounters:
+        return self.bus.counters.of(servo_id)
+
+    def cycle(self) -> dict[int, Reading]:
+        next_s = self.clock.now() + self.kind.table.period_s
+        readings = self.bus.read_states(IDS, self.clock.now() + self.kind.table.budget_s)
+        self.clock.sleep_until(next_s)
+        return readings
+
+    def missing(self) -> dict[int, str]:
+        """Faults of one cycle."""
+        return {i: r.kind for i, r in self.cycle().items() if isinstance(r, ServoFault)}
+
+    def held(self, servo_id: int, register: Any) -> int:
+        return self.servos.servo(servo_id).memory.get(register)
+
+
+class Truth:
+    """State registers that say the servo and the cycle's ``number``."""
+
+    def __init__(self, line: Line) -> None:
+        self.kind = line.kind
+        self.number = 0
+        for servo in line.servos.servos:
+            if language_of(self.kind.model) == "Dynamixel protocol 2.0":
+                servo.firmware.publish = self._publish_of(servo)
+            else:
+                servo.read = self._read_of(servo.servo_id)
+
+    def position(self, servo_id: int) -> int:
+        return (self.number * 7 + servo_id * 1000) % 32768
+
+    def _read_of(self, servo_id: int) -> Callable[[int, int], bytes]:
+        """Position, velocity, load, voltage, temperature: every series of the older packets has them side by side."""
+
+        def read(address: int, size: int) -> bytes:
+            words = (self.position(servo_id), servo_id, 5)
+            block = b"".join(word.to_bytes(2, self.kind.order) for word in words)
+            return (block + bytes((120, 30)) + bytes(range(size)))[:size]
+
+        return read
+
+    def _publish_of(self, servo: VirtualXServo) -> Callable[[], None]:
+        def publish() -> None:
+            for register, value in (
+                (x.present_position, self.position(servo.servo_id)),
+                (x.present_velocity, servo.servo_id),
+                (x.present_pwm, 5),
+                (x.present_current, -servo.servo_id),
+                (x.present_voltage, 120),
+                (x.present_temperature, 30),
+            ):
+                servo.memory.put(register, value)
+
+        return publish
+
+    def holds(self, servo_id: int, reading: ServoState) -> bool:
+        """Whether it is the servo's whole state in this very cycle."""
+        table = self.kind.table
+        model = self.kind.models[servo_id]
+        velocity = round(servo_id * table.counts_s(model))
+        load = pytest.approx(5 / table.full_load)
+        unit_a = x.CURRENT_UNIT_A.get(model.name)
+        current = unit_a and pytest.approx(-servo_id * unit_a)
+        return reading == (self.position(servo_id), velocity, load, pytest.approx(12.0), 30.0, (), current)

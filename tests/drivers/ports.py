@@ -1,0 +1,32 @@
+"""Adapters with habits, above the virtual wire."""
+
+from sim_backend.line import Reply
+from sim_backend.port import VirtualPort
+
+
+class EchoingPort(VirtualPort):
+    """An adapter that gives back what is sent through it."""
+
+    _own = b""
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        self._own += data
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        own, self._own = self._own[:size], self._own[size:]
+        return own + super().read(size - len(own), deadline_s)
+
+    def discard_input(self) -> None:
+        super().discard_input()
+        self._own = b""
+
+
+class SlowPort(VirtualPort):
+    """An adapter that keeps what it hears for 16 ms."""
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        for at in range(before, len(self._coming)):
+            self._coming[at] = Reply(self._clock.now() + 0.016, self._coming[at].data)

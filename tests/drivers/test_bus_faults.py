@@ -1,0 +1,136 @@
+"""What every bus survives, on each of them: thousands of cycles on a bad line, and every single fault by itself."""
+
+import os
+
+import pytest
+
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from sim_backend.faults import Disturbance
+from tests.drivers.fault_lines import IDS, Kind, Line, Truth, every_kind, every_servo
+
+CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "2000"))
+TOO_LOW = 50
+"""As max_voltage: 5 V, less than any line here has."""
+
+
+@every_kind
+def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
+    """Every value is the right one of this very cycle, and the counters say what was done to the line."""
+    cycles = CYCLES * 5 if kind.name == "sts3215" else CYCLES
+    line = Line(kind)
+    truth = Truth(line)
+    line.faults.disturbance = done = Disturbance(seed=3, drop=0.05, flip=0.02, noise=0.02)
+    states = 0
+    for number in range(cycles):
+        truth.number = number
+        for servo_id, reading in line.cycle().items():
+            if isinstance(reading, ServoState):
+                states += 1
+                assert truth.holds(servo_id, reading), (number, servo_id)
+    for servo_id in IDS:
+        account = line.account(servo_id)
+        dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
+        assert account.silent + account.corrupt + account.late == dropped + flipped
+        # Where several answer, garbage may lie beside the wrong one of two that are missing.
+        assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05)
+        assert account.retries > 0 and account.alarms == 0
+    noise = sum(count for (what, _), count in done.done.items() if what == "noise")
+    assert line.bus.counters.noise == pytest.approx(noise, rel=0.05)
+    assert states > 0.99 * cycles * len(IDS)
+
+
+@every_kind
+def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
+    line = Line(kind)
+    line.faults.corrupt_next(3)
+    assert line.missing() == {}
+    account = line.account(3)
+    assert (account.corrupt, account.retries, account.replies) == (1, 1, 1)
+
+
+@every_kind
+def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
+    line = Line(kind)
+    line.cycle()
+    line.faults.corrupt_next(3)
+    readings = line.bus.read_states(IDS, line.clock.now() + line.bus.exchange_size(IDS) * 10.0 / line.port.baud)
+    assert isinstance(readings[2], ServoState) and isinstance(readings[3], ServoFault)
+    assert line.account(3).retries == 0
+
+
+@every_kind
+def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
+    line = Line(kind)
+    for servo_id in IDS:
+        line.faults.silence(servo_id)
+    begin_s = line.clock.now()
+    readings = line.bus.read_states(IDS, begin_s + 0.004)
+    assert line.clock.now() <= begin_s + 0.0041
+    assert [r.kind for r in readings.values() if isinstance(r, ServoFault)] == ["silent"] * len(IDS)
+
+
+@every_servo
+def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Kind, servo_id: int) -> None:
+    line = Line(kind)
+    period_s = kind.table.period_s
+    begin_s = line.clock.now()
+    line.bus.read_states(IDS, begin_s + period_s)
+    whole_s = line.clock.now() - begin_s
+    line.faults.silence(servo_id)
+    costs = []
+    for _ in range(300):
+        begin_s = line.clock.now()
+        readings = line.bus.read_states(IDS, begin_s + period_s)
+        costs.append(line.clock.now() - begin_s - whole_s)
+        assert {i: r.kind for i, r in readings.items() if isinstance(r, ServoFault)} == {servo_id: "silent"}
+        line.clock.sleep_until(begin_s + period_s)
+    assert sorted(costs)[296] < 0.003  # of 300; the first cycles ask again
+    assert max(costs) < 0.012
+    account = line.account(servo_id)
+    assert account.silent + account.skipped == 300 + account.retries
+    assert account.skipped > 280
+
+
+@every_servo
+def test_a_servo_that_is_back_is_read_within_a_second(kind: Kind, servo_id: int) -> None:
+    comes_back(kind, (servo_id,))
+
+
+@every_kind
+def test_the_whole_line_comes_back_too(kind: Kind) -> None:
+    comes_back(kind, IDS)
+
+
+def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
+    """After three seconds."""
+    line = Line(kind)
+    for servo_id in silent:
+        line.faults.silence(servo_id)
+    for _ in range(round(3.0 / kind.table.period_s)):
+        assert set(line.missing()) == set(silent)
+    for servo_id in silent:
+        line.faults.restore(servo_id)
+    for _ in range(round(1.0 / kind.table.period_s)):
+        line.cycle()
+    assert line.missing() == {}
+
+
+@every_kind
+def test_goals_and_states_go_out_together(kind: Kind) -> None:
+    line = Line(kind)
+    goals = {i: ServoGoal(kind.table.middle + 50 + i, 50) for i in IDS}
+    readings = line.bus.exchange(goals, IDS, line.clock.now() + kind.table.budget_s)
+    assert all(isinstance(reading, ServoState) for reading in readings.values())
+    assert [line.bus.goal(i) for i in IDS] == [goal.position_counts for goal in goals.values()]
+
+
+@every_kind
+def test_alarms_are_named_and_counted(kind: Kind) -> None:
+    line = Line(kind)
+    line.bus.write(3, kind.table.max_voltage, TOO_LOW)
+    line.clock.sleep_until(line.clock.now() + 0.1)
+    reading = line.cycle()[3]
+    assert isinstance(reading, ServoState)
+    assert reading.alarms == ("voltage",)
+    assert line.account(3).alarms == 1
+    assert line.missing() == {}

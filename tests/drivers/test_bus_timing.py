@@ -1,0 +1,111 @@
+"""What every bus makes of replies that are late, of adapters with habits, and of several lines at once."""
+
+import math
+
+import pytest
+
+from drivers.burst import FIRST_REPLY_S
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.turns import finish, overlapped
+from sim_backend.clock import SimulatedClock
+from sim_backend.faults import Disturbance
+from tests.drivers.fault_lines import IDS, Kind, Line, Truth, every_kind, every_servo
+from tests.drivers.ports import EchoingPort, SlowPort
+
+
+@every_kind
+def test_late_replies_among_everything_else(kind: Kind) -> None:
+    """Every question ends in exactly one of four, also where replies come in the next question's time."""
+    line = Line(kind)
+    truth = Truth(line)
+    line.faults.disturbance = done = Disturbance(seed=4, drop=0.03, flip=0.02, noise=0.02)
+    for number in range(500):
+        truth.number = number * 10
+        if number % 3 == 0:
+            line.faults.delay_next(IDS[number % len(IDS)])
+        for servo_id, reading in line.cycle().items():
+            assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), (number, servo_id)
+        truth.number += 1  # whatever arrives from now on is old
+    accounts = [line.account(i) for i in IDS]
+    assert sum(a.late for a in accounts) > 80
+    lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
+    faults = sum(a.silent + a.corrupt + a.late for a in accounts)
+    assert faults == pytest.approx(lost + 167, abs=12)  # a late reply can be dropped or flipped itself
+    assert all(a.silent >= 0 for a in accounts)
+
+
+@every_servo
+def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: int) -> None:
+    line = Line(kind)
+    truth = Truth(line)
+    for number in range(60):
+        truth.number = number
+        if number % 5 == 0:
+            line.faults.delay_next(servo_id)
+        for i, reading in line.cycle().items():
+            assert not isinstance(reading, ServoState) or truth.holds(i, reading)
+        truth.number += 1  # whatever arrives from now on is old
+    account = line.account(servo_id)
+    assert account.late == 12
+    assert account.silent == 0
+    assert line.missing() == {}
+
+
+@every_kind
+def test_two_late_replies_of_one_servo_that_come_at_once_are_both_counted(kind: Kind) -> None:
+    line = Line(kind)
+    take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]
+    for _ in range(2):
+        line.faults.delay_next(3)
+        assert isinstance(line.bus.read_states((3,), line.clock.now() + 0.004)[3], ServoFault)
+    account = line.account(3)
+    assert (account.silent, account.late) == (2, 0)
+    line.faults.take_held = take_held  # type: ignore[method-assign]
+    assert line.missing() == {}
+    assert (account.silent, account.late) == (0, 2)
+
+
+@every_kind
+def test_a_slow_adapter_is_waited_for(kind: Kind) -> None:
+    """16 ms a reply, from the first on, also when one of the servos is dead."""
+    line = Line(kind, SlowPort)
+    line.faults.silence(1)
+    seen: set[int] = set()
+    for _ in range(20):
+        readings = line.bus.read_states(IDS, line.clock.now() + 0.5)
+        seen |= {i for i, r in readings.items() if isinstance(r, ServoState)}
+        line.clock.sleep_until(line.clock.now() + 0.1)
+    assert seen == set(IDS) - {1}
+    assert {i for i, r in readings.items() if isinstance(r, ServoFault)} == {1}
+
+
+@every_kind
+def test_an_adapter_that_echoes_is_understood(kind: Kind) -> None:
+    line = Line(kind, EchoingPort)
+    middle = kind.table.middle
+    assert line.bus.read(2, kind.table.position) == line.held(2, kind.table.position) > 0
+    line.bus.torque_on(2)
+    for _ in range(20):
+        line.bus.write_goals({i: ServoGoal(middle) for i in IDS})
+        assert line.missing() == {}
+    line.faults.silence(4)
+    assert line.missing() == {4: "silent"}
+    assert line.bus.goal(2) == middle
+    assert set(line.bus.exchange({1: ServoGoal(middle + 9)}, IDS, line.clock.now() + 0.01)) == set(IDS)
+    assert line.bus.goal(1) == middle + 9
+    assert line.bus.counters.noise == line.bus.counters.strange == 0
+
+
+@every_kind
+def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
+    """Two lines on one clock take hardly longer than one: the bytes of the second gather meanwhile."""
+    clock = SimulatedClock(50.0)
+    lines = [Line(kind, clock=clock), Line(kind, clock=clock)]
+    begin_s = clock.now()
+    lines[0].bus.read_states(IDS, math.inf)
+    alone_s = clock.now() - begin_s
+    begin_s = clock.now()
+    both = finish(overlapped([line.bus.state_steps(IDS, math.inf) for line in lines]))
+    assert clock.now() - begin_s < alone_s * 1.1
+    assert all(isinstance(reading, ServoState) for readings in both for reading in readings.values())
+    assert alone_s < FIRST_REPLY_S

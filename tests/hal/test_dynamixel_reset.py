@@ -1,0 +1,46 @@
+"""A Dynamixel whose supply dips for a moment answers as if nothing had been; it must not pass for one that holds."""
+
+import pytest
+
+from drivers.dynamixel import x_series
+from drivers.makes import bus_for
+from hal.joint import Joint
+from hal.lifecycle import LifecycleState
+from hal.servo_hardware import ServoHardware
+from hal.types import JointLimits
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+MODELS = {1: x_series.XM430_W350, 2: x_series.XL430_W250}
+JOINTS = [
+    Joint(name, servo_id, model, JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0))
+    for name, (servo_id, model) in zip(("shoulder", "elbow"), MODELS.items(), strict=True)
+]
+
+
+@pytest.mark.parametrize("victim", JOINTS, ids=lambda joint: joint.name)
+def test_one_that_was_reset_is_named_then_asked_for_its_torque_and_can_be_activated_again(victim: Joint) -> None:
+    clock = SimulatedClock(20.0)
+    servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
+    hardware = ServoHardware("arm", JOINTS, lambda: bus_for(MODELS, VirtualPort(servos, clock), clock), clock)
+    hardware.configure()
+    hardware.activate()
+
+    def faults() -> dict[str, str]:
+        clock.sleep_until(clock.now() + 0.05)
+        return dict(hardware.read().faults)
+
+    called = f"{victim.name}: servo {victim.servo_id}"
+    assert faults() == {}
+    servos.servo(victim.servo_id).power_cycle()
+    (text,) = faults().values()
+    assert text.startswith(f"{called} has lost the map of its indirect registers")
+    for _ in range(20):
+        assert faults() == {victim.name: f"{called} came back without torque (power dip?): activate again"}
+    assert hardware.state is LifecycleState.ACTIVE
+    hardware.deactivate(relax=False)
+    hardware.activate()
+    assert faults() == {}
+    assert servos.servo(victim.servo_id).memory.get(x_series.torque_enable) == 1
