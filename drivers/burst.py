@@ -55,8 +55,10 @@ class Burst(ABC, Generic[ReplyT]):
         gap_s = GAP_S if firm else TRIED_GAP_S
         patience_s = sent_s + expected * self.byte_s + gap_s
         data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
-        if data or not firm:
-            return data
+        return data if data or not firm else self._after_silence(expected, sent_s, deadline_s)
+
+    def _after_silence(self, expected: int, sent_s: float, deadline_s: float) -> bytes:
+        """The adapter may be a slow one."""
         data = self._port.read(1, min(sent_s + FIRST_REPLY_S, deadline_s))
         if not data:
             return data

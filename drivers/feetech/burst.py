@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import lru_cache
 
-from drivers.burst import Burst
+from drivers.burst import GAP_S, Burst
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
@@ -18,12 +18,49 @@ def _request(servo_ids: tuple[int, ...], size: int) -> bytes:
     return wire.sync_read(servo_ids, state.STATE_ADDRESS, size)
 
 
+@lru_cache(maxsize=64)
+def _exchange(servo_ids: tuple[int, ...], goals_size: int, byte_s: float) -> tuple[bytes, int, float, float, float]:
+    """The question and the size of its answer; how long question, answer with patience, and goals take on the wire."""
+    sent = _request(servo_ids, state.STATE_SIZE)
+    expected = (state.STATE_SIZE + wire.OVERHEAD) * len(servo_ids)
+    return sent, expected, len(sent) * byte_s, expected * byte_s + GAP_S, goals_size * byte_s
+
+
 class BurstReader(Burst[wire.Reply]):
     """Sync reads on one port. Counts what goes wrong; raises only PortLost."""
 
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
         super().__init__(port, clock, echo, counters)
         self._size = state.STATE_SIZE
+
+    @property
+    def steady(self) -> bool:
+        """Whether the last answer was whole, nothing is owed, and the line is known to give no echo."""
+        return self.clean and not self._owed and self._echo.present is False
+
+    def exchange(self, servo_ids: tuple[int, ...], goals: bytes, deadline_s: float) -> Mapping[int, Outcome]:
+        """``ask`` and ``hear`` in one, only while ``steady``; the same on the wire.
+
+        Between two cycles the processor forgets this code: what it need not look at is what makes a cycle cheap.
+        """
+        sent, expected, sent_s, answer_s, goals_s = _exchange(servo_ids, len(goals), self.byte_s)
+        now_s = self._clock.now()
+        sent_s += self._busy_until_s if self._busy_until_s > now_s else now_s
+        patience_s = sent_s + answer_s
+        self.clean = False
+        self._port.write(sent)
+        data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
+        if len(data) == expected:
+            self._port.write(goals)
+            self._busy_until_s = self._clock.now() + goals_s
+            states = state.burst(data, servo_ids, state.STATE_SIZE)
+            if states is not None:
+                self.clean = True
+                return self._all_well(servo_ids, states)
+            goals = b""
+        elif not data:
+            data = self._after_silence(expected, sent_s, deadline_s)
+        return self._understand(servo_ids, (), state.STATE_SIZE, data, goals, deadline_s)
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """``ask`` and ``hear``."""
@@ -58,7 +95,7 @@ class BurstReader(Burst[wire.Reply]):
         ``after``, a packet that nobody answers, goes out as soon as the replies are there: they are decoded
         while it is on the wire.
         """
-        servo_ids, size, sent = firm + tried, self._size, self._sent
+        size, sent = self._size, self._sent
         expected = self._echo.expected(sent) + (size + wire.OVERHEAD) * len(firm or tried)
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
         if self._echo.present is not False:
@@ -66,6 +103,13 @@ class BurstReader(Burst[wire.Reply]):
         elif after and len(data) == expected:
             self.send(after)
             after = b""
+        return self._understand(firm, tried, size, data, after, deadline_s)
+
+    def _understand(
+        self, firm: tuple[int, ...], tried: tuple[int, ...], size: int, data: bytes, after: bytes, deadline_s: float
+    ) -> Mapping[int, Outcome]:
+        """What the first bytes say, and those that come behind them; then ``after`` goes out."""
+        servo_ids = firm + tried
         states = state.burst(data, servo_ids, size)
         outcome: Mapping[int, Outcome]
         if states is None:

@@ -86,8 +86,13 @@ class FeetechBus:
     ) -> dict[int, Reading]:
         asked = tuple(servo_ids)
         packet = state.goals_packet(goals)
-        firm, tried = self._ask(asked)
-        return self._hear(asked, firm, tried, deadline_s, packet)
+        if not self._burst.steady or self._absent or not packet:
+            firm, tried = self._ask(asked)
+            return self._hear(asked, firm, tried, deadline_s, packet)
+        outcome = self._burst.exchange(asked, packet, deadline_s)
+        if self._burst.clean:
+            return cast(dict[int, Reading], outcome)
+        return self._made_up(asked, asked, outcome, deadline_s)
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
@@ -120,6 +125,12 @@ class FeetechBus:
             self._burst.send(goals)
         if self._burst.clean and firm == asked and not self._absent:
             return cast(dict[int, Reading], outcome)
+        return self._made_up(asked, firm, outcome, deadline_s)
+
+    def _made_up(
+        self, asked: tuple[int, ...], firm: tuple[int, ...], outcome: Mapping[int, Outcome], deadline_s: float
+    ) -> dict[int, Reading]:
+        """Whoever is missing is asked again if there is time."""
         if len(outcome) < len(asked):
             count_skipped(self._counters, asked, outcome)
         missing = self._absent.note(outcome, self._clock.now())

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from drivers.bus import Reading, ServoFault, ServoState
+from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
 from drivers.counters import ServoCounters
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel1 import tables as dxl
@@ -121,6 +121,7 @@ class Line:
         self.faults = self.servos.faults
         self.port = port(self.servos, self.clock)
         self.bus = bus_for(kind.models, self.port, self.clock)
+        self.goals: dict[int, ServoGoal] = {}
         for servo_id in IDS if kind.mapped else ():
             self.bus.identify(servo_id, kind.models[servo_id])
 
@@ -128,8 +129,13 @@ class Line:
         return self.bus.counters.of(servo_id)
 
     def cycle(self) -> dict[int, Reading]:
+        """States, with ``goals`` beside them if there are any."""
         next_s = self.clock.now() + self.kind.table.period_s
-        readings = self.bus.read_states(IDS, self.clock.now() + self.kind.table.budget_s)
+        deadline_s = self.clock.now() + self.kind.table.budget_s
+        if self.goals:
+            readings = self.bus.exchange(self.goals, IDS, deadline_s)
+        else:
+            readings = self.bus.read_states(IDS, deadline_s)
         self.clock.sleep_until(next_s)
         return readings
 
