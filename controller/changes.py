@@ -173,7 +173,7 @@ class Changes:
             if member.error is not None:
                 raise member.error
             self._loop.take_over(member, state)
-        except (DriverError, HalError) as error:
+        except Exception as error:
             if member.error is None:
                 member.hardware.deactivate(relax=True)
             change.refuse(error)

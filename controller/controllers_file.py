@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from controller.kinds import broken, kinds
-from controller.node_parameters import Content, names, parameters_of, read_content
+from controller.node_parameters import Content, merged, names, parameters_of, read_content
 from controller.order import Order
 from controller.parameters import ManagerParameters, Parameters
 from hal.description import Component
@@ -65,8 +65,15 @@ def load_controllers_file(path: Path, defaults: Defaults, component: Component) 
     return ControllersFile(path, manager.update_rate, tuple(controllers), content, defaults)
 
 
-def load_controller(file: ControllersFile, name: str, kind: str, paths: Sequence[Path], component: Component) -> Order:
-    """One controller; what ``paths`` say counts more than what ``file`` says.
+def load_controller(
+    file: ControllersFile,
+    name: str,
+    kind: str,
+    paths: Sequence[Path],
+    component: Component,
+    given: Mapping[str, Any] | None = None,
+) -> Order:
+    """One controller; what ``paths`` say counts more than what ``file`` says, and parameters that are given most.
 
     Raises ControllersFileError with every mistake.
     """
@@ -74,9 +81,9 @@ def load_controller(file: ControllersFile, name: str, kind: str, paths: Sequence
     if paths and not any(names(content, name) or "/**" in content for _, content in contents):
         listed = ", ".join(map(str, paths))
         raise ControllersFileError(f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'")
-    parameters = {**file.defaults.get(name, {}), **parameters_of(file.content, name)}
-    for _, content in contents:
-        parameters |= parameters_of(content, name)
+    parameters = merged(file.defaults.get(name, {}), parameters_of(file.content, name))
+    for said in (*(parameters_of(content, name) for _, content in contents), given or {}):
+        parameters = merged(parameters, said)
     reader = _Reader(*(contents[-1] if contents else (file.path, file.content)), component, [])
     found = list(reader.controller(name, {**_entry(file.content, name), "type": kind}, parameters))
     if reader.problems:
@@ -110,7 +117,7 @@ class _Reader:
             if isinstance(said, Mapping) and name not in GROUPS:
                 own = parameters_of(self.content, name)
                 self._check_waits(name, own.get("wait_for"))
-                found += self.controller(name, said, {**defaults.get(name, {}), **own})
+                found += self.controller(name, said, merged(defaults.get(name, {}), own))
         return found
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:

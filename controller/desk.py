@@ -8,6 +8,7 @@ from typing import Final
 from controller.factory import Factory
 from controller.kinds import kinds, look_again
 from controller.loop import ControlLoop
+from controller.order import Order
 from controller.parameters import Parameters
 from controller.requests import Request
 from controller.switching import ManagerError, SwitchError, Wish
@@ -27,6 +28,8 @@ class Desk:
         self._loop = loop
         self._manager = loop.manager
         self._factory = factory
+        self._changes: dict[str, tuple[Order, Request[None]]] = {}
+        """By controller: the newest change of its parameters, which the loop may not have come to yet."""
 
     def load(
         self,
@@ -49,12 +52,12 @@ class Desk:
 
     def configure(self, name: str) -> Request[None]:
         """Build it anew from what was ordered."""
-        entry = self._manager.changeable(name, "configured")
-        controller = self._factory.make(entry.order)
+        order = self._newest(name)
+        controller = self._factory.make(order)
 
         def configure() -> None:
             now = self._manager.loaded.get(name)
-            if now is not None and now.order is not entry.order:
+            if now is not None and now.order is not order:
                 raise ManagerError(f"Controller '{name}' was changed meanwhile: configure it once more")
             self._manager.configure(name, controller)
 
@@ -80,8 +83,8 @@ class Desk:
 
         return self._loop.requests.ask(switch)
 
-    def change(self, name: str, parameters: Parameters) -> None:
-        """Other parameters for a controller. Raises ValueError where it refuses them."""
+    def change(self, name: str, parameters: Parameters) -> Order:
+        """Other parameters for a controller; returns its order from then on. Raises ValueError if it refuses them."""
         entry = self._manager.loaded.get(name)
         if entry is None:
             raise ValueError(f"{name} is not loaded any more")
@@ -90,7 +93,16 @@ class Desk:
             if reconfigure is None:
                 raise ValueError(f"{entry.order.kind} cannot take it while it is configured: clean it up first")
             reconfigure(parameters)
-        self._ask(lambda: self._manager.reorder(replace(entry.order, parameters=parameters)))
+        order = replace(entry.order, parameters=parameters)
+        self._changes[name] = order, self._ask(lambda: self._manager.reorder(order))
+        return order
+
+    def _newest(self, name: str) -> Order:
+        """What a configuration is to be built from: as the loop will have it when it comes to that."""
+        order, request = self._changes.get(name, (None, None))
+        under_way = request is not None and not request.done  # before the look at what the loop has
+        entry = self._manager.changeable(name, "configured")
+        return order if under_way and order is not None else entry.order
 
     def reload(self, force: bool) -> Request[None]:
         """Unload all controllers and look for plug-ins again; active ones only by ``force``."""

@@ -8,7 +8,10 @@ from controller.controllers_file import ControllersFile, ControllersFileError, l
 from controller.interface import Controller, Surroundings
 from controller.kinds import kinds
 from controller.manager import ControllerManager
+from controller.node_parameters import parameters_in
 from controller.order import Order
+
+ROS_ARGUMENTS = "--ros-args"
 
 
 def build(file: ControllersFile, surroundings: Surroundings) -> list[Controller]:
@@ -35,8 +38,12 @@ class Factory:
 
         Raises ControllersFileError with every mistake.
         """
-        order = load_controller(self.file, name, kind, paths, self.surroundings.component)
-        return replace(order, fallback=tuple(fallback) or order.fallback, node_arguments=tuple(node_arguments))
+        given = parameters_in(node_arguments, name)
+        order = load_controller(self.file, name, kind, paths, self.surroundings.component, given)
+        arguments = tuple(node_arguments)
+        if arguments and ROS_ARGUMENTS not in arguments:  # the spawner's user may leave it out, rcl asks for it
+            arguments = (ROS_ARGUMENTS, *arguments)
+        return replace(order, fallback=tuple(fallback) or order.fallback, node_arguments=arguments)
 
     def make(self, order: Order) -> Controller:
         """The controller, inactive. Raises ValueError where it does not fit the robot."""

@@ -1,9 +1,11 @@
 """What ROS parameter files say of one node: upstream's rules of whose entry counts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import BaseModel, ConfigDict, RootModel
 
 from hal.yaml_file import load
@@ -33,10 +35,40 @@ def read_content(path: Path, error: type[Exception]) -> Content:
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
     """The parameters of ``node``, which is in no namespace: what is said of it alone wins over what is said of all."""
     general = content.get(ALL, {})
-    found: dict[str, Any] = dict(general.get(PARAMETERS, {}))
+    found = merged({}, general.get(PARAMETERS, {}))
     for said in (general.get(node), content.get(f"{ALL}/{node}"), content.get(node), content.get(f"/{node}")):
         if isinstance(said, Mapping):
-            found |= said.get(PARAMETERS) or {}
+            found = merged(found, said.get(PARAMETERS) or {})
+    return found
+
+
+def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
+    """The parameters of ``node`` in ROS arguments: ``-p name:=value``, or ``-p node:name:=value`` for one node only.
+
+    Raises ValueError where a value is no YAML.
+    """
+    found: dict[str, Any] = {}
+    for flag, rule in pairwise(arguments):
+        name, given, value = rule.partition(":=")
+        whose, _, name = name.rpartition(":")
+        if flag in ("-p", "--param") and given and whose in ("", node, f"/{node}", ALL):
+            try:
+                found = merged(found, {name: yaml.safe_load(value)})
+            except yaml.YAMLError as error:
+                raise ValueError(f"{node} gets the argument '{flag} {rule}', whose value is no YAML") from error
+    return found
+
+
+def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Both, where ``second`` counts more: name by name also within a group, whose names may be written with dots."""
+    found = dict(first)
+    for key, value in second.items():
+        group, _, rest = str(key).partition(".")
+        value = {rest: value} if rest else value
+        within = found.get(group)
+        if isinstance(value, Mapping):
+            value = merged(within if isinstance(within, Mapping) else {}, value)
+        found[group] = value
     return found
 
 

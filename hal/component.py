@@ -74,12 +74,13 @@ def parse_component(block: Element, joints: Mapping[str, UrdfJoint]) -> Componen
     if hardware is None or not plugin:
         raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
     parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
+    kind = _kind(name, block)
     elements = _block_joints(name, block, joints)
     commands = {j: _interfaces(e, "command_interface") for j, e in elements.items()}
-    _check_commands(name, commands, joints)
+    _check_commands(name, kind, commands, joints)
     return Component(
         name=name,
-        kind=_kind(name, block),
+        kind=kind,
         plugin=plugin,
         parameters=parameters,
         command_interfaces=commands,
@@ -124,8 +125,14 @@ def _check_driven(name: str, joint: str, joints: Mapping[str, UrdfJoint]) -> Non
         )
 
 
-def _check_commands(name: str, commands: Mapping[str, tuple[str, ...]], joints: Mapping[str, UrdfJoint]) -> None:
+def _check_commands(
+    name: str, kind: str, commands: Mapping[str, tuple[str, ...]], joints: Mapping[str, UrdfJoint]
+) -> None:
     for joint, own in commands.items():
+        if own and kind == "sensor":
+            raise DescriptionError(
+                f"<ros2_control name='{name}'> is a sensor: take the <command_interface> of joint '{joint}' out"
+            )
         mimic = joints[joint].mimic
         if own and mimic is not None:
             raise DescriptionError(

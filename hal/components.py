@@ -144,7 +144,9 @@ class Components:
     def _reading(self, member: Member) -> Steps[None]:
         """Its part, in steps where it has them: components with ports of their own wait at the same time."""
         try:
-            self._parts[member.name] = yield from self._readings[member.name]()
+            part = yield from self._readings[member.name]()
+            _check_sizes(part, len(member.hardware.joints))
+            self._parts[member.name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
             self._fail(member, error)
 
@@ -172,8 +174,13 @@ class Components:
         What takes no commands, a sensor, is only read.
         """
         for member in self.members:
-            if member.away or member.state is not LifecycleState.ACTIVE:
+            if member.away:
                 continue
+            if member.state is not LifecycleState.ACTIVE:
+                if member.driven:  # its controllers must not go on as if it followed them
+                    self._fail(member, DriverError(f"it has become {member.state.name.lower()} by itself"))
+                continue
+            member.driven = True
             part = values[member.commands]
             if (self._cycle - 1) % member.every == 0 and part.size and np.isfinite(part).all():
                 self._write(member, JointCommand(part, period_s * member.every))
@@ -199,6 +206,7 @@ class Components:
         """It is back from its change: what was known of it is old, it is read in the coming cycle."""
         member.away = False
         member.out_of_reach = False
+        member.driven = False
         self._parts.pop(member.name, None)
         if member.hardware.state in CONFIGURED:
             member.error = None
@@ -222,6 +230,12 @@ def _in_steps(hardware: Hardware) -> Callable[[], Steps[JointState]]:
         return hardware.read()
 
     return whole
+
+
+def _check_sizes(part: JointState, joints: int) -> None:
+    sizes = len(part.position), len(part.velocity), len(part.effort)
+    if sizes != (joints, joints, joints):
+        raise ValueError(f"position, velocity and effort have {sizes} values for {joints} joints")
 
 
 def _tried(member: Member, step: Callable[[], None], stay: bool) -> None:

@@ -24,6 +24,8 @@ class Member:
     out_of_reach: bool = False
     """The last command reached nobody."""
     finalized: bool = False
+    driven: bool = False
+    """It has been active in a cycle, and nobody has changed its state since."""
 
     @property
     def name(self) -> str:

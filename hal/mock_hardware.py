@@ -58,7 +58,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """Where it begins: a position at 0 and everything else unknown, as upstream, where nothing is said."""
+        """Where nothing is said, it stands at 0, and what is neither position nor velocity is unknown."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from drivers.makes import MODELS, Make, language_of, make_of
 from hal.description import Component, Description, UrdfJoint
-from hal.errors import RobotFileError
+from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.types import JointLimits
 from hal.yaml_file import load
@@ -208,7 +208,6 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     extra = [name for name in file.joints if name not in component.joints]
     problems = [f"the URDF commands {name}, for which the robot file has no servo" for name in missing]
     problems += [f"the robot file has a servo for {name}, which the URDF does not command" for name in extra]
-    problems += [problem for name in component.joints for problem in _not_position_only(name, component)]
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
@@ -218,6 +217,13 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     if problems:
         raise RobotFileError("\n".join(problems))
     return Robot(tuple(joints), file)
+
+
+def require_positions(component: Component) -> None:
+    """Raise DescriptionError unless each of its joints takes positions and nothing else, as servos do."""
+    problems = [problem for name in component.joints for problem in _not_position_only(name, component)]
+    if problems:
+        raise DescriptionError("\n".join(f"{component.name}: {problem}" for problem in problems))
 
 
 def _not_position_only(name: str, component: Component) -> list[str]:

@@ -86,10 +86,10 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
 
 
 def all_limits(components: Sequence[Component], robot: Robot, urdf: Mapping[str, UrdfJoint]) -> dict[str, JointLimits]:
-    """Of every joint that has hardware: what the robot files say, or else the URDF. Raises DescriptionError."""
+    """Of every joint that takes commands: what the robot files say, or else the URDF. Raises DescriptionError."""
     limits = robot.limits()
     for component in components:
-        for joint in component.joints:
-            if joint not in limits:
+        for joint, commands in component.command_interfaces.items():
+            if commands and joint not in limits:
                 limits[joint] = limits_of(urdf[joint])
     return limits

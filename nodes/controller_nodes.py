@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from builtin_interfaces.msg import Time
 from lifecycle_msgs.msg import State, TransitionEvent
 from lifecycle_msgs.msg import Transition as TransitionMessage
-from rclpy.action import ActionServer
 from rclpy.executors import Executor
 from rclpy.publisher import Publisher
 
@@ -16,10 +15,10 @@ from controller.interface import Controller
 from controller.kinds import kinds
 from controller.manager import ControllerManager
 from controller.order import Order
-from controller.parameters import Parameters
 from controller.roster import Transition
 from controller.switching import Loaded
 from hal.lifecycle import LifecycleState
+from nodes.additions import Additions
 from nodes.controller_parameters import QUIET, ControllerParameters, ParameterNode
 from nodes.faces import Face, face_of
 
@@ -58,14 +57,27 @@ def transition_events(transition: Transition, stamp_ns: int) -> list[TransitionE
 
 @dataclass(slots=True)
 class _Shown:
-    """A controller that is on the graph. Its face is there while it is configured."""
+    """A controller that is on the graph."""
 
-    order: Order
-    controller: Controller | None
     node: ParameterNode
     events: Publisher
-    face: Face | None
+    orders: list[Order]
+    """What it was loaded by, and what its parameters have made of that: the loop may lag behind the newest."""
+    controller: Controller | None = None
+    """That the face shows."""
+    face: Face | None = None
+    additions: Additions | None = None
+    """What the face has put on the node."""
     cycles_left: int = LAST_CYCLES
+
+    def stands_for(self, entry: Loaded | None) -> bool:
+        """Whether it still is the node of this controller, and not of one of its name that was loaded since.
+
+        Orders that the loop has come past are forgotten.
+        """
+        while entry is not None and self.orders and self.orders[0] is not entry.order:
+            del self.orders[0]
+        return entry is not None and bool(self.orders)
 
 
 class ControllerNodes:
@@ -78,6 +90,7 @@ class ControllerNodes:
         self._shown: dict[str, _Shown] = {}
         self._leaving: dict[str, _Shown] = {}
         self._seen: object = None
+        self._there = True
 
     @property
     def controllers(self) -> Iterator[Controller]:
@@ -91,28 +104,31 @@ class ControllerNodes:
                 try:
                     shown.face.publish(stamp)
                 except Exception:  # a plug-in's, mostly: the others are still to be shown
-                    LOG.exception("%s shows nothing from here on", shown.order.name)
+                    LOG.exception("%s shows nothing from here on", shown.node.get_name())
                     shown.face = None
 
     def follow(self) -> bool:
         """Bring the graph to what the manager has; returns whether it is there, or needs another cycle."""
-        if self._manager.loaded is self._seen and not self._leaving:
+        if self._manager.loaded is self._seen and self._there:
             return True
         seen = self._manager.loaded
-        for name in [n for n, shown in self._shown.items() if not _shows(shown, seen.get(n))]:
+        for name in [n for n, shown in self._shown.items() if not shown.stands_for(seen.get(n))]:
             self._leaving[name] = self._shown.pop(name)
         self._bury()
         for name, entry in seen.items():
-            if name not in self._shown and name not in self._leaving:
-                self._shown[name] = self._show(entry)
+            if name not in self._leaving:
+                if name not in self._shown:
+                    self._shown[name] = self._show(entry.order)
+                self._dress(self._shown[name], entry.controller)
         self._tell()
         self._seen = seen
-        return not self._leaving
+        self._there = not self._leaving and all(self._shown[n].controller is e.controller for n, e in seen.items())
+        return self._there
 
     def close(self) -> None:
         """All off the graph."""
         for shown in (*self._shown.values(), *self._leaving.values()):
-            _destroy(shown.node)
+            _destroy(shown)
 
     def _bury(self) -> None:
         for name, shown in list(self._leaving.items()):
@@ -120,21 +136,38 @@ class ControllerNodes:
             if shown.cycles_left < 0:
                 del self._leaving[name]
                 self._executor.remove_node(shown.node)
-                _destroy(shown.node)
+                _destroy(shown)
 
-    def _show(self, entry: Loaded) -> _Shown:
-        order = entry.order
-        node = self._node(order)
+    def _show(self, order: Order) -> _Shown:
+        node, orders = self._node(order), [order]
         events = node.create_publisher(TransitionEvent, "~/transition_event", 10, event_callbacks=QUIET)
-        shown = _Shown(order, entry.controller, node, events, None)
         try:
             settable: frozenset[str] = getattr(kinds().get(order.kind), "settable", frozenset())
-            ControllerParameters(node, order.parameters, settable, lambda new: self._change(order.name, new))
-            shown.face = face_of(node, entry.controller) if entry.controller is not None else None
+            ControllerParameters(
+                node, order.parameters, settable, lambda new: orders.append(self._desk.change(order.name, new))
+            )
         except Exception:  # a plug-in's, mostly: the other controllers' clients still wait for their answers
             LOG.exception("%s does its work, but its ROS node lacks what failed here", order.name)
         self._executor.add_node(node)
-        return shown
+        return _Shown(node, events, orders)
+
+    @staticmethod
+    def _dress(shown: _Shown, controller: Controller | None) -> None:
+        """Give it the controller's face, when that of another one has had its last cycles."""
+        if shown.controller is controller:
+            return
+        if shown.additions is not None:
+            shown.cycles_left -= 1
+            if shown.cycles_left >= 0:
+                return
+            _undress(shown)
+        shown.controller = controller
+        if controller is not None:
+            shown.additions = Additions(shown.node)
+            try:
+                shown.face = face_of(shown.node, controller)
+            except Exception:  # a plug-in's, mostly
+                LOG.exception("%s does its work, but its ROS node lacks what failed here", controller.name)
 
     @staticmethod
     def _node(order: Order) -> ParameterNode:
@@ -143,9 +176,6 @@ class ControllerNodes:
         except Exception as error:  # rcl's, which has no name of its own here
             LOG.error("%s: its node arguments %s are not used: %s", order.name, order.node_arguments, error)
             return ParameterNode(order.name)
-
-    def _change(self, name: str, parameters: Parameters) -> None:
-        self._desk.change(name, parameters)
 
     def _tell(self) -> None:
         """Every transition since the last time."""
@@ -158,16 +188,14 @@ class ControllerNodes:
                     shown.events.publish(event)
 
 
-def _shows(shown: _Shown, entry: Loaded | None) -> bool:
-    """Whether the node still is that of this controller. Other parameters of the same one change nothing here."""
-    if entry is None or shown.controller is not entry.controller:
-        return False
-    return entry.controller is not None or entry.order is shown.order
+def _undress(shown: _Shown) -> None:
+    if shown.additions is not None:
+        shown.additions.take_off()
+    shown.controller = shown.face = shown.additions = None
+    shown.cycles_left = LAST_CYCLES
 
 
-def _destroy(node: ParameterNode) -> None:
-    """Off the graph, with its action servers, which rclpy leaves behind and which would keep the name there."""
-    for waitable in list(node.waitables):
-        if isinstance(waitable, ActionServer):
-            waitable.destroy()
-    node.destroy_node()
+def _destroy(shown: _Shown) -> None:
+    """Off the graph: the face before its node, which would leave action servers behind, and their names with them."""
+    _undress(shown)
+    shown.node.destroy_node()

@@ -7,11 +7,14 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import ROSClock
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.time_source import USE_SIM_TIME_NAME
 
 from controller.parameters import Parameters
+from nodes.type_service import take_off_type_service
 
 BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
 
@@ -21,7 +24,23 @@ QUIET = PublisherEventCallbacks(use_default_callbacks=False)
 
 
 class ParameterNode(Node):
-    """A node that answers like rclcpp when a parameter cannot be set."""
+    """A node of the stack: its parameters answer like rclcpp's, its time is the machine's.
+
+    ``use_sim_time`` has no effect: the loop keeps the machine's clock, and another one's stamps would not fit it.
+    """
+
+    def __init__(self, name: str, **more: Any) -> None:
+        super().__init__(name, **more)
+        self._clock = ROSClock()  # the first one follows use_sim_time, and with it timers and stamps would
+
+    @property
+    def parameter_names(self) -> frozenset[str]:
+        """Of all that have a value or were declared."""
+        return frozenset(self._parameters)
+
+    def forget_parameter(self, name: str) -> None:
+        """Also a read-only one."""
+        del self._parameters[name], self._descriptors[name]
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
         if topic == "/parameter_events":
@@ -33,7 +52,25 @@ class ParameterNode(Node):
             if why := self._why_not(parameter.name):
                 reason = f"parameter '{parameter.name}' cannot be set because it {why}"
                 return SetParametersResult(successful=False, reason=reason)
+            if parameter.name == USE_SIM_TIME_NAME and parameter.value:
+                self.get_logger().warning(
+                    "use_sim_time has no effect: the loop and its stamps keep the machine's clock"
+                )
         return super().set_parameters_atomically(parameter_list)
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """Also of what was set without having been declared, which rclpy leaves without name and type."""
+        known = super().describe_parameter(name)
+        return known if known.name else ParameterDescriptor(name=name, type=self.get_parameter_type(name))
+
+    def get_parameter_type(self, name: str) -> int:
+        """A number, as it goes into an answer: of what is not there, rclpy's own would end the service's callback."""
+        kind: int | Parameter.Type = super().get_parameter_type(name)
+        return kind.value if isinstance(kind, Parameter.Type) else kind
+
+    def destroy_node(self) -> None:
+        take_off_type_service(self)
+        super().destroy_node()
 
     def _why_not(self, name: str) -> str:
         if not self.has_parameter(name):
@@ -138,7 +175,8 @@ def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor)
         descriptor.type = kind.value
         node.set_descriptor(name, descriptor)
     else:
-        node.declare_parameter(name, value, descriptor)
+        # an override (-p) is in the value already, and has its type
+        node.declare_parameter(name, value, descriptor, ignore_override=True)
 
 
 def _said(error: ValueError) -> str:

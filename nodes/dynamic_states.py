@@ -9,7 +9,7 @@ from control_msgs.msg import DynamicJointState, InterfaceValue
 from rclpy.node import Node
 
 from hal.types import JointState
-from nodes.qos import LATCHED
+from nodes.qos import LATCHED_WHILE_NEW
 from nodes.topic import Topic
 
 
@@ -31,7 +31,7 @@ class DynamicStates:
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller
-        self._topic = Topic(node, DynamicJointState, topic, LATCHED)
+        self._topic = Topic(node, DynamicJointState, topic, LATCHED_WHILE_NEW)
         interfaces = controller.interfaces
         self._message = DynamicJointState(
             joint_names=list(interfaces),

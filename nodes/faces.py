@@ -31,8 +31,8 @@ ENTRY_POINTS: Final = "servoloop.faces"
 class Face(Protocol):
     """Lives in the ROS thread, from the controller's configuration to its cleanup.
 
-    Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings) and takes it
-    off the graph, with everything that the face put on it.
+    Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings), which stays
+    from load to unload, and takes off it everything that the face has put there.
     """
 
     def publish(self, stamp: Time) -> None:

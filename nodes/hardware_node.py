@@ -1,15 +1,17 @@
 """The hardware components' own nodes: their parameters, and ``/diagnostics`` once a second."""
 
+import math
+import re
 from collections.abc import Callable, Iterator
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hal.lifecycle import LifecycleState
 from hal.member import Member
 from hal.types import JointState
+from nodes.controller_parameters import ParameterNode
 from nodes.stack import Stack
 from nodes.topic import Topic
 
@@ -20,14 +22,15 @@ class HardwareNodes:
     """One node for each ``<ros2_control>`` block, named after it. ``see`` runs after each cycle."""
 
     def __init__(self, stack: Stack) -> None:
-        self.nodes = [Node(component.name) for component in stack.description.components]
+        components = stack.description.components
+        self.nodes = [ParameterNode(_node_name(component.name)) for component in components]
         self._stack = stack
         self._state: JointState | None = None
         # The first one speaks for all: they are one process, and its report is one message.
         self._diagnostics = Topic(self.nodes[0], DiagnosticArray, "/diagnostics")
         self.nodes[0].create_timer(1.0, self._publish)
-        for node in self.nodes:
-            if switch := stack.set_interpolation.get(node.get_name()):
+        for component, node in zip(components, self.nodes, strict=True):
+            if switch := stack.set_interpolation.get(component.name):
                 node.declare_parameter(INTERPOLATION, True)
                 node.add_on_set_parameters_callback(_switching(switch))
 
@@ -78,6 +81,8 @@ class HardwareNodes:
         health = state.health.get(joint)
         if health is not None:
             status.values = _values(voltage_v=f"{health.voltage_v:.1f}", temperature_c=f"{health.temperature_c:.0f}")
+            if not math.isnan(health.current_a):
+                status.values += _values(current_a=f"{health.current_a:.2f}")
             if health.counters is not None:
                 status.values += _values(**health.counters.as_dict())
             if health.alarms:
@@ -86,6 +91,12 @@ class HardwareNodes:
         if joint in state.faults:
             status.level, status.message = DiagnosticStatus.ERROR, state.faults[joint]
         return status
+
+
+def _node_name(component: str) -> str:
+    """A component may be called anything, a node has letters, digits and underscores."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", component)
+    return f"_{name}" if name[0].isdigit() else name
 
 
 def _component_status(member: Member) -> DiagnosticStatus:

@@ -2,11 +2,12 @@
 
 from array import array
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from controller.joint_state_broadcaster import JointStateBroadcaster
+from controller.joint_state_broadcaster import JointStateBroadcaster, JointStates
 from hal.types import FloatArray
 from nodes.dynamic_states import DynamicStates
 from nodes.qos import LATCHED
@@ -24,6 +25,9 @@ class JointStateNode:
         self._topic = Topic(node, JointState, f"{folder}joint_states", LATCHED)
         self._message = JointState(name=list(controller.names))
         self._message.header.frame_id = parameters.frame_id
+        source = parameters.source("position")
+        self._has_position = np.array([source in controller.interfaces[name] for name in controller.names], dtype=bool)
+        self._known = np.ones(len(controller.names), dtype=bool)
         self._dynamic: DynamicStates | None = None
         if parameters.publish_dynamic_joint_states:
             topic = f"{folder}dynamic_joint_states"
@@ -34,14 +38,23 @@ class JointStateNode:
         state, states = self._controller.state, self._controller.latest
         if state is None or states is None:
             return
-        message = self._message
-        message.header.stamp = stamp
-        message.position = _numbers(states.position)
-        message.velocity = _numbers(states.velocity)
-        message.effort = _numbers(states.effort)
-        self._topic.publish(message)
+        self._fill(states)
+        if self._message.name:
+            self._message.header.stamp = stamp
+            self._topic.publish(self._message)
         if self._dynamic is not None:
             self._dynamic.publish(state, stamp)
+
+    def _fill(self, states: JointStates) -> None:
+        """A joint that has never been measured is left out: a position of NaN is of no use to anybody."""
+        known = ~(np.isnan(states.position) & self._has_position)
+        message = self._message
+        if (known != self._known).any():
+            message.name = [name for name, is_known in zip(states.names, known, strict=True) if is_known]
+            self._known = known
+        message.position = _numbers(states.position[known])
+        message.velocity = _numbers(states.velocity[known])
+        message.effort = _numbers(states.effort[known])
 
 
 def _numbers(values: FloatArray) -> "array[float]":

@@ -80,10 +80,9 @@ class ManagerNode:
 
     def _declare(self, parameters: Mapping[str, Any]) -> None:
         """What the controllers file says, as upstream has it; the description that is in use."""
-        fixed = ParameterDescriptor(read_only=True)
         rate = round(1.0 / self._stack.loop.period_s)
-        self.node.declare_parameter("update_rate", rate, fixed)
-        self.node.declare_parameter("robot_description", self._stack.description.xml, fixed)
+        for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
+            self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
         for name, value in _flat(parameters):
             if not self.node.has_parameter(name):
                 self.node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))

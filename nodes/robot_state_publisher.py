@@ -11,13 +11,13 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from controller.joint_state_broadcaster import JointStates
 from controller.node_parameters import parameters_of
+from nodes.controller_parameters import ParameterNode
 from nodes.conversions import transform_message
 from nodes.links import Links, fixed_links
 from nodes.pace import Pace
@@ -46,7 +46,7 @@ class RobotStatePublisher:
     """Fixed joints once, the others after each cycle, at most ``publish_frequency`` times a second."""
 
     def __init__(self, stack: Stack) -> None:
-        self.node = Node(NAME)
+        self.node = ParameterNode(NAME)
         self._stack = stack
         self._parameters = self._initial()
         self._pace, self._idle = Pace(), Pace()
@@ -66,8 +66,9 @@ class RobotStatePublisher:
             if self._idle.due(states.stamp_s, _LOOK_HZ):
                 self._stack.scene()
             return
-        transforms = self._links.transforms(states.names, states.position.tolist(), stamp)
-        self._tf.publish(TFMessage(transforms=transforms + self._scene(stamp)))
+        transforms = self._links.transforms(states.names, states.position.tolist(), stamp) + self._scene(stamp)
+        if transforms:
+            self._tf.publish(TFMessage(transforms=transforms))
 
     def _scene(self, stamp: Time) -> list[TransformStamped]:
         prefix = self._parameters.frame_prefix

@@ -30,7 +30,7 @@ class Files:
     robot: Robot
     """All servos; those of several components as one robot."""
     limits: dict[str, JointLimits]
-    """Of every joint that has hardware."""
+    """Of every joint that takes commands."""
     controllers: ControllersFile
     urdf_path: Path
     robot_paths: dict[str, Path]

@@ -21,7 +21,7 @@ from hal.joint import Joint
 from hal.kinematics import Quaternion
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
-from hal.robot import RobotFile
+from hal.robot import RobotFile, require_positions
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
 from servoloop.ports import world_feed
@@ -104,6 +104,7 @@ def _made(
         return MockHardware.of(component, clock)
     if not isinstance(kind, HardwareKind):
         return _users(kind, component, clock)
+    require_positions(component)
     if len(joints) != len(component.joints):
         raise DescriptionError(
             f'{component.name} has servos and no robot file: name it in its <hardware> as <param name="robot">'

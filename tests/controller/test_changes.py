@@ -23,7 +23,7 @@ from tests.controller.test_loop import Puppet
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 PERIOD_S = 0.05
 LIMIT = JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)
-GONE = PortLost("/dev/hand is gone")
+GONE = "/dev/hand is gone"
 SPEED_RAD_S = 2.0
 
 
@@ -158,10 +158,13 @@ def test_one_behind_the_other_in_state_and_command() -> None:
     assert two.arm.written[-1].shape == (2,) and two.hand.written[-1].shape == (1,)
 
 
+@pytest.mark.parametrize("kind", [PortLost, RuntimeError], ids=["lost", "a defect"])
 @pytest.mark.parametrize("call", ["read", "write"])
-def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_nothing_else(call: str) -> None:
+def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_nothing_else(
+    call: str, kind: type[Exception]
+) -> None:
     two = Two().going()
-    two.hand.failing[call] = GONE
+    two.hand.failing[call] = error = kind(GONE)
     two.cycle()
     assert two.active() == ["shoulder", "elbow"]
     assert two.states[-1].faults.get("finger", "hand is lost: /dev/hand is gone") == "hand is lost: /dev/hand is gone"
@@ -171,22 +174,36 @@ def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_no
     assert set(two.states[-1].faults) == {"finger"}
     assert two.hand.state is UNCONFIGURED
     assert two.hand.changes()[-1] == "cleanup"
-    assert two.components.lost[0].error is GONE
+    assert two.components.lost[0].error is error
 
 
-@pytest.mark.parametrize("error", [GONE, PartLost("one of its lines is gone")])
-def test_what_is_left_of_a_lost_component_is_braked_and_not_stopped_dead(error: PortLost) -> None:
+@pytest.mark.parametrize("kind", [PortLost, PartLost])
+def test_what_is_left_of_a_lost_component_is_braked_and_not_stopped_dead(kind: type[PortLost]) -> None:
     two = Two().going()
-    two.hand.failing["write"] = error
+    two.hand.failing["write"] = kind(GONE)
     two.cycle(30)
     assert len(two.hand.written) > 6
     assert gentle(two.hand.written)
     assert two.hand.written[-1] == pytest.approx(two.hand.written[-2], abs=0.01)
 
 
+@pytest.mark.parametrize("state", [INACTIVE, UNCONFIGURED])
+def test_a_component_that_stops_working_by_itself_is_lost(state: LifecycleState) -> None:
+    two = Two().going()
+    two.hand.state = state
+    two.cycle()
+    assert two.active() == ["shoulder", "elbow"]
+    two.cycle(20)
+    assert (two.hand.state, two.hand.changes()[-1]) == (UNCONFIGURED, "cleanup")
+    assert str(two.components.lost[0].error) == f"it has become {state.name.lower()} by itself"
+    assert two.set(ACTIVE).result() is None
+    two.cycle(3)
+    assert two.components.lost == []
+
+
 def test_with_the_last_component_the_loop_ends() -> None:
     two = Two().up()
-    two.hand.failing["read"] = GONE
+    two.hand.failing["read"] = PortLost(GONE)
     two.cycle(2)
     two.arm.failing["read"] = PortLost("/dev/arm is gone")
     with pytest.raises(PortLost, match="/dev/arm is gone"):
@@ -199,7 +216,7 @@ def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() ->
     two.components.configure(["hand"])
     two.loop.activate()
     assert two.active() == ["shoulder", "elbow"]
-    two.arm.failing["read"] = GONE
+    two.arm.failing["read"] = PortLost(GONE)
     with pytest.raises(PortLost):
         two.cycle()
 
@@ -207,7 +224,7 @@ def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() ->
 def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are() -> None:
     two = Two(stay=True).going()
     for hardware in (two.arm, two.hand):
-        hardware.failing["read"] = GONE
+        hardware.failing["read"] = PortLost(GONE)
     two.cycle(20)
     assert (two.arm.state, two.hand.state, two.active()) == (UNCONFIGURED, UNCONFIGURED, [])
     assert set(two.states[-1].faults) == {"shoulder", "elbow", "finger"}
@@ -225,9 +242,13 @@ def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are()
 
 def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
     two = Two().up()
-    two.hand.failing = {"read": GONE, "cleanup": RuntimeError("a defect")}
+    two.hand.failing = {"read": PortLost(GONE), "cleanup": RuntimeError("a defect")}
+    two.hand.cleanup = lambda: two.hand._call("cleanup")  # type: ignore[method-assign]
     two.cycle(2)
     assert two.components.members[1].state is FINALIZED
+    written = len(two.hand.written)
+    two.cycle(3)
+    assert len(two.hand.written) == written
     with pytest.raises(Exception, match="hand is finalized, which is its end"):
         two.set(ACTIVE).result()
 
@@ -331,11 +352,21 @@ def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
     assert two.hand.changes()[-1] == "relax"
 
 
+def test_a_defect_in_the_first_reading_is_told_to_whoever_wanted_it() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand.failing["read"] = RuntimeError("a defect")
+    change = two.set(ACTIVE)
+    with pytest.raises(RuntimeError, match="a defect"):
+        change.result()
+    assert two.active() == ["shoulder", "elbow"]
+
+
 def test_a_component_lost_on_its_way_out_is_given_up() -> None:
     two = Two().going()
     change = two.loop.changes.ask("hand", INACTIVE)
     two.cycle()
-    two.hand.failing["write"] = GONE
+    two.hand.failing["write"] = PortLost(GONE)
     two.cycle(20)
     assert two.hand.state is UNCONFIGURED
     with pytest.raises(PortLost):

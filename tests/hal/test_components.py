@@ -10,7 +10,7 @@ from hal.components import Components
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
-from hal.types import JointCommand
+from hal.types import JointCommand, JointState
 from sim_backend.clock import SimulatedClock
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
@@ -20,8 +20,8 @@ NAMES = ("first", "second", "third")
 class Failing(MockHardware):
     """Raises in the calls that are named."""
 
-    def __init__(self, name: str, clock: SimulatedClock) -> None:
-        super().__init__(name, (f"{name}_joint",), clock)
+    def __init__(self, name: str, clock: SimulatedClock, commands: Sequence[str] | None = None) -> None:
+        super().__init__(name, (f"{name}_joint",), clock, command_interfaces=commands)
         self.failing: dict[str, Exception] = {}
         self.relaxed: list[bool] = []
         self.written: list[JointCommand] = []
@@ -138,6 +138,26 @@ def test_what_was_never_measured_is_not_commanded() -> None:
     components.read()
     components.write(np.array([0.1, np.nan, 0.3]), 0.05)
     assert [len(one.written) for one in made] == [1, 0, 1]
+
+
+@pytest.mark.parametrize("state", [None, JointState(1.0, np.zeros(2), np.zeros(1), np.zeros(1))])
+def test_a_reading_that_does_not_fit_loses_the_component_and_not_the_others(state: JointState | None) -> None:
+    components, made = three()
+    components.configure()
+    made[1].read = lambda: state  # type: ignore[assignment, method-assign, return-value]
+    np.testing.assert_array_equal(components.read().position, [0.0, np.nan, 0.0])
+    assert components.lost == [components.members[1]]
+
+
+def test_what_takes_no_commands_is_only_read() -> None:
+    clock = SimulatedClock(1.0)
+    probe, arm = Failing("probe", clock, ()), Failing("arm", clock)
+    components = Components([probe, arm], clock)
+    components.configure()
+    components.activate()
+    state = components.read()
+    components.write(np.array([0.1]), 0.05)
+    assert (len(state.position), len(probe.written), len(arm.written)) == (2, 0, 1)
 
 
 def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_every_cycle() -> None:

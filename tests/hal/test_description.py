@@ -183,6 +183,10 @@ def test_the_arm_itself() -> None:
             "joint 'finger' follows 'elbow' by its <mimic>: take its <command_interface> out",
         ),
         (
+            urdf(control=CONTROL.replace('"system"', '"sensor"')),
+            "<ros2_control name='arm'> is a sensor: take the <command_interface> of joint 'elbow' out",
+        ),
+        (
             urdf(control=CONTROL.replace('<command_interface name="position"/>', '<command_interface name="colour"/>')),
             "joint 'elbow' has the <command_interface> 'colour': there are position, velocity, effort",
         ),

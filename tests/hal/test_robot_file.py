@@ -7,8 +7,8 @@ import pytest
 from drivers.dynamixel.x_series import XL430_W250
 from drivers.feetech.sts import STS3215
 from hal.description import Component, Description, UrdfJoint
-from hal.errors import RobotFileError
-from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file
+from hal.errors import DescriptionError, RobotFileError
+from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions
 from hal.types import JointLimits
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "robot_arm.yaml"
@@ -281,17 +281,22 @@ def test_what_does_not_fit_together_is_told(tmp_path: Path, urdf: tuple[UrdfJoin
 @pytest.mark.parametrize(
     ("commands", "says"),
     [
-        (("position", "velocity"), "the URDF asks for elbow/velocity commands, and servos take positions only"),
-        (("effort",), "the URDF asks for elbow/effort commands, and servos take positions only"),
+        (
+            ("position", "velocity"),
+            "the URDF asks for elbow/velocity commands, and servos take positions only: use a controller of positions",
+        ),
+        (
+            ("effort",),
+            "the URDF asks for elbow/effort commands, and servos take positions only: use a controller of positions",
+        ),
         ((), "elbow has no command interface and mimics no joint: its servo needs one, position"),
     ],
 )
-def test_servos_take_positions_only(tmp_path: Path, commands: tuple[str, ...], says: str) -> None:
-    joints = {"elbow": ELBOW, "finger": FINGER}
+def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> None:
     component = Component("arm", "system", "plugin", {}, {"elbow": commands, "finger": ("position",)}, {})
-    with pytest.raises(RobotFileError) as caught:
-        assemble(loaded(tmp_path, GOOD), Description("", joints, (component,)), component)
-    assert says in str(caught.value)
+    with pytest.raises(DescriptionError) as caught:
+        require_positions(component)
+    assert str(caught.value) == f"arm: {says}"
 
 
 def test_everything_that_does_not_fit_is_told_at_once(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from hal.description import Description, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.robot import Robot, assemble, load_robot_file
-from hal.robots import limits_of, together
+from hal.robots import all_limits, limits_of, together
 
 FILE = """\
 joints:
@@ -60,6 +60,12 @@ def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path:
 def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="the robot files of arm and hand differ in on_exit"):
         together([part(tmp_path, "arm", "elbow"), part(tmp_path, "hand", "finger", exit_policy="relax")])
+
+
+def test_a_joint_that_is_only_measured_needs_no_limits() -> None:
+    joints = {name: urdf(name, velocity=speed) for name, speed in (("elbow", 4.0), ("probe", 0.0))}
+    component = Component("arm", "system", "p", {}, {"elbow": ("position",), "probe": ()}, {})
+    assert list(all_limits([component], together([]), joints)) == ["elbow"]
 
 
 def test_none_at_all() -> None:

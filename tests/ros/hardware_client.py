@@ -5,6 +5,7 @@ from typing import Any
 from controller_manager_msgs.srv import (
     ListControllers,
     ListHardwareComponents,
+    ListHardwareInterfaces,
     SetHardwareComponentState,
     SwitchController,
 )
@@ -41,3 +42,14 @@ def set_state(client: ArmClient, name: str, target: int = 0, label: str = "") ->
 def activate(client: ArmClient, *names: str) -> tuple[bool, str]:
     answer = ask(client, SwitchController, "switch_controller", activate_controllers=list(names), strictness=STRICT)
     return answer.ok, answer.message
+
+
+def interfaces(client: ArmClient, joint: str) -> dict[str, tuple[bool, bool]]:
+    """Whether each command interface (``commands/joint1/position``) and state interface is available and claimed."""
+    answer = ask(client, ListHardwareInterfaces, "list_hardware_interfaces")
+    return {
+        f"{kind}/{i.name}": (i.is_available, i.is_claimed)
+        for kind, listed in (("commands", answer.command_interfaces), ("states", answer.state_interfaces))
+        for i in listed
+        if i.name.startswith(joint)
+    }

@@ -1,10 +1,13 @@
 """A client of /controller_manager in the test's own process, which is another one than the stack's."""
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from builtin_interfaces.msg import Duration
+from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import (
     CleanupController,
     ConfigureController,
@@ -19,9 +22,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
 from rclpy.task import Future
 
-from tests.ros.stack_process import PATIENCE_S, until
+from tests.ros.stack_process import PATIENCE_S
 
 MANAGER = "/controller_manager"
+BEST_EFFORT, STRICT, AUTO, FORCE_AUTO = 1, 2, 3, 4  # of controller_manager_msgs/srv/SwitchController
 
 
 class ManagerClient:
@@ -51,9 +55,13 @@ class ManagerClient:
         """The response of ``service`` to a request of these fields."""
         return self.wait(self.client(kind, service).call_async(kind.Request(**fields)))[0]
 
+    def listed(self) -> dict[str, ControllerState]:
+        """All controllers, by name."""
+        return {c.name: c for c in self.call(ListControllers, f"{MANAGER}/list_controllers").controller}
+
     def states(self) -> dict[str, str]:
         """The states of all controllers, by name."""
-        return {c.name: c.state for c in self.call(ListControllers, f"{MANAGER}/list_controllers").controller}
+        return {name: c.state for name, c in self.listed().items()}
 
     def load(self, name: str) -> bool:
         return bool(self.call(LoadController, f"{MANAGER}/load_controller", name=name).ok)
@@ -67,17 +75,28 @@ class ManagerClient:
     def unload(self, name: str) -> bool:
         return bool(self.call(UnloadController, f"{MANAGER}/unload_controller", name=name).ok)
 
-    def switch(
-        self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = 2
-    ) -> tuple[bool, str]:
-        """Whether it worked, and what was said."""
-        answer = self.call(
-            SwitchController,
-            f"{MANAGER}/switch_controller",
+    def switching(
+        self,
+        activate: Sequence[str] = (),
+        deactivate: Sequence[str] = (),
+        strictness: int = STRICT,
+        timeout_s: int = 0,
+    ) -> Future:
+        """The switch's answer, when it comes."""
+        request = SwitchController.Request(
             activate_controllers=list(activate),
             deactivate_controllers=list(deactivate),
             strictness=strictness,
+            timeout=Duration(sec=timeout_s),
         )
+        future: Future = self.client(SwitchController, f"{MANAGER}/switch_controller").call_async(request)
+        return future
+
+    def switch(
+        self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = STRICT
+    ) -> tuple[bool, str]:
+        """Whether it worked, and what was said."""
+        (answer,) = self.wait(self.switching(activate, deactivate, strictness))
         return bool(answer.ok), str(answer.message)
 
     def set_from_text(self, node: str, name: str, text: str) -> bool:
@@ -103,12 +122,23 @@ class ManagerClient:
         """The names of all parameters."""
         return set(self.call(ListParameters, f"{node}/list_parameters").result.names)
 
-    def spin_until(self, ready: Any) -> None:
-        def spun() -> bool:
+    def spin_until(self, ready: Callable[[], object]) -> None:
+        """Serve the node until it is so; fails if it never is."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not ready():
+            assert time.monotonic() < deadline_s, "never came"
             self.executor.spin_once(timeout_sec=0.1)
-            return bool(ready())
 
-        until(spun)
+    @contextmanager
+    def hearing(self, kind: Any, topic: str, qos: Any = 10) -> Iterator[list[Any]]:
+        """The messages of a topic, from when its publisher is found until the end of the block."""
+        messages: list[Any] = []
+        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        try:
+            self.spin_until(subscription.get_publisher_count)
+            yield messages
+        finally:
+            self.node.destroy_subscription(subscription)
 
     def close(self) -> None:
         self.executor.shutdown()

@@ -1,5 +1,6 @@
 """Hardware components that are lost and come back, or are not there at the start; seen from another process."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
 from servoloop.files import CONTROLLERS
-from tests.ros.hardware_client import activate, components, controllers, set_state
+from tests.ros.hardware_client import activate, components, controllers, interfaces, set_state
+from tests.ros.hardware_plugin import DEFECT, Orders, install
 from tests.ros.stack_process import READY, StackProcess, arm_client, running
-from tests.ros.two_components import ARM, servos, write_robot_file, write_servos, write_urdf
+from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 
 pytestmark = pytest.mark.ros
 
@@ -33,6 +35,7 @@ def emulating(folder: Path, urdf: Path) -> Iterator[StackProcess]:
         emulator.end()
 
 
+@pytest.mark.row("trouble-unplugged", "cm-on-error", "trouble-nan")
 def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tmp_path: Path) -> None:
     """The hand, another component, goes on all the while. Upstream's way needs ``--stay`` for the last one only."""
     urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
@@ -48,9 +51,12 @@ def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tm
         client.spin_until(lambda: components(client) == {"arm": "unconfigured", "hand": "active"})
         states = controllers(client)
         assert (states["arm_controller"], states["hand_controller"]) == ("inactive", "active")
+        assert set(interfaces(client, "joint").values()) == {(False, False)}
+        assert interfaces(client, HAND)[f"commands/{HAND}/position"] == (True, True)
         client.spin_until(lambda: "is gone" in levels.get("servoloop: arm", ""))
         seen = len(positions)
         client.spin_until(lambda: len(positions) > seen + 5)
+        assert len(positions[-1].name) == 8 and all(map(math.isfinite, positions[-1].position))
         assert set_state(client, "arm", label="active") == (False, "unconfigured")
         assert "there is no" in stack.words
         with emulating(tmp_path, urdf):
@@ -60,6 +66,7 @@ def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tm
             assert stack.end() == 0, stack.words
 
 
+@pytest.mark.row("trouble-unplugged", "cm-set-hardware")
 def test_without_stay_too_the_stack_goes_on_while_one_component_is_left(ros_domain: int, tmp_path: Path) -> None:
     urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
     with (
@@ -75,11 +82,14 @@ def test_without_stay_too_the_stack_goes_on_while_one_component_is_left(ros_doma
         assert stack.end() == 0, stack.words
 
 
+@pytest.mark.row("trouble-nan", "cm-set-hardware")
 def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp_path: Path) -> None:
     urdf = write_servos(tmp_path)
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
     with running(tmp_path, "--urdf", str(urdf), "--stay", *ports) as stack, arm_client() as client:
+        messages: list[JointState] = []
+        client.node.create_subscription(JointState, "/joint_states", messages.append, 1000)
         assert components(client) == {"arm": "unconfigured", "hand": "unconfigured"}
         assert "arm stays unconfigured: there is no" in stack.words
         assert controllers(client)["joint_state_broadcaster"] == "active"
@@ -88,13 +98,18 @@ def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp
             for name in ("arm", "hand"):
                 emulator.wait_for(tmp_path / f"bus.{name}")
                 assert set_state(client, name, label="active") == (True, "active")
+                known = [*ARM] if name == "arm" else ["hand_left_joint", HAND, *ARM]
+                client.spin_until(lambda known=known: bool(messages) and messages[-1].name == known)
             assert activate(client, "arm_controller", "hand_controller")[0]
             assert client.wait(client.send(READY)).status == SUCCEEDED
+            # Nothing is said of a joint before it has been measured.
+            assert all(map(math.isfinite, (value for message in messages for value in message.position)))
             assert stack.end() == 0, stack.words
         finally:
             emulator.end()
 
 
+@pytest.mark.row("trouble-unplugged")
 def test_two_makes_on_two_lines_and_both_lines_lost(ros_domain: int, tmp_path: Path) -> None:
     """Servos of one make in the arm and of another in the hand, each a component; the emulator takes both away."""
     hand = tmp_path / "hand.yaml"
@@ -129,3 +144,30 @@ def test_components_begin_in_the_states_that_the_controllers_file_says(ros_domai
         for name in ("arm", "hand"):
             assert set_state(client, name, label="active") == (True, "active")
         assert activate(client, "arm_controller", "hand_controller")[0]
+
+
+@pytest.mark.row("cm-on-error-fails", "cm-set-hardware")
+def test_a_component_that_cannot_even_be_given_up_is_finalized_for_good(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hand = Orders(tmp_path / "hand")
+    monkeypatch.setenv("PYTHONPATH", install(tmp_path))
+    with (
+        running(tmp_path, "--urdf", str(write_urdf(tmp_path, hand=hand.hardware))) as stack,
+        arm_client() as client,
+    ):
+        hand.give("cleanup", "defect")
+        hand.give("read", "lost")
+        client.spin_until(lambda: components(client) == {"arm": "active", "hand": "finalized"})
+        assert f"hand is given up for good: {DEFECT}" in stack.words
+        hand.withdraw()
+        for label in ("active", "inactive", "unconfigured"):
+            assert set_state(client, "hand", label=label) == (False, "finalized")
+        told = "hand is not set active: hand is finalized, which is its end: start the stack anew"
+        client.spin_until(lambda: told in stack.words)
+        assert set(interfaces(client, "hand").values()) == {(False, False)}
+        states = controllers(client)
+        assert (states["hand_controller"], states["arm_controller"]) == ("inactive", "active")
+        assert hand.calls[-1] == "cleanup"
+        assert stack.end() == 1  # a script must notice
+        assert "deactivate" in hand.calls  # the last that can be tried

@@ -1,5 +1,6 @@
 """Hardware components over the middleware: listed, switched, lost and brought back, by a client in another process."""
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -8,10 +9,11 @@ pytest.importorskip("rclpy")
 
 from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces, SetHardwareComponentState
 from lifecycle_msgs.msg import State
+from sensor_msgs.msg import JointState
 
 from tests.ros.hardware_client import activate, ask, components, controllers, set_state
 from tests.ros.stack_process import READY, ArmClient, StackProcess, arm_client, running
-from tests.ros.two_components import HAND, write_urdf
+from tests.ros.two_components import ARM, HAND, write_urdf
 
 pytestmark = pytest.mark.ros
 
@@ -42,6 +44,7 @@ def everything_active(request: pytest.FixtureRequest) -> None:
         assert not idle or activate(client, *idle)[0]
 
 
+@pytest.mark.row("cm-list-hardware")
 def test_both_components_are_listed_as_they_are_in_the_file(client: ArmClient) -> None:
     arm, hand = ask(client, ListHardwareComponents, "list_hardware_components").component
     assert (arm.name, arm.type, arm.plugin_name) == ("arm", "system", "mock_components/GenericSystem")
@@ -51,7 +54,11 @@ def test_both_components_are_listed_as_they_are_in_the_file(client: ArmClient) -
     assert [i.name for i in hand.state_interfaces] == [
         f"{joint}/{kind}" for joint in (HAND, "hand_left_joint") for kind in ("position", "velocity")
     ]
-    assert all(i.is_available and i.is_claimed and i.data_type == "double" for i in arm.command_interfaces)
+    assert all(i.is_available and i.is_claimed for i in arm.command_interfaces)
+    assert all(i.is_available and not i.is_claimed for i in arm.state_interfaces)
+    everything = (*arm.command_interfaces, *arm.state_interfaces, *hand.command_interfaces, *hand.state_interfaces)
+    assert {i.data_type for i in everything} == {"double"}
+    assert len(everything) == 6 + 12 + 1 + 4
 
 
 ROWS = [
@@ -70,6 +77,7 @@ ROWS = [
 ]
 
 
+@pytest.mark.row("cm-set-hardware")
 @pytest.mark.parametrize(("steps", "answer"), ROWS)
 def test_setting_a_state(client: ArmClient, steps: list[tuple[int, str]], answer: tuple[bool, str]) -> None:
     for target, label in steps:
@@ -82,6 +90,7 @@ def test_a_component_that_is_not_there(client: ArmClient) -> None:
     assert set_state(client, "foot", State.PRIMARY_STATE_ACTIVE)[0] is False
 
 
+@pytest.mark.row("cm-list-hardware")
 @pytest.mark.parametrize(("label", "available"), [("active", True), ("inactive", True), ("unconfigured", False)])
 def test_its_interfaces_are_there_while_it_is_configured(client: ArmClient, label: str, available: bool) -> None:
     assert set_state(client, "hand", label=label) == (True, label)
@@ -93,6 +102,18 @@ def test_its_interfaces_are_there_while_it_is_configured(client: ArmClient, labe
     assert {i.name: i.is_claimed for i in answer.command_interfaces}[f"{HAND}/position"] == (label == "active")
 
 
+@pytest.mark.row("trouble-nan")
+def test_joints_of_unconfigured_hardware_are_in_no_joint_states(client: ArmClient) -> None:
+    messages: list[JointState] = []
+    client.node.create_subscription(JointState, "/joint_states", messages.append, 100)
+    for label, names in (("unconfigured", [*ARM]), ("active", ["hand_left_joint", HAND, *ARM])):
+        assert set_state(client, "hand", label=label) == (True, label)
+        client.spin_until(lambda names=names: bool(messages) and messages[-1].name == names)
+    assert all(len(m.name) == len(m.position) == len(m.velocity) == len(m.effort) for m in messages)
+    assert all(math.isfinite(value) for message in messages for value in message.position)
+
+
+@pytest.mark.row("trouble-deactivated")
 def test_its_controllers_go_with_it_and_cannot_come_back_before_it_does(client: ArmClient) -> None:
     """Unlike upstream, where they stay active and command nothing."""
     set_state(client, "hand", label="inactive")
@@ -109,6 +130,7 @@ def test_its_controllers_go_with_it_and_cannot_come_back_before_it_does(client: 
     assert activate(client, "hand_controller")[0]
 
 
+@pytest.mark.row("golden-hardware-inactive", "trouble-deactivated")
 def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) -> None:
     """Unlike upstream, where it succeeds though nothing moves."""
     result = client.send([0.3, *READY[1:]], seconds=5)

@@ -13,6 +13,7 @@ from tests.ros.test_manager_spawner import Spawner
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.row("cm-spawner")
 def test_without_spawning_the_files_controllers_wait_for_the_spawner(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--no-spawn"), manager_client() as client:
         assert client.states() == {}

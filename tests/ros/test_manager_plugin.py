@@ -1,4 +1,4 @@
-"""A user's own controller with a face of its own, installed beside the stack: on the graph like the others."""
+"""A user's own controller and a user's own hardware, Python classes beside the stack: on the graph like the others."""
 
 from pathlib import Path
 
@@ -6,22 +6,32 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from std_msgs.msg import Float64
+from controller_manager_msgs.srv import ListHardwareComponents, SetHardwareComponentState
+from lifecycle_msgs.msg import State
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
 
 from tests.controller.test_manager_plugin import block, install
-from tests.ros.manager_client import MANAGER, manager_client
+from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import running
+from tests.servoloop.test_own_hardware import URDF as BELT
+from tests.servoloop.test_own_hardware import code
 
 pytestmark = pytest.mark.ros
 
 FACES = """
+from rcl_interfaces.msg import ParameterDescriptor
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 
 class Face:
     def __init__(self, node, controller):
         self.controller = controller
         self.publisher = node.create_publisher(Float64, "~/swing", 10)
+        node.declare_parameter("unit", "rad", ParameterDescriptor(read_only=True))
+        node.create_service(Trigger, "~/stop", lambda request, response: response)
+        node.create_timer(1.0, lambda: None)
 
     def publish(self, stamp):
         if self.controller.parameters.amplitude > 0.5:
@@ -30,6 +40,18 @@ class Face:
 """
 
 
+BELT_CONTROLLERS = """
+controller_manager:
+  ros__parameters:
+    update_rate: 20
+    joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}
+    driver: {type: velocity_controllers/JointGroupVelocityController}
+driver: {ros__parameters: {joints: [belt], command_timeout: 0.0}}
+"""
+VELOCITY = '<state_interface name="velocity"/>'
+
+
+@pytest.mark.row("trouble-python")
 def test_a_users_controller_and_its_face(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, "wave", block("python"), "wave/Wave = wave:Wave\n[servoloop.faces]\nwave/Wave = wave_face:Face")
     (tmp_path / "wave_face.py").write_text(FACES)
@@ -46,6 +68,51 @@ def test_a_users_controller_and_its_face(ros_domain: int, tmp_path: Path, monkey
         assert client.put("/wave", "amplitude", 0.6) == ""  # its face fails from here on, and nobody else
         client.spin_until(lambda: "wave shows nothing from here on" in stack.words)
         assert client.states() == {"wave": "active"}
+        assert client.switch((), ["wave"])[0] and client.cleanup("wave")
+        client.spin_until(lambda: "/wave/stop" not in dict(client.node.get_service_names_and_types()))
+        assert not {"unit"} & client.parameters("/wave")
+        assert client.put("/wave", "amplitude", 0.2) == ""
+        assert client.configure("wave") and client.configure("wave")
+        assert client.get("/wave", "unit", "amplitude") == ["rad", 0.2]
+        swings.clear()
+        assert client.switch(["wave"])[0]
+        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new face, on the same node
+        assert "its ROS node lacks" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())
         assert client.get(MANAGER, "wave.type") == ["wave/Wave"]
+
+
+@pytest.mark.row("trouble-python")
+def test_a_users_hardware_is_driven_and_switched(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The conveyor of docs/hardware.md: told a speed by topic, read in ``/joint_states``, stopped by a service."""
+    entry = code("toml").splitlines()[-1].replace('"', "")
+    install(tmp_path, "belt", code("python"), f"[servoloop.hardware]\n{entry}")
+    (tmp_path / "belt.urdf").write_text(BELT.replace(VELOCITY, f'<state_interface name="position"/>{VELOCITY}'))
+    (tmp_path / "controllers.yaml").write_text(BELT_CONTROLLERS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    options = ("--urdf", str(tmp_path / "belt.urdf"), "--controllers", str(tmp_path / "controllers.yaml"))
+    with running(tmp_path, *options), manager_client() as client:
+        (component,) = client.call(ListHardwareComponents, f"{MANAGER}/list_hardware_components").component
+        assert (component.name, component.type, component.plugin_name) == ("conveyor", "actuator", "factory/Belt")
+        assert client.states() == {"joint_state_broadcaster": "active", "driver": "active"}
+        publisher = client.node.create_publisher(Float64MultiArray, "/driver/commands", 1)
+        client.spin_until(publisher.get_subscription_count)
+        publisher.publish(Float64MultiArray(data=[0.3]))
+        with client.hearing(JointState, "/joint_states") as heard:
+            client.spin_until(lambda: heard and heard[-1].velocity[0] == pytest.approx(0.3))
+            at_speed = heard[-1].position[0]
+            client.spin_until(lambda: heard[-1].position[0] > at_speed + 0.1)
+            _set(client, "inactive")
+            client.spin_until(lambda: heard[-1].velocity[0] == 0.0)
+        assert client.states() == {"joint_state_broadcaster": "active", "driver": "inactive"}
+        _set(client, "active")
+        assert client.switch(["driver"])[0]
+
+
+def _set(client: ManagerClient, label: str) -> None:
+    service = f"{MANAGER}/set_hardware_component_state"
+    answer = client.call(SetHardwareComponentState, service, name="conveyor", target_state=State(label=label))
+    assert (answer.ok, answer.state.label) == (True, label)

@@ -3,18 +3,28 @@
 Upstream's spawner: ``list_controllers``; if the controller is not loaded, the parameters ``NAME.node_options_args``,
 ``NAME.params_file`` (a list), ``NAME.type`` and ``NAME.fallback_controllers`` on the manager, each set from a text;
 ``load_controller``; then ``configure_controller``; then ``switch_controller``, strict, with five seconds' time.
-Killed with ``--unload-on-kill``, it deactivates strictly and unloads.
+Killed with ``--unload-on-kill``, it deactivates strictly and unloads. A call that is not answered within ten seconds
+it repeats, up to three times.
 """
 
+import signal
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration
-from controller_manager_msgs.srv import ListControllers, SwitchController
+from controller_manager_msgs.srv import (
+    ConfigureController,
+    ListControllers,
+    LoadController,
+    SwitchController,
+    UnloadController,
+)
 from std_msgs.msg import Float64MultiArray
 
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
@@ -126,6 +136,7 @@ def spawner(connected: ManagerClient) -> Iterator[Spawner]:
         assert connected.unload(name)
 
 
+@pytest.mark.row("cm-spawner")
 def test_a_stack_that_starts_with_nobody_is_filled_by_the_spawner(spawner: Spawner, files: Path) -> None:
     assert spawner.client.states() == {}
     kind = "joint_state_broadcaster/JointStateBroadcaster"
@@ -141,6 +152,7 @@ def test_a_stack_that_starts_with_nobody_is_filled_by_the_spawner(spawner: Spawn
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == "configure"
 
 
+@pytest.mark.row("cm-spawner")
 def test_load_only_and_inactive(spawner: Spawner, files: Path) -> None:
     given = {"files": [files / "hand.yaml"], "kind": FORWARD}
     assert spawner.spawn("hand", **given, load_only=True) == ""  # type: ignore[arg-type]
@@ -151,6 +163,7 @@ def test_load_only_and_inactive(spawner: Spawner, files: Path) -> None:
     assert spawner.client.states() == {"hand": "active"}
 
 
+@pytest.mark.row("cm-spawner")
 def test_unloaded_and_spawned_again_with_other_parameters(spawner: Spawner, files: Path) -> None:
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == ""
     assert spawner.unload("hand") == ""
@@ -161,6 +174,7 @@ def test_unloaded_and_spawned_again_with_other_parameters(spawner: Spawner, file
     assert spawner.client.get("/hand", "joints") == [["hand_right_joint", "joint6"]]
 
 
+@pytest.mark.row("cm-spawner")
 def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
     given = ["--ros-args", "-r", "hand/commands:=/fingers"]
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD, ros_args=given) == ""
@@ -171,6 +185,7 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
     node.destroy_publisher(publisher)
 
 
+@pytest.mark.row("cm-spawner", "cm-load")
 @pytest.mark.parametrize(
     ("name", "file", "kind", "step", "said"),
     [
@@ -189,3 +204,56 @@ def test_what_cannot_be_loaded_is_said_in_the_log(
     assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
     assert said in stack.words
     assert spawner.client.states() == {}
+
+
+# Answers that are late
+
+
+@contextmanager
+def stopped(stack: StackProcess) -> Iterator[None]:
+    """The whole stack stands still until the end of the block."""
+    stack.process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        stack.process.send_signal(signal.SIGCONT)
+
+
+def repeated(stack: StackProcess, client: ManagerClient, kind: Any, service: str, **fields: Any) -> list[bool]:
+    """Whether each of three identical requests is granted, all of which wait for the stack."""
+    caller, request = client.client(kind, f"{MANAGER}/{service}"), kind.Request(**fields)
+    with stopped(stack):
+        futures = [caller.call_async(request) for _ in range(3)]
+    return [bool(answer.ok) for answer in client.wait(*futures)]
+
+
+@pytest.mark.row("cm-spawner")
+def test_requests_that_are_repeated_because_the_answer_was_late(
+    spawner: Spawner, stack: StackProcess, files: Path
+) -> None:
+    client = spawner.client
+    assert client.set_from_text(MANAGER, "hand.type", FORWARD)
+    assert client.set_from_text(MANAGER, "hand.params_file", str([str(files / "hand.yaml")]))
+    assert repeated(stack, client, LoadController, "load_controller", name="hand") == [True, False, False]
+    assert client.states() == {"hand": "unconfigured"}
+    assert repeated(stack, client, ConfigureController, "configure_controller", name="hand") == [True] * 3
+    assert client.states() == {"hand": "inactive"}
+    switch = {"strictness": SwitchController.Request.STRICT, "activate_asap": True, "timeout": Duration(sec=5)}
+    start = {"activate_controllers": ["hand"], **switch}
+    assert repeated(stack, client, SwitchController, "switch_controller", **start) == [True, False, False]
+    assert client.states() == {"hand": "active"}
+    client.spin_until(lambda: client.node.get_node_names().count("hand") == 1)
+    stop = {"deactivate_controllers": ["hand"], **switch}
+    assert repeated(stack, client, SwitchController, "switch_controller", **stop) == [True, False, False]
+    assert repeated(stack, client, UnloadController, "unload_controller", name="hand") == [True, False, False]
+    assert client.states() == {}
+
+
+@pytest.mark.row("cm-spawner")
+def test_a_spawner_that_has_given_up_is_started_once_more(spawner: Spawner, stack: StackProcess, files: Path) -> None:
+    """What the first has been granted too late, the second finds done and goes on from there."""
+    client = spawner.client
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD, load_only=True) == ""
+    assert repeated(stack, client, LoadController, "load_controller", name="hand") == [False] * 3
+    assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == ""
+    assert client.states() == {"hand": "active"}

@@ -63,3 +63,11 @@ def write_servos(folder: Path) -> Path:
     """The URDF with servos in both, each with a robot file, and so a line, of its own."""
     arm, hand = write_robot_file(folder, "arm", *ARM), write_robot_file(folder, "hand", HAND)
     return write_urdf(folder, servos(arm), servos(hand))
+
+
+def add_states(urdf: Path, joint: str, *names: str) -> Path:
+    """More state interfaces of a joint."""
+    text, begin = urdf.read_text(), f'<joint name="{joint}">'
+    assert text.count(begin) == 1
+    urdf.write_text(text.replace(begin, begin + "".join(f'<state_interface name="{name}"/>' for name in names)))
+    return urdf

@@ -52,6 +52,21 @@ def test_the_command_line_decides_for_all(tmp_path: Path) -> None:
         made(files, HardwareKind.MUJOCO)
 
 
+@pytest.mark.parametrize("command", ["velocity", "effort"])
+def test_servos_take_positions_and_the_mock_in_their_place_what_is_declared(tmp_path: Path, command: str) -> None:
+    path = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
+    text = path.read_text()
+    first = '<joint name="joint1">\n'
+    assert first in text
+    path.write_text(text.replace(first, f'{first}<command_interface name="{command}"/>'))
+    files = read_files(path)
+    assert made(files, HardwareKind.MOCK)[0].command_interfaces[0] == f"joint1/{command}"
+    assert files.limits["joint1"].acceleration == files.robot.limits()["joint1"].acceleration
+    for kind in (None, HardwareKind.SERVOS):
+        with pytest.raises(DescriptionError, match=f"arm: the URDF asks for joint1/{command} commands, and servos"):
+            made(files, kind)
+
+
 def test_a_mock_needs_no_robot_file(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path))
     assert files.robot.joints == ()

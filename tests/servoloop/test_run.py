@@ -28,10 +28,12 @@ def test_a_signal_is_no_failure(tmp_path: Path) -> None:
     assert bench.hardware.calls[-2:] == ["hold", "cleanup"]
 
 
-@pytest.mark.parametrize("error", [PortLost("the port is gone"), RuntimeError("a defect")])
-def test_what_ends_the_loop_is_a_failure_and_the_arm_is_brought_to_its_end(tmp_path: Path, error: Exception) -> None:
+@pytest.mark.parametrize("kind", [PortLost, RuntimeError])
+def test_what_ends_the_loop_is_a_failure_and_the_arm_is_brought_to_its_end(
+    tmp_path: Path, kind: type[Exception]
+) -> None:
     bench, run = run_of(tmp_path)
-    bench.hardware.failing["read"] = error
+    bench.hardware.failing["read"] = kind("the line is broken")
     run()
     assert (run.done, run.failed) == (True, True)
     assert bench.hardware.calls[-2:] == ["hold", "cleanup"]

@@ -1,0 +1,128 @@
+"""A hardware component as a user brings it: a mock that shows what it is asked, and fails where a test says so.
+
+The ``orders`` of the URDF name a folder. A file there, called after one of the component's calls, is an order: with
+"lost" or "defect" that call raises as long as the file is there; once, with "rest" it makes itself inactive, and with
+a number it takes so many seconds. The file ``pose`` is somebody's hand on the first joint: there it stands from the
+next call on.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.errors import PortLost
+from hal.description import Component
+from hal.lifecycle import LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.types import JointCommand, JointState
+
+NAME = "acme/Gauge"
+GONE = "/dev/gauge is gone"
+DEFECT = "a defect of the gauge"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Gauge(MockHardware):
+    """Its first joint's state interfaces ``reads`` and ``writes`` count these calls; ``calls`` lists the others."""
+
+    orders: Path
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)  # type: ignore[arg-type]
+        self._reads = self._writes = 0
+
+    def configure(self) -> None:
+        self._note("configure")
+        super().configure()
+
+    def activate(self) -> None:
+        self._note("activate")
+        super().activate()
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        self._note("deactivate")
+        return super().deactivate(relax)
+
+    def cleanup(self) -> None:
+        self._note("cleanup")
+        super().cleanup()
+
+    def read(self) -> JointState:
+        self._obey("read")
+        self._reads += 1
+        counts = {f"{self.joints[0]}/reads": self._reads, f"{self.joints[0]}/writes": self._writes}
+        return replace(super().read(), extra=counts)
+
+    def write(self, command: JointCommand) -> None:
+        self._writes += 1
+        super().write(command)
+        self._obey("write")
+
+    def _note(self, call: str) -> None:
+        with (self.orders / "calls").open("a") as calls:
+            calls.write(f"{call}\n")
+        self._obey(call)
+
+    def _obey(self, call: str) -> None:
+        if (pose := self.orders / "pose").exists():
+            self._position[0] = float(pose.read_text())
+            pose.unlink()
+        if not (order := self.orders / call).exists():
+            return
+        wanted = order.read_text()
+        if wanted == "lost":
+            raise PortLost(GONE)
+        if wanted == "defect":
+            raise RuntimeError(DEFECT)
+        order.unlink()
+        if wanted == "rest":
+            self.state = LifecycleState.INACTIVE
+        else:
+            time.sleep(float(wanted))
+
+
+def make(component: Component, clock: Clock) -> Gauge:
+    """What the entry point names."""
+    made = Gauge.of(component, clock)
+    assert isinstance(made, Gauge)
+    made.orders = Path(component.parameters["orders"])
+    return made
+
+
+def install(site: Path) -> str:
+    """What pip leaves behind of a package with this plug-in; returns the PYTHONPATH with which it is found."""
+    info = site / "acme-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[servoloop.hardware]\n{NAME} = {make.__module__}:make\n")
+    return f"{site}:{ROOT}"
+
+
+class Orders:
+    """The test's side: the folder of one component."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self.folder = folder
+
+    @property
+    def hardware(self) -> str:
+        """What stands in the URDF's ``<hardware>``."""
+        return f'<plugin>{NAME}</plugin><param name="orders">{self.folder}</param>'
+
+    @property
+    def calls(self) -> list[str]:
+        """Those that change its state, so far."""
+        return (self.folder / "calls").read_text().split()
+
+    def give(self, call: str, wanted: str | float) -> None:
+        """Whole at once: the component looks in every cycle."""
+        part = self.folder / f"{call}.part"
+        part.write_text(str(wanted))
+        part.replace(self.folder / call)
+
+    def withdraw(self, *calls: str) -> None:
+        for call in calls or ("read", "write", "configure", "activate", "deactivate", "cleanup"):
+            (self.folder / call).unlink(missing_ok=True)

@@ -1,0 +1,124 @@
+"""Robots that cannot be brought up: ``servoloop up`` says why in words and ends, it neither waits nor hangs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from servoloop.files import CONTROLLERS
+from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
+from tests.ros.stack_process import PATIENCE_S, StackProcess
+from tests.ros.two_components import MOCK, write_urdf
+
+pytestmark = pytest.mark.ros
+
+HARDWARE = f"<hardware>{MOCK}</hardware>"
+COMMAND = '<command_interface name="position"/>'
+ARM_JOINT = '<joint name="joint1">'
+BROKEN = {
+    # how the file of two mocks is broken: what, by what; what is said
+    "an unknown tag": (HARDWARE, f"{HARDWARE}<wheel/>", "<ros2_control name='arm'> has the unknown tag <wheel>"),
+    "a sensor element": (
+        HARDWARE,
+        f'{HARDWARE}<sensor name="scale"/>',
+        "<ros2_control name='arm'>: <sensor> is not supported: the components here have joints, and nothing else",
+    ),
+    "a joint that the URDF has not": (
+        ARM_JOINT,
+        '<joint name="wheel">',
+        "<ros2_control name='arm'> names joint 'wheel', which the URDF has not",
+    ),
+    "a fixed joint": (
+        '<joint name="joint1" type="revolute">',
+        '<joint name="joint1" type="fixed">',
+        "<ros2_control name='arm'> names joint 'joint1', which is fixed in the URDF: "
+        "hardware has joints that are revolute, continuous, prismatic",
+    ),
+    "no name": ('<ros2_control name="arm"', "<ros2_control", "a <ros2_control> block of the URDF has no name"),
+    "no type": ('"arm" type="system"', '"arm"', "<ros2_control name='arm'> of the URDF has no type"),
+    "a sensor that takes commands": (
+        '"arm" type="system"',
+        '"arm" type="sensor"',
+        "<ros2_control name='arm'> is a sensor: take the <command_interface> of joint 'joint1' out",
+    ),
+    "no plugin": (MOCK, "", "<ros2_control name='arm'> has no <hardware><plugin>"),
+    "one name for two": (
+        'name="hand" type',
+        'name="arm" type',
+        "two <ros2_control> blocks are called 'arm': each needs a name of its own",
+    ),
+    "commands to a mimic joint": (
+        '<joint name="hand_left_joint">',
+        f'<joint name="hand_left_joint">{COMMAND}',
+        "<ros2_control name='hand'>: joint 'hand_left_joint' follows 'hand_right_joint' by its <mimic>: "
+        "take its <command_interface> out",
+    ),
+}
+
+
+def refusal(folder: Path, *arguments: str) -> str:
+    """What ``servoloop up`` says when it ends, which it must by itself and with a failure."""
+    stack = StackProcess(folder / "up.log", "up", "--ready-file", str(folder / "ready"), *arguments)
+    try:
+        assert stack.process.wait(PATIENCE_S) == 1
+    finally:
+        stack.end()
+    assert not (folder / "ready").exists()
+    return stack.words
+
+
+def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str) -> Path:
+    """The URDF with a plug-in as the arm, of which one call fails."""
+    arm = Orders(folder / "arm")
+    arm.give(call, order)
+    monkeypatch.setenv("PYTHONPATH", install(folder))
+    return write_urdf(folder, arm=arm.hardware)
+
+
+@pytest.mark.row("cm-urdf-errors")
+@pytest.mark.parametrize("kind", [*BROKEN])
+def test_a_mistake_in_the_blocks_is_said_in_one_line(ros_domain: int, tmp_path: Path, kind: str) -> None:
+    what, by_what, says = BROKEN[kind]
+    urdf = write_urdf(tmp_path)
+    text = urdf.read_text()
+    assert what in text
+    urdf.write_text(text.replace(what, by_what, 1))
+    (line,) = refusal(tmp_path, "--urdf", str(urdf)).splitlines()
+    assert line.startswith("servoloop: ") and says in line
+
+
+@pytest.mark.row("cm-no-hang", "cm-urdf-errors")
+def test_a_urdf_without_hardware(ros_domain: int, tmp_path: Path) -> None:
+    urdf = write_urdf(tmp_path)
+    urdf.write_text(re.sub("<ros2_control.*</ros2_control>", "", urdf.read_text(), flags=re.DOTALL))
+    (line,) = refusal(tmp_path, "--urdf", str(urdf)).splitlines()
+    assert line.startswith(f"servoloop: {urdf}: the URDF has no <ros2_control> block: add one")
+
+
+@pytest.mark.row("cm-no-hang")
+@pytest.mark.parametrize("call", ["configure", "activate"])
+@pytest.mark.parametrize(("order", "says"), [("lost", f"servoloop: {GONE}"), ("defect", f"RuntimeError: {DEFECT}")])
+def test_hardware_that_cannot_begin(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str, says: str
+) -> None:
+    words = refusal(tmp_path, "--urdf", str(plugged(tmp_path, monkeypatch, call, order)))
+    assert words.splitlines()[-1] == says
+
+
+@pytest.mark.row("cm-no-hang")
+def test_a_port_that_is_not_there(ros_domain: int, tmp_path: Path) -> None:
+    words = refusal(tmp_path, "--port", str(tmp_path / "no_such_port"))
+    assert words.splitlines()[-1].startswith(f"servoloop: there is no {tmp_path / 'no_such_port'}")
+
+
+@pytest.mark.row("cm-no-hang")
+def test_controllers_of_interfaces_that_the_hardware_has_not(ros_domain: int, tmp_path: Path) -> None:
+    controllers = tmp_path / "controllers.yaml"
+    controllers.write_text(
+        CONTROLLERS.read_text().replace("command_interfaces: [position]", "command_interfaces: [velocity]")
+    )
+    (line,) = refusal(tmp_path, "--urdf", str(write_urdf(tmp_path)), "--controllers", str(controllers)).splitlines()
+    assert line.startswith(f"servoloop: {controllers}")
+    assert "arm_controller" in line

@@ -1,0 +1,217 @@
+"""Parameters over DDS: of the manager, of the controllers and of the hardware component, by all of their services."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter
+
+from tests.ros.manager_bench import AT_START, FORWARD, manager_stack, restore
+from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
+from tests.ros.stack_process import StackProcess
+
+pytestmark = pytest.mark.ros
+
+ARM = "/arm_controller"
+COMPONENT = "/robot_arm"
+UNDECLARED = "parameter 'nonsense' cannot be set because it was not declared"
+BOOL, INTEGER, DOUBLE, STRING, STRINGS = (
+    ParameterType.PARAMETER_BOOL,
+    ParameterType.PARAMETER_INTEGER,
+    ParameterType.PARAMETER_DOUBLE,
+    ParameterType.PARAMETER_STRING,
+    ParameterType.PARAMETER_STRING_ARRAY,
+)
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
+    with manager_stack(tmp_path_factory.mktemp("parameters")) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def connected(stack: StackProcess) -> Iterator[ManagerClient]:
+    with manager_client() as client:
+        yield client
+
+
+@pytest.fixture
+def client(connected: ManagerClient) -> Iterator[ManagerClient]:
+    """The stack as it is after its start, whatever the test before has done."""
+    yield connected
+    restore(connected)
+
+
+def described(client: ManagerClient, node: str, *names: str) -> list[ParameterDescriptor]:
+    return list(client.call(DescribeParameters, f"{node}/describe_parameters", names=list(names)).descriptors)
+
+
+def listed(client: ManagerClient, node: str, prefix: str, depth: int) -> set[str]:
+    return set(client.call(ListParameters, f"{node}/list_parameters", prefixes=[prefix], depth=depth).result.names)
+
+
+def put_together(client: ManagerClient, node: str, **values: Any) -> str:
+    """Set all or none of them; why not, or ''. Names have ``__`` for a dot."""
+    parameters = [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
+    result = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=parameters).result
+    assert result.successful == (not result.reason)
+    return str(result.reason)
+
+
+def test_the_managers_parameters(client: ManagerClient) -> None:
+    assert client.get(MANAGER, "update_rate", "conflict.type") == [20, FORWARD]
+    assert "<ros2_control" in client.get(MANAGER, "robot_description")[0]
+    assert client.put(MANAGER, "update_rate", 30) == "parameter 'update_rate' cannot be set because it is read-only"
+    assert client.get(MANAGER, "update_rate") == [20]
+
+
+def test_the_controllers_parameters_under_upstreams_names(client: ManagerClient) -> None:
+    names = client.parameters(ARM)
+    assert {"joints", "constraints.goal_time", "constraints.joint1.goal", "interpolation_method"} <= names
+    assert client.get("/spare", "joints", "interface_name") == [["joint6"], "position"]
+
+
+# Every service of every kind of node
+
+
+@pytest.mark.row("cm-parameter-services")
+@pytest.mark.parametrize(
+    ("node", "wanted"),
+    [
+        (MANAGER, {"update_rate": (INTEGER, True), "robot_description": (STRING, True), "spare.type": (STRING, False)}),
+        (
+            ARM,
+            {
+                "joints": (STRINGS, True),
+                "interpolation_method": (STRING, True),
+                "constraints.goal_time": (DOUBLE, False),
+                "wait_for": (STRINGS, True),
+            },
+        ),
+        (COMPONENT, {"use_sim_time": (BOOL, False)}),
+    ],
+)
+def test_parameters_are_listed_described_and_typed(
+    client: ManagerClient, node: str, wanted: dict[str, tuple[int, bool]]
+) -> None:
+    assert wanted.keys() <= client.parameters(node)
+    found = described(client, node, *wanted)
+    assert {d.name: (d.type, d.read_only) for d in found} == wanted
+    types = client.call(GetParameterTypes, f"{node}/get_parameter_types", names=list(wanted)).types
+    assert list(types) == [kind for kind, _ in wanted.values()]
+    assert len(client.get(node, *wanted)) == len(wanted)
+
+
+@pytest.mark.row("cm-parameter-services")
+def test_a_description_says_what_values_are_allowed(client: ManagerClient) -> None:
+    (goal_time,) = described(client, ARM, "constraints.goal_time")
+    assert goal_time.additional_constraints == "at least 0"
+
+
+@pytest.mark.row("cm-parameter-services")
+def test_groups_are_listed_by_their_prefix(client: ManagerClient) -> None:
+    group = {"constraints.goal_time", "constraints.stopped_velocity_tolerance", "constraints.decelerate_on_cancel"}
+    assert listed(client, ARM, "constraints", depth=1) == group
+    deep = listed(client, ARM, "constraints", depth=ListParameters.Request.DEPTH_RECURSIVE)
+    assert group | {"constraints.joint1.goal", "constraints.joint6.trajectory"} <= deep
+    assert all(name.startswith("constraints.") for name in deep)
+    assert listed(client, ARM, "nonsense", depth=1) == set()
+
+
+@pytest.mark.row("cm-parameter-services")
+@pytest.mark.parametrize("node", [ARM, COMPONENT])
+def test_what_is_not_declared_is_neither_described_nor_set(client: ManagerClient, node: str) -> None:
+    assert described(client, node, "use_sim_time", "nonsense") == []
+    assert client.get(node, "use_sim_time", "nonsense") == []
+    assert list(client.call(GetParameterTypes, f"{node}/get_parameter_types", names=["nonsense"]).types) == []
+    assert client.put(node, "nonsense", 1.0) == UNDECLARED
+    assert put_together(client, node, nonsense=1.0) == UNDECLARED
+    assert "nonsense" not in client.parameters(node)
+
+
+@pytest.mark.row("cm-parameter-services", "cm-spawner")
+def test_the_manager_takes_what_is_not_declared_for_the_spawner_sets_that(client: ManagerClient) -> None:
+    assert put_together(client, MANAGER, late__type=FORWARD, late__params_file=["a.yaml", "b.yaml"]) == ""
+    assert client.get(MANAGER, "late.type", "late.params_file") == [FORWARD, ["a.yaml", "b.yaml"]]
+    assert {d.name: d.type for d in described(client, MANAGER, "late.type", "late.params_file")} == {
+        "late.type": STRING,
+        "late.params_file": STRINGS,
+    }
+
+
+@pytest.mark.row("cm-parameter-services")
+def test_what_nobody_has_set_at_the_manager_has_no_value_and_no_type(client: ManagerClient) -> None:
+    assert client.get(MANAGER, "nobody.type") == [None]
+    assert list(client.call(GetParameterTypes, f"{MANAGER}/get_parameter_types", names=["nobody.type"]).types) == [0]
+    assert [(d.name, d.type) for d in described(client, MANAGER, "nobody.type")] == [("nobody.type", 0)]
+
+
+@pytest.mark.row("cm-parameter-services")
+def test_set_together_all_of_them_count_or_none(client: ManagerClient) -> None:
+    names = ("constraints.goal_time", "constraints.joint1.goal")
+    before = client.get(ARM, *names)
+    refused = "constraints.joint1.goal: Input should be greater than or equal to 0"
+    assert refused in put_together(client, ARM, constraints__goal_time=2.5, constraints__joint1__goal=-0.5)
+    assert client.get(ARM, *names) == before
+    read_only = "parameter 'joints' cannot be set because it is read-only"
+    assert put_together(client, ARM, constraints__goal_time=2.5, joints=["joint1"]) == read_only
+    assert client.get(ARM, *names) == before
+    assert put_together(client, ARM, constraints__goal_time=2.5, constraints__joint1__goal=0.5) == ""
+    assert client.get(ARM, *names) == [2.5, 0.5]
+    assert put_together(client, ARM, constraints__goal_time=before[0], constraints__joint1__goal=before[1]) == ""
+
+
+@pytest.mark.row("cm-parameter-services")
+def test_set_one_by_one_the_good_ones_count(client: ManagerClient) -> None:
+    values = {"constraints.goal_time": 1.5, "joints": ["joint1"]}
+    parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    results = client.call(SetParameters, f"{ARM}/set_parameters", parameters=parameters).results
+    assert [result.successful for result in results] == [True, False]
+    assert client.get(ARM, "constraints.goal_time") == [1.5]
+    assert client.put(ARM, "constraints.goal_time", 0.0) == ""
+
+
+# What is refused, and what stays
+
+
+@pytest.mark.row("golden-read-only")
+@pytest.mark.parametrize(("name", "value"), [("interpolation_method", "none"), ("joints", ["joint1"])])
+def test_a_read_only_parameter_is_refused_in_upstreams_words(client: ManagerClient, name: str, value: Any) -> None:
+    before = client.get(ARM, name)
+    assert client.put(ARM, name, value) == f"parameter '{name}' cannot be set because it is read-only"
+    assert client.get(ARM, name) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("constraints.goal_time", -1.0, "constraints.goal_time: Input should be greater than or equal to 0"),
+        ("constraints.goal_time", float("nan"), "constraints.goal_time: Input should be a finite number"),
+        ("constraints.joint1.goal", "wide", "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'"),
+        ("nonsense", 1.0, UNDECLARED),
+    ],
+)
+def test_a_parameter_that_is_refused_stays(client: ManagerClient, name: str, value: Any, reason: str) -> None:
+    before = client.get(ARM, name)
+    assert reason in client.put(ARM, name, value)
+    assert client.get(ARM, name) == before
+
+
+def test_a_parameter_that_can_be_set_outlives_a_new_configuration(client: ManagerClient) -> None:
+    assert client.put(ARM, "constraints.joint1.goal", 0.25) == ""
+    assert client.switch((), ["arm_controller"])[0] and client.configure("arm_controller")
+    assert client.get(ARM, "constraints.joint1.goal") == [0.25]
+    assert client.put(ARM, "constraints.joint1.goal", 0.0) == ""
+    assert client.switch(["arm_controller"])[0] and client.states() == AT_START

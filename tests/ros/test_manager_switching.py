@@ -1,0 +1,187 @@
+"""Switching controllers over DDS, in upstream's words: what is done, and what is refused before anything is touched."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from controller_manager_msgs.srv import SetHardwareComponentState
+from lifecycle_msgs.msg import State
+
+from tests.ros.manager_bench import AT_START, DONE, manager_stack, restore
+from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, MANAGER, STRICT, ManagerClient, manager_client
+from tests.ros.stack_process import StackProcess
+
+pytestmark = pytest.mark.ros
+
+NOTHING = "After checking the controllers, no controllers need to be activated or deactivated."
+NOPE = "Could not activate controller with name 'nope' because no controller with this name exists"
+GONE = "Could not deactivate controller with name 'gone' because no controller with this name exists"
+ALREADY = "Controller with name 'arm_controller' is already active."
+CONFLICT = (
+    "Unable to activate controller 'conflict' since the command interface 'joint1/position' is currently claimed "
+    "by another controller."
+)
+NOT_CONFIGURED = (
+    "Controller with name 'spare' can not be activated since it is unconfigured, not inactive: configure it first."
+)
+UNAVAILABLE = "Unable to activate controller '{}' since the {} interface '{}' is not available"
+EVERY_STRICTNESS = (0, BEST_EFFORT, STRICT, AUTO, FORCE_AUTO)
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
+    with manager_stack(tmp_path_factory.mktemp("switching")) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def connected(stack: StackProcess) -> Iterator[ManagerClient]:
+    with manager_client() as client:
+        yield client
+
+
+@pytest.fixture
+def client(connected: ManagerClient) -> Iterator[ManagerClient]:
+    """The stack as it is after its start, whatever the test before has done."""
+    yield connected
+    set_hardware(connected, "active")
+    restore(connected)
+
+
+def set_hardware(client: ManagerClient, label: str) -> None:
+    service = f"{MANAGER}/set_hardware_component_state"
+    answer = client.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label))
+    assert (answer.ok, answer.state.label) == (True, label)
+
+
+@pytest.mark.row("cm-switch-claims")
+def test_at_the_start_the_first_of_the_file_has_the_joint(client: ManagerClient, stack: StackProcess) -> None:
+    assert client.states() == AT_START
+    assert f"conflict stays inactive: {CONFLICT}" in stack.words
+
+
+def row(case: str, *values: Any, rows: tuple[str, ...] = ()) -> Any:
+    return pytest.param(*values, id=case, marks=[pytest.mark.row(*rows)] if rows else [])
+
+
+BOTH = ("golden-already-active",)
+CLAIMED = ("golden-claimed", "cm-switch-claims")
+
+
+@pytest.mark.parametrize(
+    ("activate", "deactivate", "strictness", "ok", "text"),
+    [
+        row("active, strict", ["arm_controller"], [], STRICT, False, ALREADY, rows=(*BOTH, "cm-switch-strict")),
+        row("active, best effort", ["arm_controller"], [], BEST_EFFORT, True, NOTHING, rows=BOTH),
+        row("active, nothing said", ["arm_controller"], [], 0, True, NOTHING, rows=("cm-switch-default",)),
+        row("unknown, strict", ["nope"], [], STRICT, False, NOPE, rows=("golden-unknown-only",)),
+        row(
+            "unknown, best effort",
+            ["nope"],
+            [],
+            BEST_EFFORT,
+            False,
+            NOPE,
+            rows=("golden-unknown-only", "cm-switch-best-effort"),
+        ),
+        row("unknown, nothing said", ["nope"], [], 0, False, NOPE, rows=("cm-switch-default",)),
+        row("unknown to stop", [], ["gone"], STRICT, False, GONE, rows=("cm-switch-strict",)),
+        row("unknown both", ["nope"], ["gone"], BEST_EFFORT, False, f"{GONE}\n{NOPE}", rows=("cm-switch-best-effort",)),
+        row("a claim taken, strict", ["conflict"], [], STRICT, False, CONFLICT, rows=CLAIMED),
+        row("a claim taken, best effort", ["conflict"], [], BEST_EFFORT, False, CONFLICT, rows=CLAIMED),
+        row("nobody", [], [], STRICT, True, NOTHING),
+        row("no such strictness", ["arm_controller"], [], 9, False, "9 is not a valid Strictness"),
+    ],
+)
+def test_a_switch_that_changes_nothing(
+    client: ManagerClient, activate: list[str], deactivate: list[str], strictness: int, ok: bool, text: str
+) -> None:
+    assert client.switch(activate, deactivate, strictness) == (ok, text)
+    assert client.states() == AT_START
+
+
+@pytest.mark.row("golden-unknown-and-known", "cm-switch-strict", "cm-switch-best-effort", "cm-switch-success")
+def test_unknown_and_known(client: ManagerClient) -> None:
+    assert client.switch((), ["arm_controller"]) == (True, f"{DONE}\nDeactivated controllers: [ arm_controller ]")
+    assert client.switch(["nope", "arm_controller"], (), STRICT) == (False, NOPE)
+    assert client.states()["arm_controller"] == "inactive"
+    started = (True, f"{DONE}\nActivated controllers: [ arm_controller ]")
+    assert client.switch(["nope", "arm_controller"], (), BEST_EFFORT) == started
+    assert client.states() == AT_START
+
+
+@pytest.mark.row("cm-switch-strict", "cm-switch-best-effort")
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [("nope", NOPE), ("arm_controller", ALREADY), ("spare", NOT_CONFIGURED)],
+    ids=["unknown", "active already", "unconfigured"],
+)
+def test_one_bad_name_beside_a_good_one(client: ManagerClient, bad: str, text: str) -> None:
+    assert client.switch((), ["hand_controller"])[0] and client.cleanup("spare")
+    before = client.states()
+    # The good ones of both lists stay where they were: also the one that was to be stopped.
+    assert client.switch([bad, "hand_controller"], ["joint_state_broadcaster"], STRICT) == (False, text)
+    assert client.states() == before
+    done = f"{DONE}\nDeactivated controllers: [ joint_state_broadcaster ]\nActivated controllers: [ hand_controller ]"
+    assert client.switch([bad, "hand_controller"], ["joint_state_broadcaster"], BEST_EFFORT) == (True, done)
+    assert client.states() == {**before, "hand_controller": "active", "joint_state_broadcaster": "inactive"}
+
+
+@pytest.mark.row("cm-switch-strict", "cm-switch-best-effort")
+def test_one_that_is_to_be_stopped_and_is_not_active(client: ManagerClient) -> None:
+    text = "Controller with name 'spare' can not be deactivated since it is not active."
+    assert client.switch((), ["spare", "hand_controller"], STRICT) == (False, text)
+    assert client.states() == AT_START
+    assert client.switch((), ["spare", "hand_controller"], BEST_EFFORT)[0]
+    assert client.states() == {**AT_START, "hand_controller": "inactive"}
+
+
+@pytest.mark.row("cm-switch-default")
+def test_no_strictness_leaves_out_what_cannot_be(client: ManagerClient, stack: StackProcess) -> None:
+    stopped = (True, f"{DONE}\nDeactivated controllers: [ hand_controller ]")
+    assert client.switch(["nope"], ["hand_controller"], 0) == stopped
+    assert client.switch(["nope", "hand_controller", "arm_controller"], (), 0)[0]
+    assert client.states() == AT_START
+    assert "no strictness is given: BEST_EFFORT (1) is taken" in stack.words
+
+
+@pytest.mark.row("cm-switch-claims")
+def test_a_claim_that_is_taken_fails_the_whole_switch(client: ManagerClient) -> None:
+    assert client.switch((), ["hand_controller"])[0]
+    for strictness in (0, BEST_EFFORT, STRICT, AUTO):
+        assert client.switch(["hand_controller", "conflict"], (), strictness) == (False, CONFLICT)
+        assert client.states() == {**AT_START, "hand_controller": "inactive"}
+
+
+@pytest.mark.row("cm-switch-success")
+def test_one_for_the_other_in_one_switch(client: ManagerClient) -> None:
+    text = f"{DONE}\nDeactivated controllers: [ arm_controller ]\nActivated controllers: [ conflict spare ]"
+    assert client.switch(["conflict", "spare"], ["arm_controller"]) == (True, text)
+    assert client.listed()["conflict"].claimed_interfaces == ["joint1/position"]
+    text = f"{DONE}\nDeactivated controllers: [ conflict spare ]\nActivated controllers: [ arm_controller ]"
+    assert client.switch(["arm_controller"], (), FORCE_AUTO) == (True, text)
+    assert client.states() == AT_START
+
+
+@pytest.mark.row("cm-switch-claims")
+@pytest.mark.parametrize("label", ["inactive", "unconfigured"])
+def test_hardware_that_is_not_active_fails_who_commands_it_however_strict(client: ManagerClient, label: str) -> None:
+    set_hardware(client, label)
+    before = client.states()
+    assert (before["arm_controller"], before["joint_state_broadcaster"]) == ("inactive", "active")
+    for strictness in EVERY_STRICTNESS:
+        ok, text = client.switch(["arm_controller"], (), strictness)
+        assert not ok and text.startswith(UNAVAILABLE.format("arm_controller", "command", "joint1/position"))
+        ok, text = client.switch(["hand_controller"], ["joint_state_broadcaster"], strictness)
+        assert not ok and text.startswith(UNAVAILABLE.format("hand_controller", "command", "hand_right_joint/position"))
+        assert client.states() == before
+
+
+def test_who_commands_nothing_may_look_on_at_inactive_hardware(client: ManagerClient) -> None:
+    set_hardware(client, "inactive")
+    assert client.switch((), ["joint_state_broadcaster"])[0] and client.switch(["joint_state_broadcaster"])[0]
+    set_hardware(client, "active")
+    assert client.switch(["arm_controller"])[0]
