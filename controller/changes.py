@@ -175,10 +175,19 @@ class Changes:
             self._loop.take_over(member, state)
         except Exception as error:
             if member.error is None:
-                member.hardware.deactivate(relax=True)
+                self._let_go(member)
             change.refuse(error)
         else:
             change.serve()
+
+    def _let_go(self, member: Member) -> None:
+        try:
+            problems = member.hardware.deactivate(relax=True)
+        except Exception as error:  # a defect of one component loses this one
+            problems = [f"could not switch {member.name} off: {error}"]
+            self._loop.hardware.lose(member, error)
+        for problem in problems:
+            LOG.error("torque may still be on: %s", problem)
 
     def _give_up_the_lost(self) -> None:
         hardware = self._loop.hardware

@@ -148,7 +148,7 @@ class Components:
             _check_sizes(part, len(member.hardware.joints))
             self._parts[member.name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
-            self._fail(member, error)
+            self.lose(member, error)
 
     def _merged(self, stamp_s: float) -> JointState:
         position, velocity, effort = (np.full(len(self.joints), np.nan) for _ in range(3))
@@ -178,7 +178,7 @@ class Components:
                 continue
             if member.state is not LifecycleState.ACTIVE:
                 if member.driven:  # its controllers must not go on as if it followed them
-                    self._fail(member, DriverError(f"it has become {member.state.name.lower()} by itself"))
+                    self.lose(member, DriverError(f"it has become {member.state.name.lower()} by itself"))
                 continue
             member.driven = True
             part = values[member.commands]
@@ -190,12 +190,13 @@ class Components:
         try:
             member.hardware.write(command)
         except PartLost as error:
-            self._fail(member, error)
+            self.lose(member, error)
         except Exception as error:  # as in read
             member.out_of_reach = True
-            self._fail(member, error)
+            self.lose(member, error)
 
-    def _fail(self, member: Member, error: Exception) -> None:
+    def lose(self, member: Member, error: Exception) -> None:
+        """It is left alone from here on, and noted in ``failures``."""
         if member.error is None:
             defect = None if isinstance(error, DriverError) else error
             LOG.error("%s is lost: %s", member.name, error, exc_info=defect)

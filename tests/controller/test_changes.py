@@ -352,6 +352,19 @@ def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
     assert two.hand.changes()[-1] == "relax"
 
 
+def test_one_that_cannot_be_let_go_again_either_keeps_nobody_from_the_cycle(caplog: pytest.LogCaptureFixture) -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand._position[:] = np.nan
+    two.hand.failing["relax"] = RuntimeError("stuck")
+    with pytest.raises(Exception, match="finger has not been measured"):
+        two.set(ACTIVE).result()
+    assert "torque may still be on: could not switch hand off: stuck" in caplog.text
+    two.cycle(3)
+    assert two.hand.changes()[-1] == "cleanup"
+    assert two.active() == ["shoulder", "elbow"]
+
+
 def test_a_defect_in_the_first_reading_is_told_to_whoever_wanted_it() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()

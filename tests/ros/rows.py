@@ -55,7 +55,7 @@ TRAJECTORY: Final = {
 }
 
 MANAGER: Final = {
-    "cm-description": "the robot's description comes from the start or the parameter; another one is not taken, in words",
+    "cm-description": "the description comes from the start or the parameter; another one is not taken, in words",
     "cm-activity": "~/activity: reliable, latched, on every change",
     "cm-diagnostics": "/diagnostics once a second",
     "cm-statistics": "ours: no ~/statistics, no ~/introspection_data",
