@@ -82,6 +82,13 @@ class TrajectoryGoal:
     delay_s: float = 0.0
     from_topic: bool = False
     """Nobody waits for its end."""
+    next_cycle_s: float = 0.0
+    """So long from now comes the cycle in which it can begin."""
+
+    @property
+    def starts_s(self) -> float:
+        """When its points' times count from, seen from that cycle: a stamp is a point in time, 0 is that cycle."""
+        return self.delay_s - self.next_cycle_s if self.delay_s else 0.0
 
 
 class GoalHandle:

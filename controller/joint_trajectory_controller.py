@@ -65,7 +65,8 @@ class JointTrajectoryController:
         self._execution = Execution(name, self.joints, self._follower, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._start = Kinematics.at_rest(self.command)
-        self._period_s = 0.0
+        self.period_s = 0.0
+        """Of the loop; 0 before the first cycle."""
         self._last_s = 0.0
 
     @classmethod
@@ -93,7 +94,7 @@ class JointTrajectoryController:
     def _next_reference(self) -> Kinematics:
         """Where the joints will be to be when the next cycle comes."""
         tracking = self.tracking
-        return tracking.at(self._period_s)[0] if tracking is not None else self._start
+        return tracking.at(self.period_s)[0] if tracking is not None else self._start
 
     def submit(self, goal: TrajectoryGoal) -> GoalHandle:
         """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
@@ -141,6 +142,6 @@ class JointTrajectoryController:
         error = shorter_way(reference.position - measured, self._acceptance.endless)
         self._execution.cycle(Cycle(state, reference, measured, error, step_s), parameters)
         self.command = self._follower.ahead(period_s + parameters.command_lead)
-        self._period_s = period_s
+        self.period_s = period_s
         velocity = state.velocity[self._index]
         self.tracking = self._follower.tracking(state.stamp_s, reference, measured, velocity, error, self.command)

@@ -51,7 +51,7 @@ def course_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> 
             if point.accelerations:
                 acceleration[row, columns] = point.accelerations
     velocity[-1], acceleration[-1] = 0.0, 0.0
-    times_s = np.array([point.time_from_start_s for point in goal.points]) + goal.delay_s
+    times_s = np.array([point.time_from_start_s for point in goal.points]) + goal.starts_s
     has_velocity = np.array([bool(point.velocities) for point in goal.points])
     has_acceleration = has_velocity & np.array([bool(point.accelerations) for point in goal.points])
     course = Course(times_s, position, velocity, acceleration, has_velocity, has_acceleration)
@@ -77,7 +77,7 @@ def unwound(course: Course, start: FloatArray, continuous: Sequence[int]) -> Cou
 def integrated(goal: TrajectoryGoal, joints: Sequence[str], start: Kinematics) -> TrajectoryGoal:
     """Positions where the goal has only velocities, velocities where it has only accelerations."""
     columns = [joints.index(name) for name in goal.joints]
-    before = GoalPoint(tuple(start.position[columns]), -goal.delay_s, tuple(start.velocity[columns]))
+    before = GoalPoint(tuple(start.position[columns]), -goal.starts_s, tuple(start.velocity[columns]))
     points: list[GoalPoint] = []
     for point in goal.points:
         before = _integrated(before, point) if not point.positions else point

@@ -1,5 +1,7 @@
 """The joint trajectory controller's face: ``~/follow_joint_trajectory``, and what trajectory_topics.py adds."""
 
+from dataclasses import replace
+
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionServer, GoalResponse
@@ -57,7 +59,7 @@ class TrajectoryNode:
         return True
 
     def _on_goal(self, request: FollowJointTrajectory.Goal) -> GoalResponse:
-        goal = trajectory_goal(request, seconds(self.node.get_clock().now().to_msg()))
+        goal = self._read(request)
         reason = self._controller.check(goal)
         if reason:
             self._topics.refuse(f"goal rejected: {reason}")
@@ -73,7 +75,11 @@ class TrajectoryNode:
         offered, self._offered = self._offered, None
         if offered is not None and offered[0] is request:
             return offered[1]
-        return trajectory_goal(request, seconds(self.node.get_clock().now().to_msg()))
+        return self._read(request)
+
+    def _read(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
+        now_s = seconds(self.node.get_clock().now().to_msg())
+        return replace(trajectory_goal(request, now_s), next_cycle_s=self._topics.next_cycle_s(now_s))
 
     def _feedback(self, tracking: Tracking, stamp: Time) -> FollowJointTrajectory.Feedback:
         feedback = FollowJointTrajectory.Feedback()

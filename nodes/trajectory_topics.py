@@ -1,5 +1,7 @@
 """Topics and services of a joint trajectory controller beside its action."""
 
+from dataclasses import replace
+
 from builtin_interfaces.msg import Time
 from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
 from control_msgs.srv import QueryTrajectoryState
@@ -10,7 +12,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_of
-from nodes.qos import ANY_CLIENT, LATCHED
+from nodes.qos import ANY_CLIENT, LATCHED, LATCHED_WHILE_NEW
 from nodes.topic import Topic
 
 
@@ -23,7 +25,7 @@ class TrajectoryTopics:
         self._controller = controller
         self._seen: tuple[Tracking, float] | None = None
         """The newest cycle and its ROS time in seconds."""
-        self._state = Topic(node, JointTrajectoryControllerState, "~/controller_state", LATCHED)
+        self._state = Topic(node, JointTrajectoryControllerState, "~/controller_state", LATCHED_WHILE_NEW)
         self._reason = Topic(node, String, "~/rejection_reason", LATCHED)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
         node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
@@ -40,9 +42,15 @@ class TrajectoryTopics:
         self._node.get_logger().error(reason)
         self._reason.publish(String(data=reason))
 
+    def next_cycle_s(self, now_s: float) -> float:
+        """How long it is until the next cycle, by the newest one; ``now_s`` is ROS time."""
+        if self._seen is None:
+            return 0.0
+        return max(self._seen[1] + self._controller.period_s - now_s, 0.0)
+
     def _on_trajectory(self, message: JointTrajectory) -> None:
         now_s = seconds(self._node.get_clock().now().to_msg())
-        goal = trajectory_of(message, now_s, from_topic=True)
+        goal = replace(trajectory_of(message, now_s, from_topic=True), next_cycle_s=self.next_cycle_s(now_s))
         if reason := self._controller.check(goal):
             self.refuse(f"trajectory on the topic ignored: {reason}")
         else:

@@ -1,6 +1,7 @@
 """What becomes of trajectory goals, cycle by cycle."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -140,6 +141,14 @@ def test_stamps_and_points_in_past_and_future(points: tuple[GoalPoint, ...], del
     assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
     assert bench.path()[0][0] > 0.0  # it moves at once
     assert_smooth(bench.path())
+
+
+def test_a_stamp_counts_from_when_it_was_read_not_from_the_cycle_that_begins() -> None:
+    bench = Bench().up()
+    bench.send(replace(to(0.5, 0.0, after_s=0.5, delay_s=1.0), next_cycle_s=0.04))
+    bench.cycle()
+    assert bench.arm.tracking is not None
+    assert bench.arm.tracking.path.duration_s == pytest.approx(1.46)
 
 
 def test_a_way_point_that_cannot_be_passed_within_the_limits_is_refused_in_words() -> None:

@@ -1,8 +1,9 @@
 """A client of one trajectory controller, in a process other than the stack's."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -10,25 +11,38 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState, SpeedScalingFactor
 from control_msgs.srv import QueryTrajectoryState
 from controller_manager_msgs.srv import SwitchController
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tests.ros.stack_process import JOINTS, PATIENCE_S
+from tests.ros.stack_process import JOINTS, PATIENCE_S, StackProcess
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ARM = "/arm_controller"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
+REACHED = "Goal successfully reached!"
+ZERO = (0.0,) * 6
+NONE: Mapping[str, float] = MappingProxyType({})
 
 
 def duration(seconds: float) -> Duration:
     """Also a negative one."""
     nanoseconds = round(seconds * 1e9)
     return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def seconds(stamp: Time | Duration) -> float:
+    return float(stamp.sec) + stamp.nanosec * 1e-9
+
+
+def stamp_s(message: Any) -> float:
+    """Of its header."""
+    return seconds(message.header.stamp)
 
 
 def point(
@@ -56,12 +70,17 @@ def trajectory(*points: JointTrajectoryPoint, names: Sequence[str] = JOINTS, sta
     return message
 
 
-def goal_of(message: JointTrajectory, goal_time_s: float = 0.0, **tolerances: tuple[str, float]) -> Any:
-    """``path`` and ``goal``: a joint and its tolerance."""
-    goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=duration(goal_time_s))
-    for kind, (name, value) in tolerances.items():
-        setattr(goal, f"{kind}_tolerance", [JointTolerance(name=name, position=value)])
-    return goal
+def goal_of(
+    message: JointTrajectory,
+    goal_time_s: float = 0.0,
+    path: Mapping[str, float] = NONE,
+    goal: Mapping[str, float] = NONE,
+) -> Any:
+    """``path`` and ``goal``: joints and their tolerances."""
+    made = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=duration(goal_time_s))
+    made.path_tolerance = [JointTolerance(name=name, position=value) for name, value in path.items()]
+    made.goal_tolerance = [JointTolerance(name=name, position=value) for name, value in goal.items()]
+    return made
 
 
 @dataclass(slots=True)
@@ -76,7 +95,8 @@ class Sent:
 class TrajectoryClient:
     """Sends, listens and waits; everything by its own executor, nothing by time."""
 
-    def __init__(self) -> None:
+    def __init__(self, stack: StackProcess) -> None:
+        self.stack = stack
         self.node = Node("trajectory_client")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -90,10 +110,14 @@ class TrajectoryClient:
         )
         self._scaling = self.node.create_publisher(SpeedScalingFactor, f"{ARM}/speed_scaling_input", 10)
         self._topic = self.node.create_publisher(JointTrajectory, f"{ARM}/joint_trajectory", 10)
-        self._action = ActionClient(self.node, FollowJointTrajectory, f"{ARM}/follow_joint_trajectory")
-        assert self._action.wait_for_server(PATIENCE_S)
+        self.action = ActionClient(self.node, FollowJointTrajectory, f"{ARM}/follow_joint_trajectory")
+        assert self.action.wait_for_server(PATIENCE_S)
         self.until(lambda: bool(self.states))
-        self.until(lambda: bool(self._scaling.get_subscription_count() and self._topic.get_subscription_count()))
+        self.until(self.topic_is_heard)
+
+    def topic_is_heard(self) -> bool:
+        """Whether the controller listens to what is published here."""
+        return bool(self._scaling.get_subscription_count() and self._topic.get_subscription_count())
 
     def until(self, ready: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + PATIENCE_S
@@ -108,14 +132,14 @@ class TrajectoryClient:
     def send(self, goal: Any) -> Sent:
         """Returns when the stack has answered."""
         sent = Sent(None)
-        handle = self.wait(self._action.send_goal_async(goal, lambda message: sent.feedback.append(message.feedback)))
+        handle = self.wait(self.action.send_goal_async(goal, lambda message: sent.feedback.append(message.feedback)))
         if handle.accepted:
             sent.handle, sent.result = handle, handle.get_result_async()
         return sent
 
     def send_two(self, first: Any, second: Any) -> tuple[Sent, Sent]:
         """In one instant."""
-        futures = [self._action.send_goal_async(goal) for goal in (first, second)]
+        futures = [self.action.send_goal_async(goal) for goal in (first, second)]
         handles = [self.wait(future) for future in futures]
         one, two = (Sent(handle, handle.get_result_async()) for handle in handles)
         return one, two
@@ -125,6 +149,14 @@ class TrajectoryClient:
         assert sent.handle is not None, self.reasons
         answer = self.wait(sent.result)
         return answer.status, answer.result.error_code, answer.result.error_string
+
+    def executed(self, goal: Any) -> list[JointTrajectoryControllerState]:
+        """The states from the last one before the goal to two after its success."""
+        before = len(self.states)
+        ended = self.outcome(self.send(goal))
+        assert ended == (SUCCEEDED, 0, REACHED), ended
+        self.cycles(2)
+        return self.states[before - 1 :]
 
     def cancel(self, sent: Sent) -> int:
         """How many goals are being canceled."""
@@ -143,6 +175,11 @@ class TrajectoryClient:
         self.until(lambda: len(self.states) >= before + count)
         return self.states[before:]
 
+    def now(self) -> int:
+        """Which of ``states`` is the first that comes from now on."""
+        self.cycles(1)
+        return len(self.states) - 1
+
     def publish(self, message: JointTrajectory) -> None:
         self._topic.publish(message)
 
@@ -160,7 +197,7 @@ class TrajectoryClient:
         return self.call(QueryTrajectoryState, f"{ARM}/query_state", QueryTrajectoryState.Request(time=stamp))
 
     def switch(self, on: bool) -> bool:
-        """The arm's controller."""
+        """The arm's controller. Whether the manager has done it."""
         names = {"activate_controllers" if on else "deactivate_controllers": ["arm_controller"]}
         request = SwitchController.Request(strictness=2, **names)
         return bool(self.call(SwitchController, "/controller_manager/switch_controller", request).ok)
@@ -170,6 +207,11 @@ class TrajectoryClient:
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         (result,) = self.call(SetParameters, f"{ARM}/set_parameters", request).results
         return result.successful, result.reason
+
+    def get(self, *names: str) -> list[Any]:
+        """Parameters of the controller."""
+        request = GetParameters.Request(names=list(names))
+        return list(map(parameter_value_to_python, self.call(GetParameters, f"{ARM}/get_parameters", request).values))
 
     def stamp(self, later_s: float) -> Time:
         nanoseconds = self.node.get_clock().now().nanoseconds + round(later_s * 1e9)

@@ -1,0 +1,111 @@
+"""What MoveIt counts on when it executes a plan: the stack as it comes, on virtual servos, from another process."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import JointState
+
+from tests.ros.trajectory_client import (
+    CANCELED,
+    REACHED,
+    SUCCEEDED,
+    ZERO,
+    TrajectoryClient,
+    goal_of,
+    point,
+    stamp_s,
+    trajectory,
+)
+from tests.ros.trajectory_stacks import PERIOD_S, case, client_of, largest_step_rad
+
+pytestmark = pytest.mark.ros
+
+DEVIATION_RAD = 0.01
+"""MoveIt's allowed_start_tolerance."""
+
+
+@pytest.fixture(scope="module")
+def servos(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrajectoryClient]:
+    with client_of(tmp_path_factory.mktemp("servos")) as client:
+        yield client
+
+
+def measured(client: TrajectoryClient) -> list[float]:
+    """Where the arm stands, as MoveIt reads it."""
+    heard: list[JointState] = []
+    listener = client.node.create_subscription(JointState, "/joint_states", heard.append, 10)
+    client.until(lambda: bool(heard))
+    client.node.destroy_subscription(listener)
+    position = dict(zip(heard[-1].name, heard[-1].position, strict=True))
+    return [position[f"joint{number}"] for number in range(1, 7)]
+
+
+def planned(start: list[float], way_rad: float, duration_s: float, count: int) -> Any:
+    """As a planner says it: the start first, at 0, with velocities and accelerations at every point."""
+    points = []
+    for index in range(count):
+        u = index / (count - 1)
+        there = way_rad * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        speed = way_rad * 30.0 * u**2 * (1.0 - u) ** 2 / duration_s
+        change = way_rad * 60.0 * u * (1.0 - 3.0 * u + 2.0 * u**2) / duration_s**2
+        positions = [position + there for position in start]
+        points.append(point(positions, u * duration_s, [speed] * 6, [change] * 6))
+    return trajectory(*points)
+
+
+PLANS = [
+    case("few points", 0.6, 0.8, 8, rows=[]),
+    case("many points", -0.6, 1.0, 100, rows=[]),
+]
+
+
+@pytest.mark.row("moveit-duration", "moveit-status")
+@pytest.mark.parametrize(("way_rad", "duration_s", "count"), PLANS)
+def test_the_result_comes_within_moveits_patience(
+    servos: TrajectoryClient, way_rad: float, duration_s: float, count: int
+) -> None:
+    """By the stamps of the feedback, whose last cycle is that before the result."""
+    start = measured(servos)
+    sent = servos.send(goal_of(planned(start, way_rad, duration_s, count)))
+    status, code, text = servos.outcome(sent)
+    assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED)
+    servos.cycles(2)
+    took_s = stamp_s(sent.feedback[-1]) - stamp_s(sent.feedback[0]) + PERIOD_S
+    assert took_s <= 1.1 * duration_s + 0.5
+    there = [position + way_rad for position in start]
+    assert list(servos.states[-1].output.positions) == pytest.approx(there, abs=1e-6)
+    servos.until(lambda: list(servos.states[-1].feedback.positions) == pytest.approx(there, abs=0.03))
+
+
+@pytest.mark.row("moveit-start", "jtc-18")
+@pytest.mark.parametrize("deviation_rad", [DEVIATION_RAD, -DEVIATION_RAD])
+def test_a_start_that_is_a_little_off_is_accepted_without_a_step(
+    servos: TrajectoryClient, deviation_rad: float
+) -> None:
+    servos.cycles(10)  # to rest
+    start = [position + deviation_rad for position in servos.states[-1].output.positions]
+    before = servos.now()
+    sent = servos.send(goal_of(trajectory(point(start, 0.0, ZERO, ZERO), point(start, 0.6, ZERO, ZERO))))
+    assert servos.outcome(sent) == (SUCCEEDED, 0, REACHED)
+    servos.cycles(2)
+    assert largest_step_rad(servos.states[before:], "output") < DEVIATION_RAD / 4.0
+    assert list(servos.states[-1].output.positions) == pytest.approx(start, abs=1e-6)
+
+
+@pytest.mark.row("moveit-cancel", "golden-cancel")
+def test_a_cancel_is_answered_while_the_arm_still_brakes(servos: TrajectoryClient) -> None:
+    before = servos.now()
+    sent = servos.send(goal_of(planned(measured(servos), 1.0, 2.0, 8)))
+    servos.until(lambda: servos.states[-1].reference.velocities[0] > 0.5)
+    asked = len(servos.states)
+    assert servos.cancel(sent) == 1
+    assert servos.outcome(sent) == (CANCELED, 0, "")
+    assert len(servos.states) - asked <= 5
+    servos.until(lambda: servos.states[-1].reference.velocities[0] == 0.0)
+    servos.cycles(3)
+    path = [state.output.positions[0] for state in servos.states[before:]]
+    assert path == sorted(path) and path[-1] == path[-3]

@@ -1,0 +1,89 @@
+"""Stacks for the tests of the trajectory controller, each with a client in the test's process."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+
+from hal.description import parse_urdf
+from servoloop.files import CONTROLLERS, URDF
+from tests.ros.stack_process import running
+from tests.ros.trajectory_client import NONE, TrajectoryClient
+
+MOCK = ("--hardware", "mock")
+PERIOD_S = 0.05
+"""Of the arm's controllers file."""
+FASTEST_RAD_S = max(joint.velocity for joint in parse_urdf(URDF.read_text()).joints.values())
+LARGEST_STEP_RAD = 1.001 * FASTEST_RAD_S * PERIOD_S
+
+
+@contextmanager
+def client_of(folder: Path, *arguments: str) -> Iterator[TrajectoryClient]:
+    """``servoloop up`` with these arguments, and its client."""
+    with running(folder, *arguments) as stack:
+        rclpy.init()
+        client = TrajectoryClient(stack)
+        try:
+            yield client
+        finally:
+            client.close()
+            rclpy.try_shutdown()
+
+
+@contextmanager
+def plain_client(
+    folder: Path, *said: str, initial_rad: Mapping[str, float] = NONE, **hardware: str
+) -> Iterator[TrajectoryClient]:
+    """No robot file, and a controllers file for upstream with these lines about the arm: splines."""
+    urdf = mock_urdf(folder, initial_rad, **hardware)
+    with client_of(folder, *MOCK, "--urdf", urdf, "--controllers", controllers_file(folder, *said)) as client:
+        yield client
+
+
+def controllers_file(folder: Path, *said: str) -> str:
+    """The arm's own, with more said of the arm's controller."""
+    text = CONTROLLERS.read_text()
+    text = text.replace("    allow_nonzero_velocity_at_trajectory_end: true\n", "")
+    mark = "    state_interfaces: [position, velocity]\n"
+    assert mark in text
+    (folder / "controllers.yaml").write_text(text.replace(mark, mark + "".join(f"    {line}\n" for line in said)))
+    return str(folder / "controllers.yaml")
+
+
+def mock_urdf(folder: Path, initial_rad: Mapping[str, float], **parameters: str) -> str:
+    """The arm on GenericSystem with no robot file, as a user of upstream has it; joint6 turns without end."""
+    robot = ElementTree.parse(URDF)
+    hardware = robot.find("ros2_control/hardware")
+    assert hardware is not None
+    hardware.clear()
+    ElementTree.SubElement(hardware, "plugin").text = "mock_components/GenericSystem"
+    for name, value in {"calculate_dynamics": "true", **parameters}.items():
+        ElementTree.SubElement(hardware, "param", name=name).text = value
+    for name, position_rad in initial_rad.items():
+        state = robot.find(f"ros2_control/joint[@name='{name}']/state_interface[@name='position']")
+        assert state is not None
+        ElementTree.SubElement(state, "param", name="initial_value").text = str(position_rad)
+    joint = next(j for j in robot.findall("joint") if j.get("name") == "joint6")
+    joint.set("type", "continuous")
+    robot.write(folder / "arm.urdf")
+    return str(folder / "arm.urdf")
+
+
+def case(name: str, *values: Any, rows: Sequence[str]) -> Any:
+    """One row of a table, and the rows of the specification that it proves."""
+    return pytest.param(*values, id=name, marks=pytest.mark.row(*rows))
+
+
+def largest_step_rad(states: Sequence[Any], of: str = "feedback") -> float:
+    """Of any joint from one state to the next one.
+
+    ``feedback`` is where the mock was sent, within the limits; ``output`` is what was wanted, which is a little more
+    where a cycle came a little late.
+    """
+    path = [getattr(state, of).positions for state in states]
+    return max(abs(b - a) for one, other in pairwise(path) for a, b in zip(one, other, strict=True))
