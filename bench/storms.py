@@ -33,6 +33,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 
 from bench.ros import HERE, PATIENCE_S, goal_to, stack
+from nodes.leaving import leaving
 
 GOALS_PER_S = 100
 CLIENTS = 50
@@ -52,9 +53,10 @@ def participant(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     try:
         yield node, executor
     finally:
-        executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
-        context.try_shutdown()
+        with leaving():
+            executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+            context.try_shutdown()
 
 
 @dataclass(slots=True)
@@ -184,8 +186,10 @@ def listing(seconds: float) -> None:
         assert client.stdin is not None
         client.stdin.write("go\n")
         client.stdin.flush()
-    counts = [int(client.communicate()[0]) for client in clients]
-    assert all(counts), "a client got no answer"
+    counts = [int(client.stdout.readline()) for client in clients if client.stdout is not None]
+    for client in clients:
+        client.wait()
+    assert len(counts) == CLIENTS and all(counts), "a client got no answer"
 
 
 def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> None:
@@ -199,7 +203,7 @@ def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> 
         answer = client.call_async(ListControllers.Request())
         executor.spin_until_future_complete(answer, timeout_sec=RESEND_S)
         count += answer.done() and len(answer.result().controller) == 3
-    print(count)
+    print(count, flush=True)
 
 
 NONSENSE = (

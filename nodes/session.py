@@ -8,6 +8,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from nodes.leaving import leaving
+
 
 @contextmanager
 def client_session(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
@@ -19,6 +21,7 @@ def client_session(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     try:
         yield node, executor
     finally:
-        executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
-        rclpy.try_shutdown()
+        with leaving():
+            executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+            rclpy.try_shutdown()

@@ -17,6 +17,7 @@ from nodes.controller_nodes import ControllerNodes
 from nodes.conversions import time_message
 from nodes.hardware_node import HardwareNodes
 from nodes.hardware_services import HardwareServices
+from nodes.leaving import leaving
 from nodes.manager_node import ManagerNode
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.stack import Stack
@@ -90,11 +91,12 @@ class Surface:
 
     def close(self) -> None:
         """Take all nodes off the graph."""
-        self._executor.shutdown(timeout_sec=1.0)
-        self._controllers.close()
-        for node in self._own:
-            node.destroy_node()
-        rclpy.try_shutdown()
+        with leaving():
+            self._executor.shutdown(timeout_sec=1.0)
+            self._controllers.close()
+            for node in self._own:
+                node.destroy_node()
+            rclpy.try_shutdown()
 
     def _drain(self) -> None:
         if not self._cycles:

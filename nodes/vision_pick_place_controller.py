@@ -22,6 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from nodes import pick_place_parameters as parameters
+from nodes.leaving import leaving
 from nodes.pick_place_arm import RosArm
 from nodes.pick_place_job import Ending, PickPlaceJob, Result, State
 from nodes.pick_place_settings import normal_grade
@@ -209,9 +210,10 @@ def main(args: Sequence[str] | None = None) -> int:
         node.get_logger().fatal(f"wrong parameters: {error}")
         return 2
     finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown()
+        with leaving():
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.shutdown()
     return 0
 
 
