@@ -86,7 +86,7 @@ class FeetechBus:
     ) -> dict[int, Reading]:
         asked = tuple(servo_ids)
         packet = state.goals_packet(goals)
-        if not self._burst.steady or self._absent or not packet:
+        if not self._burst.steady or self._absent:
             firm, tried = self._ask(asked)
             return self._hear(asked, firm, tried, deadline_s, packet)
         outcome = self._burst.exchange(asked, packet, deadline_s)

@@ -13,9 +13,11 @@ from controller_manager_msgs.srv import (
     ConfigureController,
     ListControllers,
     LoadController,
+    SetHardwareComponentState,
     SwitchController,
     UnloadController,
 )
+from lifecycle_msgs.msg import State
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -121,6 +123,11 @@ class ManagerClient:
     def parameters(self, node: str) -> set[str]:
         """The names of all parameters."""
         return set(self.call(ListParameters, f"{node}/list_parameters").result.names)
+
+    def set_hardware(self, label: str) -> None:
+        """The arm's state, by its label."""
+        service = f"{MANAGER}/set_hardware_component_state"
+        assert self.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
     def spin_until(self, ready: Callable[[], object]) -> None:
         """Serve the node until it is so; fails if it never is."""

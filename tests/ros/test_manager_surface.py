@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 from controller_manager_msgs.msg import ControllerManagerActivity
-from controller_manager_msgs.srv import ListControllerTypes, ListHardwareComponents, SetHardwareComponentState
+from controller_manager_msgs.srv import ListControllerTypes, ListHardwareComponents
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import State, TransitionEvent
+from lifecycle_msgs.msg import TransitionEvent
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -42,11 +42,6 @@ def client(connected: ManagerClient) -> Iterator[ManagerClient]:
     """The stack as it is after its start, whatever the test before has done."""
     yield connected
     restore(connected)
-
-
-def set_hardware(client: ManagerClient, label: str) -> None:
-    service = f"{MANAGER}/set_hardware_component_state"
-    assert client.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
 
 # What it lists
@@ -109,9 +104,9 @@ def test_activity_is_told_to_latecomers_and_on_every_change(client: ManagerClien
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
         assert client.unload("hand_controller") and client.load("hand_controller")
         assert client.configure("hand_controller") and client.switch(["hand_controller"])[0]
-        set_hardware(client, "inactive")
+        client.set_hardware("inactive")
         client.spin_until(lambda: states()[-1]["robot_arm"] == "inactive")
-        set_hardware(client, "active")
+        client.set_hardware("active")
         client.spin_until(lambda: states()[-1]["robot_arm"] == "active")
         told = [message.get("hand_controller") for message in states()]
         way = ["active", "inactive", "unconfigured", None, "unconfigured", "inactive", "active", "inactive"]

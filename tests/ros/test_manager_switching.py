@@ -7,11 +7,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from controller_manager_msgs.srv import SetHardwareComponentState
-from lifecycle_msgs.msg import State
 
 from tests.ros.manager_bench import AT_START, DONE, manager_stack, restore
-from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, MANAGER, STRICT, ManagerClient, manager_client
+from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, STRICT, ManagerClient, manager_client
 from tests.ros.stack_process import StackProcess
 
 pytestmark = pytest.mark.ros
@@ -47,14 +45,8 @@ def connected(stack: StackProcess) -> Iterator[ManagerClient]:
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
     """The stack as it is after its start, whatever the test before has done."""
     yield connected
-    set_hardware(connected, "active")
+    connected.set_hardware("active")
     restore(connected)
-
-
-def set_hardware(client: ManagerClient, label: str) -> None:
-    service = f"{MANAGER}/set_hardware_component_state"
-    answer = client.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label))
-    assert (answer.ok, answer.state.label) == (True, label)
 
 
 @pytest.mark.row("cm-switch-claims")
@@ -169,7 +161,7 @@ def test_one_for_the_other_in_one_switch(client: ManagerClient) -> None:
 @pytest.mark.row("cm-switch-claims")
 @pytest.mark.parametrize("label", ["inactive", "unconfigured"])
 def test_hardware_that_is_not_active_fails_who_commands_it_however_strict(client: ManagerClient, label: str) -> None:
-    set_hardware(client, label)
+    client.set_hardware(label)
     before = client.states()
     assert (before["arm_controller"], before["joint_state_broadcaster"]) == ("inactive", "active")
     for strictness in EVERY_STRICTNESS:
@@ -181,7 +173,7 @@ def test_hardware_that_is_not_active_fails_who_commands_it_however_strict(client
 
 
 def test_who_commands_nothing_may_look_on_at_inactive_hardware(client: ManagerClient) -> None:
-    set_hardware(client, "inactive")
+    client.set_hardware("inactive")
     assert client.switch((), ["joint_state_broadcaster"])[0] and client.switch(["joint_state_broadcaster"])[0]
-    set_hardware(client, "active")
+    client.set_hardware("active")
     assert client.switch(["arm_controller"])[0]

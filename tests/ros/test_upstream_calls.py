@@ -11,8 +11,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from control_msgs.msg import DynamicJointState, JointTrajectoryControllerState
-from controller_manager_msgs.srv import SetHardwareComponentState
-from lifecycle_msgs.msg import State
 from rclpy.duration import Duration
 from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
@@ -84,12 +82,6 @@ def serve(client: ManagerClient, duration: Duration) -> None:
     clock = client.node.get_clock()
     end = clock.now() + duration
     client.spin_until(lambda: clock.now() > end)
-
-
-def set_hardware(client: ManagerClient, label: str) -> None:
-    service = f"{MANAGER}/set_hardware_component_state"
-    answer = client.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label))
-    assert answer.ok
 
 
 @pytest.mark.parametrize("flag", [[], ["--ros-args"]])
@@ -169,7 +161,7 @@ def test_no_transform_is_told_where_nothing_is_measured(client: ManagerClient) -
     with client.hearing(TFMessage, "/tf") as messages:
         client.spin_until(lambda: messages)
         for label in ("inactive", "unconfigured", "inactive", "active"):
-            set_hardware(client, label)
+            client.set_hardware(label)
             told = len(messages)
             serve(client, Duration(seconds=0.5))
             assert (len(messages) > told + 2) == (label != "unconfigured")
