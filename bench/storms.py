@@ -28,6 +28,7 @@ from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rich.console import Console
 from rich.table import Table
 from sensor_msgs.msg import JointState
@@ -206,6 +207,17 @@ def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> 
     print(count, flush=True)
 
 
+def deaf_clients(seconds: float) -> None:
+    """Clients that listen with qualities of service that no answer has: the middleware waits for their ears in vain."""
+    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    end_s = time.monotonic() + min(seconds, 15.0)
+    with participant("bench_deaf") as (node, executor):
+        client = node.create_client(ListControllers, "/controller_manager/list_controllers", qos_profile=qos)
+        while time.monotonic() < end_s:
+            client.call_async(ListControllers.Request())
+            executor.spin_once(timeout_sec=0.25)
+
+
 NONSENSE = (
     ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float("nan")),
     ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=-1e308),
@@ -245,6 +257,7 @@ STORMS: dict[str, Callable[[float], None]] = {
     "a killed client": killed_client,
     "killed participants": killed_participants,
     "50 clients listing": listing,
+    "deaf clients": deaf_clients,
     "nonsense parameters": nonsense,
 }
 

@@ -10,7 +10,6 @@ from rclpy.node import Node
 
 from hal.types import JointState
 from nodes.qos import LATCHED_WHILE_NEW
-from nodes.topic import Topic
 
 
 class HasInterfaces(Protocol):
@@ -31,7 +30,7 @@ class DynamicStates:
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller
-        self._topic = Topic(node, DynamicJointState, topic, LATCHED_WHILE_NEW)
+        self._topic = node.create_publisher(DynamicJointState, topic, LATCHED_WHILE_NEW)
         interfaces = controller.interfaces
         self._message = DynamicJointState(
             joint_names=list(interfaces),
@@ -41,7 +40,7 @@ class DynamicStates:
 
     def publish(self, state: JointState, stamp: Time) -> None:
         """This state, if anybody listens."""
-        if not self._topic.listeners:
+        if not self._topic.get_subscription_count():
             return
         self._message.header.stamp = stamp
         for joint, values in zip(self._message.interface_values, self._controller.values(state), strict=True):

@@ -13,7 +13,6 @@ from hal.member import Member
 from hal.types import JointState
 from nodes.controller_parameters import ParameterNode
 from nodes.stack import Stack
-from nodes.topic import Topic
 
 INTERPOLATION = "servo_interpolation"
 
@@ -27,7 +26,7 @@ class HardwareNodes:
         self._stack = stack
         self._state: JointState | None = None
         # The first one speaks for all: they are one process, and its report is one message.
-        self._diagnostics = Topic(self.nodes[0], DiagnosticArray, "/diagnostics")
+        self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.nodes[0].create_timer(1.0, self._publish)
         for component, node in zip(components, self.nodes, strict=True):
             if switch := stack.set_interpolation.get(component.name):

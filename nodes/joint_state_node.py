@@ -11,7 +11,6 @@ from controller.joint_state_broadcaster import JointStateBroadcaster, JointState
 from hal.types import FloatArray
 from nodes.dynamic_states import DynamicStates
 from nodes.qos import LATCHED
-from nodes.topic import Topic
 
 
 class JointStateNode:
@@ -22,7 +21,7 @@ class JointStateNode:
         self._controller = controller
         parameters = controller.parameters
         folder = "~/" if parameters.use_local_topics else ""
-        self._topic = Topic(node, JointState, f"{folder}joint_states", LATCHED)
+        self._topic = node.create_publisher(JointState, f"{folder}joint_states", LATCHED)
         self._message = JointState(name=list(controller.names))
         self._message.header.frame_id = parameters.frame_id
         source = parameters.source("position")

@@ -28,7 +28,6 @@ from nodes.controller_nodes import state_message
 from nodes.controller_parameters import ParameterNode
 from nodes.qos import EVERY_CALL, LATCHED
 from nodes.stack import Stack
-from nodes.topic import Topic
 from nodes.waiting import Waiting
 
 BASE_CLASS = "controller_interface::ControllerInterface"
@@ -43,7 +42,7 @@ class ManagerNode:
         self._desk = desk
         self._waiting = waiting
         self._told: object = None
-        self._activity = Topic(self.node, ControllerManagerActivity, "~/activity", LATCHED)
+        self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
         group = ReentrantCallbackGroup()  # while one waits for the loop, others are served

@@ -23,7 +23,6 @@ from nodes.links import Links, fixed_links
 from nodes.pace import Pace
 from nodes.qos import LATCHED
 from nodes.stack import Stack
-from nodes.topic import Topic
 
 NAME: Final = "robot_state_publisher"
 
@@ -50,7 +49,7 @@ class RobotStatePublisher:
         self._stack = stack
         self._parameters = self._initial()
         self._pace, self._idle = Pace(), Pace()
-        self._tf = Topic(self.node, TFMessage, "/tf", 100)
+        self._tf = self.node.create_publisher(TFMessage, "/tf", 100)
         self._tf_static = self.node.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._description = self.node.create_publisher(String, "robot_description", LATCHED)
         self._description.publish(String(data=stack.description.xml))
@@ -62,7 +61,7 @@ class RobotStatePublisher:
         due = self._pace.due(states.stamp_s, self._parameters.publish_frequency)
         if not (due or self._parameters.ignore_timestamp):
             return
-        if not self._tf.listeners:
+        if not self._tf.get_subscription_count():
             if self._idle.due(states.stamp_s, _LOOK_HZ):
                 self._stack.scene()
             return

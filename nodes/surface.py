@@ -21,6 +21,7 @@ from nodes.leaving import leaving
 from nodes.manager_node import ManagerNode
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.stack import Stack
+from nodes.unlocked import leave_the_lock_to_others
 from nodes.waiting import Waiting
 
 GOODBYE_S = 0.2
@@ -45,6 +46,7 @@ class Surface:
     """The ROS 2 side. ``post`` is for the loop's thread, everything else for the ROS thread."""
 
     def __init__(self, stack: Stack) -> None:
+        leave_the_lock_to_others()
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # the wiring has its own
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)

@@ -13,7 +13,6 @@ from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_of
 from nodes.qos import ANY_CLIENT, LATCHED, LATCHED_WHILE_NEW
-from nodes.topic import Topic
 
 
 class TrajectoryTopics:
@@ -25,8 +24,8 @@ class TrajectoryTopics:
         self._controller = controller
         self._seen: tuple[Tracking, float] | None = None
         """The newest cycle and its ROS time in seconds."""
-        self._state = Topic(node, JointTrajectoryControllerState, "~/controller_state", LATCHED_WHILE_NEW)
-        self._reason = Topic(node, String, "~/rejection_reason", LATCHED)
+        self._state = node.create_publisher(JointTrajectoryControllerState, "~/controller_state", LATCHED_WHILE_NEW)
+        self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
         node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
@@ -34,7 +33,7 @@ class TrajectoryTopics:
     def publish(self, tracking: Tracking | None, stamp: Time) -> None:
         """One cycle; ``tracking`` is None while the controller is inactive."""
         self._seen = None if tracking is None else (tracking, seconds(stamp))
-        if tracking is not None and self._state.listeners:
+        if tracking is not None and self._state.get_subscription_count():
             self._state.publish(self._state_message(tracking, stamp))
 
     def refuse(self, reason: str) -> None:
