@@ -78,7 +78,7 @@ def test_those_who_listen_see_it_as_often_as_the_links(
     executor.add_node(node)
     links = Links({"frame_prefix": "left/", **parameters})
     executor.add_node(links.publisher.node)
-    until(lambda: links.publisher._tf.listeners == 1)
+    until(lambda: links.publisher._tf.get_subscription_count() == 1)
     links.looks = 0
     links.cycle(100)
     until(lambda: executor.spin_once(timeout_sec=0.1) or bool(seen))
