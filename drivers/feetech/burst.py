@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Final
 
-from drivers.burst import GAP_S, Burst
+from drivers.burst import Burst
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
@@ -12,6 +13,10 @@ from drivers.hearing import Hearing
 from drivers.port import Port
 from drivers.readings import Outcome
 
+STEADY_GAP_S: Final = 0.004
+"""How long after its time an answer may still come that has always come so far. Not less than a tick of most kernels:
+each piece of an answer wakes us, and to sleep on until before the next tick costs two settings of the clock's timer."""
+
 
 @lru_cache(maxsize=256)
 def _request(servo_ids: tuple[int, ...], size: int) -> bytes:
@@ -19,11 +24,11 @@ def _request(servo_ids: tuple[int, ...], size: int) -> bytes:
 
 
 @lru_cache(maxsize=64)
-def _exchange(servo_ids: tuple[int, ...], goals_size: int, byte_s: float) -> tuple[bytes, int, float, float, float]:
-    """The question and the size of its answer; how long question, answer with patience, and goals take on the wire."""
+def _question(servo_ids: tuple[int, ...], byte_s: float) -> tuple[bytes, int, float, float]:
+    """The question and the size of its answer; how long both take on the wire, the answer with patience."""
     sent = _request(servo_ids, state.STATE_SIZE)
     expected = (state.STATE_SIZE + wire.OVERHEAD) * len(servo_ids)
-    return sent, expected, len(sent) * byte_s, expected * byte_s + GAP_S, goals_size * byte_s
+    return sent, expected, len(sent) * byte_s, expected * byte_s + STEADY_GAP_S
 
 
 class BurstReader(Burst[wire.Reply]):
@@ -32,34 +37,40 @@ class BurstReader(Burst[wire.Reply]):
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
         super().__init__(port, clock, echo, counters)
         self._size = state.STATE_SIZE
+        self._expected, self._patience_s = 0, 0.0
 
     @property
     def steady(self) -> bool:
         """Whether the last answer was whole, nothing is owed, and the line is known to give no echo."""
         return self.clean and not self._owed and self._echo.present is False
 
-    def exchange(self, servo_ids: tuple[int, ...], goals: bytes, deadline_s: float) -> Mapping[int, Outcome]:
-        """``ask`` and ``hear`` in one, only while ``steady``; the same on the wire.
+    def ask_all(self, servo_ids: tuple[int, ...], deadline_s: float) -> None:
+        """``ask``, only while ``steady``, and before ``hear_all``; the same on the wire.
 
         Between two cycles the processor forgets this code: what it need not look at is what makes a cycle cheap.
         """
-        sent, expected, sent_s, answer_s, goals_s = _exchange(servo_ids, len(goals), self.byte_s)
+        self._sent, self._expected, sent_s, answer_s = _question(servo_ids, self.byte_s)
+        self._size = state.STATE_SIZE
         now_s = self._clock.now()
-        sent_s += self._busy_until_s if self._busy_until_s > now_s else now_s
+        self._sent_s = sent_s = sent_s + (self._busy_until_s if self._busy_until_s > now_s else now_s)
         patience_s = sent_s + answer_s
+        self._patience_s = patience_s if patience_s < deadline_s else deadline_s
         self.clean = False
-        self._port.write(sent)
-        data = self._port.read(expected, patience_s if patience_s < deadline_s else deadline_s)
-        if len(data) == expected:
+        self._port.write(self._sent)
+
+    def hear_all(self, servo_ids: tuple[int, ...], goals: bytes, deadline_s: float) -> Mapping[int, Outcome]:
+        """``hear``: the states, and ``goals`` sent as soon as the replies are there."""
+        data = self._port.read(self._expected, self._patience_s)
+        if len(data) == self._expected:
             self._port.write(goals)
-            self._busy_until_s = self._clock.now() + goals_s
+            self._busy_until_s = self._clock.now() + len(goals) * self.byte_s
             states = state.burst(data, servo_ids, state.STATE_SIZE)
             if states is not None:
                 self.clean = True
                 return self._all_well(servo_ids, states)
             goals = b""
         elif not data:
-            data = self._after_silence(expected, sent_s, deadline_s)
+            data = self._after_silence(self._expected, self._sent_s, deadline_s)
         return self._understand(servo_ids, (), state.STATE_SIZE, data, goals, deadline_s)
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:

@@ -85,11 +85,20 @@ class FeetechBus:
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> dict[int, Reading]:
         asked = tuple(servo_ids)
-        packet = state.goals_packet(goals)
-        if not self._burst.steady or self._absent:
+        firm: tuple[int, ...] = asked
+        tried: tuple[int, ...] = ()
+        if steady := self._burst.steady and not self._absent:
+            self._burst.ask_all(asked, deadline_s)
+        else:
             firm, tried = self._ask(asked)
+        try:
+            packet = state.goals_packet(goals)  # while the servos answer
+        except ValueError:
+            self._hear(asked, firm, tried, deadline_s)
+            raise
+        if not steady:
             return self._hear(asked, firm, tried, deadline_s, packet)
-        outcome = self._burst.exchange(asked, packet, deadline_s)
+        outcome = self._burst.hear_all(asked, packet, deadline_s)
         if self._burst.clean:
             return cast(dict[int, Reading], outcome)
         return self._made_up(asked, asked, outcome, deadline_s)

@@ -147,6 +147,22 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
     assert port.sent == []
 
 
+@pytest.mark.parametrize("cycles_before", [0, 3])
+def test_a_goal_that_does_not_fit_spoils_no_answer(cycles_before: int) -> None:
+    """The question is out by then; its answers are taken off the line, and the servos' goals stay."""
+    line = Line()
+    goals = {i: ServoGoal(2000 + i) for i in IDS}
+    for _ in range(cycles_before):
+        line.bus.exchange(goals, IDS, line.clock.now() + 0.01)
+    held = [line.held(i, sts.goal_position) for i in IDS]
+    with pytest.raises(ValueError, match="goal_position"):
+        line.bus.exchange(goals | {2: ServoGoal(40_000)}, IDS, line.clock.now() + 0.01)
+    assert [line.held(i, sts.goal_position) for i in IDS] == held
+    readings = line.bus.exchange(goals, IDS, line.clock.now() + 0.01)
+    assert all(isinstance(r, ServoState) for r in readings.values())
+    assert not any(line.bus.counters.faults().values())
+
+
 def test_an_alarm_in_the_reply_is_no_failure() -> None:
     """A servo in overload must still obey, above all when it is told to let go."""
     bus, _, _ = scripted(status(1, b"\x01", error=0x20), b"", status(1, error=0x20))
