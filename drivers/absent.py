@@ -19,37 +19,34 @@ class AbsenceWatch:
     """Misses in a row for each servo."""
 
     def __init__(self) -> None:
-        self._misses: dict[int, int] = {}
+        self.misses: dict[int, int] = {}
+        """Of those only that are missing."""
         self._next_s: dict[int, float] = {}
-
-    def __bool__(self) -> bool:
-        """Whether anybody is missing."""
-        return bool(self._misses)
 
     def note(self, outcome: Mapping[int, ServoState | FaultKind], now_s: float) -> list[int]:
         """Remember who answered, whatever it said, and who did not; returns who has given no state."""
         missing = [i for i, what in outcome.items() if what.__class__ is not ServoState]
-        if self._misses:
+        if self.misses:
             for servo_id in outcome.keys() - missing:
-                self._misses.pop(servo_id, None)
+                self.misses.pop(servo_id, None)
         for servo_id in missing:
             if outcome[servo_id] in ("corrupt", "reset"):
-                self._misses.pop(servo_id, None)
+                self.misses.pop(servo_id, None)
             else:
                 self.missed(servo_id, now_s)
         return missing
 
     def missed(self, servo_id: int, now_s: float) -> None:
         """It was asked and did not answer."""
-        misses = self._misses.get(servo_id, 0) + 1
-        self._misses[servo_id] = misses
+        misses = self.misses.get(servo_id, 0) + 1
+        self.misses[servo_id] = misses
         pause_s = FIRST_PAUSE_S * 2.0 ** min(misses - ASKED_ALWAYS - 1, 8)
         self._next_s[servo_id] = now_s + (min(pause_s, LONGEST_PAUSE_S) if misses > ASKED_ALWAYS else 0.0)
 
     def split(self, servo_ids: tuple[int, ...], now_s: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Who will surely answer, and who should be tried after them; the others are not due."""
-        if not self._misses:
+        if not self.misses:
             return servo_ids, ()
-        firm = tuple(i for i in servo_ids if i not in self._misses)
-        tried = tuple(i for i in servo_ids if i in self._misses and self._next_s[i] <= now_s)
+        firm = tuple(i for i in servo_ids if i not in self.misses)
+        tried = tuple(i for i in servo_ids if i in self.misses and self._next_s[i] <= now_s)
         return firm, tried

@@ -7,7 +7,7 @@ from typing import Final, Generic
 
 from drivers.bus import ServoState
 from drivers.clock import Clock
-from drivers.counters import BusCounters, ServoCounters
+from drivers.counters import BusCounters, WholeBursts
 from drivers.decoder import ReplyT
 from drivers.echo import Echo
 from drivers.hearing import Hearing
@@ -35,7 +35,7 @@ class Burst(ABC, Generic[ReplyT]):
         self._echo = echo
         self._counters = counters
         self._owed = OwedReplies()
-        self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
+        self._whole_bursts: dict[tuple[int, ...], WholeBursts] = {}
         self.byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
         self._sent, self._sent_s = b"", 0.0
@@ -67,11 +67,10 @@ class Burst(ABC, Generic[ReplyT]):
     def _all_well(self, servo_ids: tuple[int, ...], states: Mapping[int, ServoState]) -> Mapping[int, ServoState]:
         if self._echo.present is None:
             self._echo.present = False
-        accounts = self._accounts.get(servo_ids)
-        if accounts is None:
-            accounts = self._accounts[servo_ids] = [self._counters.of(i) for i in servo_ids]
-        for account in accounts:
-            account.replies += 1
+        bursts = self._whole_bursts.get(servo_ids)
+        if bursts is None:
+            bursts = self._whole_bursts[servo_ids] = self._counters.whole_bursts(servo_ids)
+        bursts.count += 1
         if any(map(_ALARMS_OF, states.values())):
             for servo_id, reading in states.items():
                 self._counters.of(servo_id).alarms += bool(reading.alarms)
@@ -134,7 +133,7 @@ class Burst(ABC, Generic[ReplyT]):
         for servo_id, what in outcome.items():
             account = self._counters.of(servo_id)
             if isinstance(what, ServoState):
-                account.replies += 1
+                account.single_replies += 1
                 account.alarms += bool(what.alarms)
             elif what == "reset":  # it has answered, and owes nothing
                 account.reset += 1

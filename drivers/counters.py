@@ -1,14 +1,22 @@
 """What went wrong on a bus, counted for each servo and each kind of fault since the bus was opened."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Final
+
+_KINDS: Final = ("replies", "silent", "corrupt", "late", "reset", "alarms", "retries", "skipped")
+
+
+@dataclass(slots=True)
+class WholeBursts:
+    """How often certain servos have all answered one question: counted once, not for each of them."""
+
+    count: int = 0
 
 
 @dataclass(slots=True)
 class ServoCounters:
-    """One servo's account. Every reply that was asked for ends in exactly one of the first five."""
+    """One servo's account. Every reply that was asked for ends in one of the first four or is a good one."""
 
-    replies: int = 0
-    """Good ones."""
     silent: int = 0
     """Asked, and nothing came in time."""
     corrupt: int = 0
@@ -23,6 +31,15 @@ class ServoCounters:
     """Asked once more within the same cycle."""
     skipped: int = 0
     """Known to be silent, and not asked in this cycle."""
+    single_replies: int = 0
+    """Good ones, where somebody else's was not."""
+    whole_bursts: list[WholeBursts] = field(default_factory=list)
+    """Of the questions that it was asked together with others: each holds a good reply of this servo too."""
+
+    @property
+    def replies(self) -> int:
+        """Good ones."""
+        return self.single_replies + sum(bursts.count for bursts in self.whole_bursts)
 
     def came_late(self, counted_as: str) -> None:
         """A reply that was given up as ``silent`` or ``corrupt`` came after all."""
@@ -32,7 +49,7 @@ class ServoCounters:
 
     def as_dict(self) -> dict[str, int]:
         """Every counter by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: getattr(self, name) for name in _KINDS}
 
 
 @dataclass(slots=True)
@@ -51,6 +68,13 @@ class BusCounters:
         if account is None:
             account = self.servos[servo_id] = ServoCounters()
         return account
+
+    def whole_bursts(self, servo_ids: tuple[int, ...]) -> WholeBursts:
+        """A count of questions that these have all answered."""
+        bursts = WholeBursts()
+        for servo_id in servo_ids:
+            self.of(servo_id).whole_bursts.append(bursts)
+        return bursts
 
     def faults(self) -> dict[str, int]:
         """Faults by kind, summed over all servos."""

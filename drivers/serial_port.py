@@ -54,19 +54,17 @@ class SerialPort:
         self._settings = termios.tcgetattr(self._fd)
 
     def write(self, data: bytes) -> None:
-        sent = self._write(data)
-        while sent < len(data):  # the kernel's buffer was full: rare, a request is short
-            self._wait_for_room()
-            sent += self._write(data[sent:])
-
-    def _write(self, data: bytes) -> int:
-        """How many bytes the kernel took."""
-        try:
-            return os.write(self._fd, data)
-        except BlockingIOError:
-            return 0
-        except (OSError, ValueError) as error:
-            raise self._lost(error) from error
+        sent = 0
+        while True:
+            try:
+                sent += os.write(self._fd, data[sent:] if sent else data)
+            except BlockingIOError:
+                pass
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from error
+            if sent == len(data):
+                return
+            self._wait_for_room()  # the kernel's buffer is full: rare, a request is short
 
     def _wait_for_room(self) -> None:
         try:
@@ -77,16 +75,31 @@ class SerialPort:
             raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        received = b""
-        while missing := size - len(received):
+        # In one piece, for between two cycles the processor forgets every function that is called here.
+        received, ready = b"", True
+        while ready and (missing := size - len(received)):
             wake_size = 1 if missing < _BURST else min(missing, _LARGEST_VMIN)
             if wake_size != self._wake_size:
                 self._wake_at(wake_size)
-            ready = self._wait(deadline_s - self._clock.now())
-            received += self._take(missing)
-            if not ready:
-                break
+            wait_s = deadline_s - self._clock.now()
+            try:
+                # poll counts in milliseconds, select does the rest.
+                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._rest(wait_s)
+                while len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                    data = os.read(self._fd, size - len(received))
+                    if not data:  # readable, yet nothing to read: the other end hung up
+                        raise self._lost(None)
+                    received += data
+            except BlockingIOError:
+                pass
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from error
         return received
+
+    def _rest(self, wait_s: float) -> bool:
+        """What is left of a wait behind its whole milliseconds."""
+        rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
+        return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
 
     def discard_input(self) -> None:
         try:
@@ -125,31 +138,6 @@ class SerialPort:
         except (termios.error, OSError, ValueError) as error:
             raise self._lost(error) from error
         self._wake_size = size
-
-    def _wait(self, wait_s: float) -> bool:
-        """Until enough can be read; poll counts in milliseconds, select does the rest."""
-        try:
-            if self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0):
-                return True
-            rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
-            return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
-        except (OSError, ValueError) as error:
-            raise self._lost(error) from error
-
-    def _take(self, size: int) -> bytes:
-        """What is there, at most ``size``; the kernel may hand it over in pieces of 64 bytes."""
-        received = b""
-        try:
-            while len(received) < size:
-                data = os.read(self._fd, size - len(received))
-                if not data:  # readable, yet nothing to read: the other end hung up
-                    raise self._lost(None)
-                received += data
-        except BlockingIOError:
-            pass
-        except (OSError, ValueError) as error:
-            raise self._lost(error) from error
-        return received
 
     def _lost(self, error: Exception | None) -> PortLost:
         reason = f" ({error})" if error else ""

@@ -52,7 +52,7 @@ class StateReader:
             again = self._burst.read(behind, (), math.inf)
             self._note(again)
             outcome.update(again)
-        if asked and not self._fast_tried and not self._absent and self._burst.clean:
+        if asked and not self._fast_tried and not self._absent.misses and self._burst.clean:
             self._try_fast(asked)
         return outcome
 
@@ -89,7 +89,7 @@ class StateReader:
             missing = self._note(outcome)
             self.missed.update(missing)
             self._ask_again([i for i in _worth_asking(missing, outcome) if i in firm], outcome, deadline_s)
-        elif self._absent:
+        elif self._absent.misses:
             self._note(outcome)
         return outcome
 

@@ -38,14 +38,11 @@ class BurstReader(Burst[wire.Reply]):
         super().__init__(port, clock, echo, counters)
         self._size = state.STATE_SIZE
         self._expected, self._patience_s = 0, 0.0
-
-    @property
-    def steady(self) -> bool:
+        self.steady = False
         """Whether the last answer was whole, nothing is owed, and the line is known to give no echo."""
-        return self.clean and not self._owed and self._echo.present is False
 
     def ask_all(self, servo_ids: tuple[int, ...], deadline_s: float) -> None:
-        """``ask``, only while ``steady``, and before ``hear_all``; the same on the wire.
+        """``ask``, only while ``clean`` and ``steady``, and before ``hear_all``; the same on the wire.
 
         Between two cycles the processor forgets this code: what it need not look at is what makes a cycle cheap.
         """
@@ -123,6 +120,7 @@ class BurstReader(Burst[wire.Reply]):
         servo_ids = firm + tried
         states = state.burst(data, servo_ids, size)
         outcome: Mapping[int, Outcome]
+        self.steady = False
         if states is None:
             decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
             hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
@@ -130,6 +128,7 @@ class BurstReader(Burst[wire.Reply]):
         else:
             self.clean = True
             outcome = self._all_well(servo_ids, states)
+            self.steady = not self._owed and self._echo.present is False
         if after:
             self.send(after)
         return outcome

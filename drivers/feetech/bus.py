@@ -87,7 +87,7 @@ class FeetechBus:
         asked = tuple(servo_ids)
         firm: tuple[int, ...] = asked
         tried: tuple[int, ...] = ()
-        if steady := self._burst.steady and not self._absent:
+        if steady := self._burst.clean and self._burst.steady and not self._absent.misses:
             self._burst.ask_all(asked, deadline_s)
         else:
             firm, tried = self._ask(asked)
@@ -132,7 +132,7 @@ class FeetechBus:
             outcome = self._burst.hear(firm, tried, deadline_s, goals)
         elif goals:
             self._burst.send(goals)
-        if self._burst.clean and firm == asked and not self._absent:
+        if self._burst.clean and firm == asked and not self._absent.misses:
             return cast(dict[int, Reading], outcome)
         return self._made_up(asked, firm, outcome, deadline_s)
 

@@ -25,7 +25,10 @@ GOAL_ADDRESS: Final = sts.GOAL_BLOCK[0].address
 GOAL_SIZE: Final = sum(register.size for register in sts.GOAL_BLOCK)
 
 _STATE: Final = "".join(_FORMATS[register.size] for register in sts.STATE_BLOCK)
-_GOAL: Final = "".join(_FORMATS[register.size] for register in sts.GOAL_BLOCK)
+assert GOAL_SIZE == 7, "a goal and its servo's ID are eight bytes"
+_POSITION_AT: Final = 8 * (1 + sts.goal_position.address - GOAL_ADDRESS)
+_VELOCITY_AT: Final = 8 * (1 + sts.goal_velocity.address - GOAL_ADDRESS)
+"""Bits behind the ID, which is the lowest byte."""
 
 # Every answer that a narrow register can give, looked up instead of calculated.
 _ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
@@ -54,6 +57,7 @@ def state(status: int, data: bytes) -> ServoState:
 
 _ONE: Final = Struct("<" + _STATE)
 _new: Final = tuple.__new__
+_HEADER: Final = int.from_bytes(wire.HEADER, "little")
 
 _GOOD_SUM: Final = (wire.HEADER[0] + wire.HEADER[1] + 0xFF + 1) & 0xFF
 """Of a whole reply by Adler-32, whose lower half is the sum of all bytes and 1: the checksum makes the sum after the
@@ -64,29 +68,31 @@ _CHECKSUMS: Final = tuple(bytes((~(total - 1 - sum(wire.HEADER)) & 0xFF,)) for t
 """By the lowest byte of the Adler-32 of what is before it."""
 
 
-@lru_cache(maxsize=64)
-def _layout(servo_ids: tuple[int, ...], size: int) -> tuple[Struct, int, tuple[tuple[int, int, slice], ...]]:
-    """How a reply is taken apart, the size of the burst, and each reply's ID, head as one number, and place."""
-    frame_size = size + wire.OVERHEAD
-    heads = (int.from_bytes(wire.HEADER + bytes((i, size + 2)), "little") for i in servo_ids)
-    places = (slice(at, at + frame_size) for at in range(0, frame_size * len(servo_ids), frame_size))
-    frame = Struct("<" + f"IB{_STATE}{size - STATE_SIZE}xB")
-    return frame, frame_size * len(servo_ids), tuple(zip(servo_ids, heads, places, strict=True))
+@lru_cache(maxsize=8)
+def _frame(size: int) -> Struct:
+    """A whole reply: header, ID, length, status, the block, what is behind it, checksum."""
+    return Struct("<" + f"HBBB{_STATE}{size - STATE_SIZE}xB")
 
 
 def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, ServoState] | None:
     """All states where ``data`` is exactly the replies of all servos in their order; None otherwise.
 
-    ``state`` once more, written out: this is the greater part of a cycle's Python.
+    ``state`` once more, written out: this is the greater part of a cycle's Python. What it looks at has been forgotten
+    by the processor since the last cycle, so a small table read seven times is better than a large one read once.
     """
-    frame, whole_size, frames = _layout(servo_ids, size)
-    if len(data) != whole_size:
+    frame_size = size + wire.OVERHEAD
+    if len(data) != frame_size * len(servo_ids):
         return None
     states: dict[int, ServoState] = {}
-    for (servo_id, head, place), numbers in zip(frames, frame.iter_unpack(data), strict=True):
-        found, status, position, velocity, load, voltage, temperature, _ = numbers
-        if found != head or adler32(data[place]) & 0xFF != _GOOD_SUM:
+    begin = 0
+    for servo_id, numbers in zip(servo_ids, _frame(size).iter_unpack(data), strict=True):
+        header, replied, length, status, position, velocity, load, voltage, temperature, _ = numbers
+        end = begin + frame_size
+        if header != _HEADER or replied != servo_id or length != size + 2:
             return None
+        if adler32(data[begin:end]) & 0xFF != _GOOD_SUM:
+            return None
+        begin = end
         fields = (
             position if position < _SIGN else _SIGN - position,
             velocity if velocity < _SIGN else _SIGN - velocity,
@@ -101,11 +107,11 @@ def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, Servo
 
 
 @lru_cache(maxsize=64)
-def _goals_layout(servo_ids: tuple[int, ...]) -> tuple[Struct, bytes]:
-    """How all goals are packed, IDs included, and the packet's beginning."""
-    size = (GOAL_SIZE + 1) * len(servo_ids)
+def _goals_layout(count: int) -> tuple[Struct, bytes]:
+    """So many goals, each one number of eight bytes, and the packet's beginning."""
+    size = (GOAL_SIZE + 1) * count
     head = wire.HEADER + bytes((wire.BROADCAST_ID, size + 4, wire.SYNC_WRITE, GOAL_ADDRESS, GOAL_SIZE))
-    return Struct("<" + ("B" + _GOAL) * len(servo_ids)), head
+    return Struct(f"<{count}Q"), head
 
 
 def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
@@ -114,14 +120,14 @@ def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
     Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
     would stop the servo at every goal.
     """
-    layout, head = _goals_layout(tuple(goals))
+    layout, head = _goals_layout(len(goals))
     numbers: list[int] = []
     for servo_id, goal in goals.items():
         position, velocity = goal.position_counts, goal.velocity_counts_s
         if not (0 <= position < _SIGN and 0 <= velocity < _SIGN):
             position = _raw(sts.goal_position, position)
             velocity = _raw(sts.goal_velocity, velocity)
-        numbers += (servo_id, 0, position, 0, velocity)
+        numbers.append(servo_id | position << _POSITION_AT | velocity << _VELOCITY_AT)
     packet = head + layout.pack(*numbers)
     return packet + _CHECKSUMS[adler32(packet) & 0xFF]
 

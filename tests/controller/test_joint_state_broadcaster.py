@@ -30,7 +30,7 @@ def broadcaster(**parameters: Any) -> JointStateBroadcaster:
 
 
 def state(stamp_s: float = 7.0) -> JointState:
-    health = {"wrist": ServoHealth(11.5, 41.0, ("overload",), ServoCounters(replies=9, silent=1), 0.25)}
+    health = {"wrist": ServoHealth(11.5, 41.0, ("overload",), ServoCounters(single_replies=9, silent=1), 0.25)}
     return JointState(
         stamp_s,
         np.array([1.0, 2.0, 3.0]),

@@ -11,7 +11,7 @@ from hal.types import JointState, ServoHealth
 
 NAN = float("nan")
 JOINTS = ("base", "wrist")
-COUNTERS = ServoCounters(replies=9, silent=1, corrupt=2, late=3, reset=7, alarms=4, retries=5, skipped=6)
+COUNTERS = ServoCounters(single_replies=9, silent=1, corrupt=2, late=3, reset=7, alarms=4, retries=5, skipped=6)
 
 
 def state() -> JointState:
