@@ -153,8 +153,10 @@ class JointStateBroadcaster:
     def latest(self) -> JointStates | None:
         """The newest sample; None while inactive."""
         state = self.state
-        if state is None:
-            return None
+        return None if state is None else self.sample(state)
+
+    def sample(self, state: JointState) -> JointStates:
+        """What there is to say of the state of one cycle."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
         return self._latest

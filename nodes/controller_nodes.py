@@ -1,7 +1,7 @@
 """The controllers' ROS nodes: they come and go with the controllers."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from builtin_interfaces.msg import Time
@@ -18,9 +18,11 @@ from controller.order import Order
 from controller.roster import Transition
 from controller.switching import Loaded
 from hal.lifecycle import LifecycleState
+from hal.types import JointState
 from nodes.additions import Additions
 from nodes.controller_parameters import QUIET, ControllerParameters, ParameterNode
 from nodes.faces import Face, face_of
+from nodes.joint_state_node import JointStateNode
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -97,11 +99,14 @@ class ControllerNodes:
         """Those that have a face."""
         return (shown.controller for shown in self._shown.values() if shown.controller is not None)
 
-    def publish(self, stamp: Time) -> None:
-        """A cycle has ended."""
+    def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
+        """So many cycles have ended since the last call, with their stamps; ``stamp`` is the newest one's."""
         for shown in (*self._shown.values(), *self._leaving.values()):
             if shown.face is not None:
                 try:
+                    if isinstance(shown.face, JointStateNode):
+                        for cycle in cycles:
+                            shown.face.show(*cycle)
                     shown.face.publish(stamp)
                 except Exception:  # a plug-in's, mostly: the others are still to be shown
                     LOG.exception("%s shows nothing from here on", shown.node.get_name())

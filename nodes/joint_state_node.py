@@ -9,12 +9,13 @@ from sensor_msgs.msg import JointState
 
 from controller.joint_state_broadcaster import JointStateBroadcaster, JointStates
 from hal.types import FloatArray
+from hal.types import JointState as HardwareState
 from nodes.dynamic_states import DynamicStates
 from nodes.qos import LATCHED
 
 
 class JointStateNode:
-    """On the node of its controller. ``publish`` runs after each cycle."""
+    """On the node of its controller. ``show`` runs for each cycle, also for those that the ROS side is behind with."""
 
     def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
         self.node = node
@@ -33,11 +34,13 @@ class JointStateNode:
             self._dynamic = DynamicStates(node, topic, controller, parameters.frame_id)
 
     def publish(self, stamp: Time) -> None:
-        """The newest state, once. One message serves all cycles: publishing writes it out at once."""
-        state, states = self._controller.state, self._controller.latest
-        if state is None or states is None:
+        """Every cycle has its own state, see ``show``."""
+
+    def show(self, state: HardwareState, stamp: Time) -> None:
+        """The state of one cycle. One message serves all: publishing writes it out at once."""
+        if self._controller.state is None:
             return
-        self._fill(states)
+        self._fill(self._controller.sample(state))
         if self._message.name:
             self._message.header.stamp = stamp
             self._topic.publish(self._message)

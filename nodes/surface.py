@@ -103,14 +103,15 @@ class Surface:
     def _drain(self) -> None:
         if not self._cycles:
             return
-        state = self._cycles[-1]  # where the ROS side lags behind, the newest is what counts
-        self._cycles.clear()
-        stamp = time_message(state.stamp_s + wall_offset_s(self._stack.loop.clock, time))
+        offset_s = wall_offset_s(self._stack.loop.clock, time)
+        states = [self._cycles.popleft() for _ in range(len(self._cycles))]
+        cycles = [(state, time_message(state.stamp_s + offset_s)) for state in states]
+        state, stamp = cycles[-1]  # where the ROS side lags behind, the newest is what counts, but for joint states
         self._hardware.see(state)
-        self._controllers.publish(stamp)
+        self._controllers.publish(stamp, cycles)
         for broadcaster in self._broadcasters:
-            if self._links is not None and broadcaster.latest is not None:
-                self._links.publish(broadcaster.latest, stamp)
+            if self._links is not None and broadcaster.state is not None:
+                self._links.publish(broadcaster.sample(state), stamp)
         self._follow()
 
     def _follow(self) -> None:
