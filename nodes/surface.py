@@ -6,7 +6,7 @@ from collections.abc import Callable
 from time import time
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from controller.desk import Desk
@@ -15,6 +15,7 @@ from drivers.clock import wall_offset_s
 from hal.types import JointState
 from nodes.controller_nodes import ControllerNodes
 from nodes.conversions import time_message
+from nodes.executor import CycleExecutor
 from nodes.hardware_node import HardwareNodes
 from nodes.hardware_services import HardwareServices
 from nodes.leaving import leaving
@@ -29,19 +30,6 @@ GOODBYE_S = 0.2
 LOG = logging.getLogger("servoloop.nodes")
 
 
-class _Posted:
-    """What the executor takes for a future: it is done when there is a cycle to show."""
-
-    def __init__(self, cycles: deque[JointState]) -> None:
-        self._cycles = cycles
-
-    def done(self) -> bool:
-        return bool(self._cycles)
-
-    def add_done_callback(self, callback: Callable[[object], None]) -> None:
-        """``post`` wakes the executor itself."""
-
-
 class Surface:
     """The ROS 2 side. ``post`` is for the loop's thread, everything else for the ROS thread."""
 
@@ -52,7 +40,7 @@ class Surface:
         self._cycles: deque[JointState] = deque(maxlen=100)
         self._waiting = Waiting()
         desk = Desk(stack.loop, stack.factory)
-        self._executor = SingleThreadedExecutor()
+        self._executor = CycleExecutor()
         self._manager = ManagerNode(stack, desk, self._waiting)
         HardwareServices(self._manager.node, stack, self._waiting)
         self._hardware = HardwareNodes(stack)
@@ -62,23 +50,20 @@ class Surface:
         self._controllers = ControllerNodes(stack.loop.manager, desk, self._executor)
         for node in self._own:
             self._executor.add_node(node)
-        self._posted = _Posted(self._cycles)
         self._follow()
 
     def post(self, state: JointState) -> None:
         """One cycle is done: wake the ROS thread. Never waits."""
         self._cycles.append(state)
-        self._executor.wake()
+        self._executor.post()
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
         while not stop() and rclpy.ok():
             try:
-                # A cycle is no callback: one would make rclpy build its wait set a second time, the dearest thing here.
-                self._executor.spin_once_until_future_complete(self._posted, timeout_sec=0.1)
+                # Where the next cycle has come already, clients are served nevertheless.
+                self._executor.serve(0.1, behind=bool(self._cycles))
                 self._drain()
-                if self._cycles:  # the next one has come already: clients are served nevertheless
-                    self._executor.spin_once(timeout_sec=0.0)
             except ExternalShutdownException:
                 return
             except Exception:  # a client's oddity must not take the surface from the others
