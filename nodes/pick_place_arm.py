@@ -32,6 +32,10 @@ class RosArm:
         self._hand = node.create_publisher(Float64MultiArray, HAND_TOPIC, 10)
         self._stop = Future()
 
+    def look(self, timeout_s: float) -> bool:
+        """Whether the arm's action server shows up in time. Blocks."""
+        return bool(self._client.wait_for_server(timeout_s))
+
     def hand(self, position_m: float) -> None:
         """Fire and forget."""
         self._hand.publish(Float64MultiArray(data=[position_m]))

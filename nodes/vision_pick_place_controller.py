@@ -34,6 +34,9 @@ from nodes.pick_place_waiting import Waiter
 NODE_NAME = "vision_pick_place_controller"
 _LOG_EVERY_S = 5.0
 _LAST_WORDS_S = 0.1
+_DISCOVERY_S = 4.0
+"""Before the first job: two participants see each other at the next announcement of one of them, every 3 s (Fast DDS),
+and a job waits for the arm for 2 s only."""
 
 
 class VisionPickPlaceController:
@@ -54,6 +57,8 @@ class VisionPickPlaceController:
         self._states = node.create_publisher(String, "/sorting/arm/state", 10)
         node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_vision, 10)
         node.create_service(SetBool, "/sorting/arm/enable", self._on_enable)
+        if not self._arm.look(_DISCOVERY_S):
+            self._log.warning("the arm is not there yet: a job will wait for it, but not for long")
         self._server = self._serve(parameters.action_name(node))
         self._log.info(f"ready for goals; grades {', '.join(self._settings.bins_rad)}")
 
