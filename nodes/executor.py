@@ -68,8 +68,10 @@ class CycleExecutor(SingleThreadedExecutor):
         self._go_on()
         self._wait(timeout_s)
         guards = self._wait_set.get_ready_entities("guard_condition")
+        for guard, _, _ in self._entities["guard_condition"].values():  # which waiting resets
+            guard._executor_triggered |= guard.handle.pointer in guards
         if behind or self._posted.handle.pointer not in guards:  # what is ready now is so the next time, too
-            self._run_ready(guards)
+            self._run_ready()
 
     def _wait(self, timeout_s: float) -> None:
         if self._context.ok():
@@ -119,9 +121,6 @@ class CycleExecutor(SingleThreadedExecutor):
             "client": self._hold(nodes, "clients", self._take_client, made.add_client),
             "service": self._hold(nodes, "services", self._take_service, made.add_service),
         }
-        for guard, _ in self._executable(nodes, "guards"):
-            if guard._executor_triggered:  # while it could not be served
-                guard.trigger()
         for guard in (self._posted, self._guard, self._sigint_gc):
             self._held.enter_context(guard.handle)
             self._add.append((made.add_guard_condition, guard.handle))
@@ -170,14 +169,19 @@ class CycleExecutor(SingleThreadedExecutor):
             add(wait_set, handle)
         for waitable, _ in self._waitables:
             waitable.add_to_wait_set(wait_set)
+        for guard, _, _ in self._entities["guard_condition"].values():
+            if guard._executor_triggered:  # while it could not be served
+                guard.trigger()
 
-    def _run_ready(self, guards: Iterable[int]) -> None:
+    def _run_ready(self) -> None:
         ready = [(w, node, self._take_waitable) for w, node in self._waitables if w.is_ready(self._wait_set)]
         for kind, entities in self._entities.items():
-            pointers = guards if kind == "guard_condition" else self._wait_set.get_ready_entities(kind)
-            ready += [entities[pointer] for pointer in pointers if pointer in entities]
-        for guard, _, _ in self._entities["guard_condition"].values():
-            guard._executor_triggered |= guard.handle.pointer in guards
+            if kind == "guard_condition":
+                ready += [guard for guard in entities.values() if guard[0]._executor_triggered]
+            else:
+                ready += [
+                    entities[pointer] for pointer in self._wait_set.get_ready_entities(kind) if pointer in entities
+                ]
         self._run(self._make_handler(*what) for what in ready if self._can_run(what[0]))
 
     def _can_run(self, entity: Entity) -> bool:

@@ -211,6 +211,19 @@ def test_a_posted_cycle_comes_before_callbacks_and_once(executor: CycleExecutor,
     assert len(heard) == 2
 
 
+def test_a_guard_that_is_triggered_together_with_a_cycle_is_not_forgotten(executor: CycleExecutor, node: Node) -> None:
+    triggered: list[int] = []
+    guard = node.create_guard_condition(lambda: triggered.append(1))
+    settle(executor)
+    guard.trigger()
+    executor.post()
+    executor.serve(PATIENCE_S)
+    assert not triggered
+    executor.serve(PATIENCE_S)
+    settle(executor)
+    assert triggered == [1]
+
+
 def test_a_cycle_is_posted_from_another_thread(executor: CycleExecutor, node: Node) -> None:
     settle(executor)
     thread = threading.Timer(0.05, executor.post)
