@@ -96,10 +96,14 @@ def client(connected: ManagerClient) -> Iterator[ManagerClient]:
 def move_the_hand(client: ManagerClient, position_m: float) -> None:
     """Returns when it is there: neither its controller nor the broadcaster has suffered."""
     publisher = client.node.create_publisher(Float64MultiArray, "/hand/commands", 1)
-    client.spin_until(publisher.get_subscription_count)
-    publisher.publish(Float64MultiArray(data=[position_m]))
     with client.hearing(JointState, "/joint_states") as heard:
-        client.spin_until(lambda: heard and abs(heard[-1].position[heard[-1].name.index(HAND)] - position_m) < 1e-6)
+
+        def there() -> bool:
+            # Again and again: the controller listens best effort, and may not know a new publisher yet.
+            publisher.publish(Float64MultiArray(data=[position_m]))
+            return bool(heard) and abs(heard[-1].position[heard[-1].name.index(HAND)] - position_m) < 1e-6
+
+        client.spin_until(there)
     client.node.destroy_publisher(publisher)
 
 
