@@ -1,5 +1,6 @@
 """A client that listens to topics and sends the forward controllers their commands, in the test's own process."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
@@ -15,6 +16,10 @@ EVERY: Final = 1000
 """A listener's depth where no message may be missed."""
 CYCLES: Final = 5
 """In so many a command that should not count would show."""
+
+
+MATCH_S = 0.2
+"""For the other side to know a new publisher too: controllers listen best effort, and what comes before is lost."""
 
 
 class Onlooker(ManagerClient):
@@ -40,7 +45,8 @@ class Onlooker(ManagerClient):
         """A command for a forward controller that is there."""
         if controller not in self._commands:
             self._commands[controller] = self.node.create_publisher(Float64MultiArray, f"/{controller}/commands", 10)
-        self.spin_until(lambda: self._commands[controller].get_subscription_count() == 1)
+            self.spin_until(lambda: self._commands[controller].get_subscription_count() == 1)
+            time.sleep(MATCH_S)
         self._commands[controller].publish(Float64MultiArray(data=list(values)))
 
     def arrives(self, **places: float) -> None:
