@@ -111,7 +111,7 @@ def wire_us(make: str, servos: int) -> float:
         goals = len(dynamixel_wire.sync_write(X.goal_address, len(data), dict.fromkeys(ids, data)))
         question = len(dynamixel_wire.sync_read(ids, block.address, block.size))
         return (goals + question + (block.size + dynamixel_wire.OVERHEAD) * servos) * 1e7 / BAUD
-    goals = len(state.goals_packet({i: ServoGoal(0) for i in ids}))
+    goals = state.goals_size(servos)
     question = len(wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE))
     return (goals + question + (state.STATE_SIZE + wire.OVERHEAD) * servos) * 1e7 / BAUD
 

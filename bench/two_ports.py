@@ -41,7 +41,7 @@ JOINTS = tuple(Joint(f"{bus}{i}", i, sts.STS3215, LIMITS, bus=bus) for bus in BU
 class ApartBus(FeetechBus):
     """Asks and waits in one step: what two ports are without overlapping."""
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         yield
         return finish(super().state_steps(servo_ids, deadline_s))
 

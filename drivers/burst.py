@@ -67,14 +67,20 @@ class Burst(ABC, Generic[ReplyT]):
     def _all_well(self, servo_ids: tuple[int, ...], states: Mapping[int, ServoState]) -> Mapping[int, ServoState]:
         if self._echo.present is None:
             self._echo.present = False
+        self._whole(servo_ids).count += 1
+        if any(map(_ALARMS_OF, states.values())):
+            self._count_alarms(states)
+        return states
+
+    def _whole(self, servo_ids: tuple[int, ...]) -> WholeBursts:
         bursts = self._whole_bursts.get(servo_ids)
         if bursts is None:
             bursts = self._whole_bursts[servo_ids] = self._counters.whole_bursts(servo_ids)
-        bursts.count += 1
-        if any(map(_ALARMS_OF, states.values())):
-            for servo_id, reading in states.items():
-                self._counters.of(servo_id).alarms += bool(reading.alarms)
-        return states
+        return bursts
+
+    def _count_alarms(self, states: Mapping[int, ServoState]) -> None:
+        for servo_id, reading in states.items():
+            self._counters.of(servo_id).alarms += bool(reading.alarms)
 
     def _listen_on(
         self, hearing: Hearing[ReplyT], firm: tuple[int, ...], tried: tuple[int, ...], data: bytes, deadline_s: float

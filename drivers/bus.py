@@ -82,7 +82,7 @@ class ServoBus(Protocol):
         """One register of one servo, acknowledged."""
         ...
 
-    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """The state of each servo, or its fault, in one exchange.
 
         With a deadline on the bus's clock, as a cycle has one: what is missing is asked for again
@@ -90,13 +90,13 @@ class ServoBus(Protocol):
         """
         ...
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         """``read_states`` in steps, for ``drivers.turns.overlapped``."""
         ...
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         """``read_states`` and ``write_goals`` of one cycle, in the order that is quickest on this line."""
         ...
 

@@ -55,16 +55,16 @@ class SerialPort:
 
     def write(self, data: bytes) -> None:
         sent = 0
-        while True:
-            try:
-                sent += os.write(self._fd, data[sent:] if sent else data)
-            except BlockingIOError:
-                pass
-            except (OSError, ValueError) as error:
-                raise self._lost(error) from error
+        try:
+            sent = os.write(self._fd, data)
             if sent == len(data):
                 return
-            self._wait_for_room()  # the kernel's buffer is full: rare, a request is short
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        self._wait_for_room()  # the kernel's buffer is full: rare, a request is short
+        self.write(data[sent:])
 
     def _wait_for_room(self) -> None:
         try:
@@ -75,8 +75,26 @@ class SerialPort:
             raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        # In one piece, for between two cycles the processor forgets every function that is called here.
-        received, ready = b"", True
+        # What a cycle reads comes in two pieces at most and needs no more than this, for between two cycles the
+        # processor forgets every step that is taken here.
+        received = b""
+        try:
+            wait_s = deadline_s - self._clock.now()
+            if size == self._wake_size and wait_s > 0.0 and self._poll.poll(int(wait_s * 1000.0)):
+                received = os.read(self._fd, size)
+                if len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                    received += os.read(self._fd, size - len(received))
+                if len(received) == size:
+                    return received
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        return self._read_on(received, size, deadline_s)
+
+    def _read_on(self, received: bytes, size: int, deadline_s: float) -> bytes:
+        """Piece by piece, until all is there or the time is up."""
+        ready = True
         while ready and (missing := size - len(received)):
             wake_size = 1 if missing < _BURST else min(missing, _LARGEST_VMIN)
             if wake_size != self._wake_size:
@@ -85,7 +103,7 @@ class SerialPort:
             try:
                 # poll counts in milliseconds, select does the rest.
                 ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._rest(wait_s)
-                while len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                while len(received) < size:
                     data = os.read(self._fd, size - len(received))
                     if not data:  # readable, yet nothing to read: the other end hung up
                         raise self._lost(None)

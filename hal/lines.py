@@ -66,7 +66,7 @@ class Lines:
         readings = yield from overlapped([self._steps(name, deadline_s) for name in self._buses])
         return self._by_joint(readings)
 
-    def _steps(self, name: str, deadline_s: float) -> Steps[dict[int, Reading]]:
+    def _steps(self, name: str, deadline_s: float) -> Steps[Mapping[int, Reading]]:
         with self._named(name):
             return (yield from self._buses[name].state_steps(self._ids[name], deadline_s))
 

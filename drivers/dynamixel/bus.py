@@ -71,13 +71,13 @@ class DynamixelBus(ServoCalls):
             raise ServoRefused(servo_id, misfit)
         self._maps.set_up(servo_id, model)
 
-    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:
             return finish(self.state_steps(servo_ids, deadline_s))
         asked = tuple(servo_ids)
         return self._readings(asked, self._reader.read(asked), math.inf)
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         asked = tuple(servo_ids)
         turn = self._reader.ask(asked, b"")
         yield
@@ -85,7 +85,7 @@ class DynamixelBus(ServoCalls):
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         asked = tuple(servo_ids)
         turn = self._reader.ask(asked, self._goals(goals) if goals else b"")
         return self._readings(asked, self._reader.hear(turn, deadline_s), deadline_s)
@@ -110,7 +110,7 @@ class DynamixelBus(ServoCalls):
 
     def _readings(
         self, asked: tuple[int, ...], outcome: Mapping[int, Outcome], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         """``readings_of``, alarms by name. Then what the maps need, if there is time."""
         readings = readings_of(asked, outcome)
         for servo_id, reading in readings.items():

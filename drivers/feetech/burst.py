@@ -5,8 +5,9 @@ from functools import lru_cache
 from typing import Final
 
 from drivers.burst import Burst
+from drivers.bus import ServoState
 from drivers.clock import Clock
-from drivers.counters import BusCounters
+from drivers.counters import BusCounters, WholeBursts
 from drivers.echo import Echo
 from drivers.feetech import state, wire
 from drivers.hearing import Hearing
@@ -23,12 +24,22 @@ def _request(servo_ids: tuple[int, ...], size: int) -> bytes:
     return wire.sync_read(servo_ids, state.STATE_ADDRESS, size)
 
 
-@lru_cache(maxsize=64)
-def _question(servo_ids: tuple[int, ...], byte_s: float) -> tuple[bytes, int, float, float]:
-    """The question and the size of its answer; how long both take on the wire, the answer with patience."""
-    sent = _request(servo_ids, state.STATE_SIZE)
-    expected = (state.STATE_SIZE + wire.OVERHEAD) * len(servo_ids)
-    return sent, expected, len(sent) * byte_s, expected * byte_s + STEADY_GAP_S
+class Steady:
+    """What a cycle must know of the servos that have all answered the last question, looked up once.
+
+    Times in seconds from the moment of the question, when the last cycle's goals may still be on the wire.
+    """
+
+    __slots__ = ("layout", "patience_s", "question", "sent_s", "servo_ids", "whole_bursts")
+
+    def __init__(self, servo_ids: tuple[int, ...], byte_s: float, whole_bursts: WholeBursts) -> None:
+        self.servo_ids = servo_ids
+        self.question = _request(servo_ids, state.STATE_SIZE)
+        self.layout = state.layout(servo_ids, state.STATE_SIZE)
+        self.whole_bursts = whole_bursts
+        goals_s = state.goals_size(len(servo_ids)) * byte_s
+        self.sent_s = goals_s + len(self.question) * byte_s
+        self.patience_s = self.sent_s + self.layout.size * byte_s + STEADY_GAP_S
 
 
 class BurstReader(Burst[wire.Reply]):
@@ -37,38 +48,41 @@ class BurstReader(Burst[wire.Reply]):
     def __init__(self, port: Port, clock: Clock, echo: Echo, counters: BusCounters) -> None:
         super().__init__(port, clock, echo, counters)
         self._size = state.STATE_SIZE
-        self._expected, self._patience_s = 0, 0.0
-        self.steady = False
-        """Whether the last answer was whole, nothing is owed, and the line is known to give no echo."""
+        self._left = 0.0, b"", b""
+        self._steady: dict[tuple[int, ...], Steady] = {}
+        self.steady: Steady | None = None
+        """Of whom the last answer was whole, while nothing is owed and the line is known to give no echo."""
 
-    def ask_all(self, servo_ids: tuple[int, ...], deadline_s: float) -> None:
-        """``ask``, only while ``clean`` and ``steady``, and before ``hear_all``; the same on the wire.
+    def cycle(self, steady: Steady, goals: bytes, deadline_s: float) -> dict[int, ServoState] | None:
+        """``ask`` and ``hear``, while ``clean`` and ``steady``, the same on the wire; None where not all is well.
 
-        Between two cycles the processor forgets this code: what it need not look at is what makes a cycle cheap.
+        Between two cycles the processor forgets this code: what makes a cycle cheap is how few different steps it
+        takes, not how often. After None, ``recover`` must be called.
         """
-        self._sent, self._expected, sent_s, answer_s = _question(servo_ids, self.byte_s)
-        self._size = state.STATE_SIZE
-        now_s = self._clock.now()
-        self._sent_s = sent_s = sent_s + (self._busy_until_s if self._busy_until_s > now_s else now_s)
-        patience_s = sent_s + answer_s
-        self._patience_s = patience_s if patience_s < deadline_s else deadline_s
         self.clean = False
-        self._port.write(self._sent)
-
-    def hear_all(self, servo_ids: tuple[int, ...], goals: bytes, deadline_s: float) -> Mapping[int, Outcome]:
-        """``hear``: the states, and ``goals`` sent as soon as the replies are there."""
-        data = self._port.read(self._expected, self._patience_s)
-        if len(data) == self._expected:
+        self._port.write(steady.question)
+        now_s = self._clock.now()
+        patience_s = now_s + steady.patience_s
+        data = self._port.read(steady.layout.size, patience_s if patience_s < deadline_s else deadline_s)
+        if len(data) == steady.layout.size:
             self._port.write(goals)
-            self._busy_until_s = self._clock.now() + len(goals) * self.byte_s
-            states = state.burst(data, servo_ids, state.STATE_SIZE)
+            states, alarms = steady.layout.states(data)
             if states is not None:
                 self.clean = True
-                return self._all_well(servo_ids, states)
+                steady.whole_bursts.count += 1
+                if alarms:
+                    self._count_alarms(states)
+                return states
             goals = b""
-        elif not data:
-            data = self._after_silence(self._expected, self._sent_s, deadline_s)
-        return self._understand(servo_ids, (), state.STATE_SIZE, data, goals, deadline_s)
+        self._left = now_s + steady.sent_s, data, goals
+        return None
+
+    def recover(self, steady: Steady, deadline_s: float) -> Mapping[int, Outcome]:
+        """What there is in an answer that did not come as it should, and what comes behind it; then the goals."""
+        sent_s, data, goals = self._left
+        if not data:
+            data = self._after_silence(steady.layout.size, sent_s, deadline_s)
+        return self._understand(steady.servo_ids, (), state.STATE_SIZE, data, goals, deadline_s)
 
     def read(self, firm: tuple[int, ...], tried: tuple[int, ...], deadline_s: float) -> Mapping[int, Outcome]:
         """``ask`` and ``hear``."""
@@ -120,7 +134,7 @@ class BurstReader(Burst[wire.Reply]):
         servo_ids = firm + tried
         states = state.burst(data, servo_ids, size)
         outcome: Mapping[int, Outcome]
-        self.steady = False
+        self.steady = None
         if states is None:
             decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
             hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
@@ -128,10 +142,17 @@ class BurstReader(Burst[wire.Reply]):
         else:
             self.clean = True
             outcome = self._all_well(servo_ids, states)
-            self.steady = not self._owed and self._echo.present is False
+            if not self._owed and self._echo.present is False:
+                self.steady = self._steady_with(servo_ids)
         if after:
             self.send(after)
         return outcome
+
+    def _steady_with(self, servo_ids: tuple[int, ...]) -> Steady:
+        found = self._steady.get(servo_ids)
+        if found is None:
+            found = self._steady[servo_ids] = Steady(servo_ids, self.byte_s, self._whole(servo_ids))
+        return found
 
     def _said(self, reply: wire.Reply) -> Outcome:
         return state.state(reply.status, reply.data)

@@ -67,7 +67,7 @@ class FeetechBus:
         result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
         raise_for(servo_id, result)
 
-    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:
             return finish(self.state_steps(servo_ids, deadline_s))
         asked = tuple(servo_ids)
@@ -75,7 +75,7 @@ class FeetechBus:
         self._absent.note(outcome, self._clock.now())
         return readings_of(asked, outcome)
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         asked = tuple(servo_ids)
         firm, tried = self._ask(asked)
         yield
@@ -83,31 +83,22 @@ class FeetechBus:
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
+        packet = state.goals_packet(goals)
         asked = tuple(servo_ids)
-        firm: tuple[int, ...] = asked
-        tried: tuple[int, ...] = ()
-        if steady := self._burst.clean and self._burst.steady and not self._absent.misses:
-            self._burst.ask_all(asked, deadline_s)
-        else:
+        steady = self._burst.steady
+        if steady is None or steady.servo_ids != asked or not self._burst.clean:
             firm, tried = self._ask(asked)
-        try:
-            packet = state.goals_packet(goals)  # while the servos answer
-        except ValueError:
-            self._hear(asked, firm, tried, deadline_s)
-            raise
-        if not steady:
             return self._hear(asked, firm, tried, deadline_s, packet)
-        outcome = self._burst.hear_all(asked, packet, deadline_s)
-        if self._burst.clean:
-            return cast(dict[int, Reading], outcome)
-        return self._made_up(asked, asked, outcome, deadline_s)
+        states = self._burst.cycle(steady, packet, deadline_s)
+        if states is None:
+            return self._made_up(asked, asked, self._burst.recover(steady, deadline_s), deadline_s)
+        return states
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
         question = wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE)
-        goals = state.goals_packet({i: ServoGoal(0) for i in ids})
-        return len(goals) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
+        return state.goals_size(len(ids)) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
     def _ask(self, asked: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Send the question; who surely answers, and who is only tried."""
@@ -126,19 +117,19 @@ class FeetechBus:
         tried: tuple[int, ...],
         deadline_s: float,
         goals: bytes = b"",
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         outcome: Mapping[int, Outcome] = {}
         if firm:
             outcome = self._burst.hear(firm, tried, deadline_s, goals)
         elif goals:
             self._burst.send(goals)
         if self._burst.clean and firm == asked and not self._absent.misses:
-            return cast(dict[int, Reading], outcome)
+            return cast(Mapping[int, Reading], outcome)
         return self._made_up(asked, firm, outcome, deadline_s)
 
     def _made_up(
         self, asked: tuple[int, ...], firm: tuple[int, ...], outcome: Mapping[int, Outcome], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         """Whoever is missing is asked again if there is time."""
         if len(outcome) < len(asked):
             count_skipped(self._counters, asked, outcome)

@@ -3,11 +3,10 @@
 Offsets, formats and signs are computed once from the table; a cycle then unpacks whole bursts.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from struct import Struct
 from typing import Final
-from zlib import adler32
 
 from drivers.bus import ServoGoal, ServoState
 from drivers.feetech import sts, wire
@@ -38,6 +37,7 @@ _LOADS: Final = tuple(
 _VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
 _TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
 _SIGN: Final = 1 << 15
+_MAGNITUDE: Final = _SIGN - 1
 assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
 assert sts.present_load.sign_bit == 10
 
@@ -46,8 +46,8 @@ def state(status: int, data: bytes) -> ServoState:
     """The state in one reply; ``data`` may be longer than the block."""
     position, velocity, load, voltage, temperature = _ONE.unpack_from(data)
     return ServoState(
-        position if position < _SIGN else _SIGN - position,
-        velocity if velocity < _SIGN else _SIGN - velocity,
+        _signed(position),
+        _signed(velocity),
         _LOADS[load & 0x7FF],
         _VOLTAGES_V[voltage],
         _TEMPERATURES_C[temperature],
@@ -55,63 +55,101 @@ def state(status: int, data: bytes) -> ServoState:
     )
 
 
+def _signed(raw: int) -> int:
+    return raw if raw < _SIGN else _SIGN - raw
+
+
 _ONE: Final = Struct("<" + _STATE)
 _new: Final = tuple.__new__
-_HEADER: Final = int.from_bytes(wire.HEADER, "little")
-
-_GOOD_SUM: Final = (wire.HEADER[0] + wire.HEADER[1] + 0xFF + 1) & 0xFF
-"""Of a whole reply by Adler-32, whose lower half is the sum of all bytes and 1: the checksum makes the sum after the
-header 255. Summing in C by a function for something else takes half the time of ``sum``."""
+_GOOD_SUM: Final = (sum(wire.HEADER) + 0xFF) & 0xFF
+"""Of a whole reply: its checksum makes the sum after the header 255."""
 
 
-_CHECKSUMS: Final = tuple(bytes((~(total - 1 - sum(wire.HEADER)) & 0xFF,)) for total in range(256))
-"""By the lowest byte of the Adler-32 of what is before it."""
-
-
-@lru_cache(maxsize=8)
-def _frame(size: int) -> Struct:
-    """A whole reply: header, ID, length, status, the block, what is behind it, checksum."""
-    return Struct("<" + f"HBBB{_STATE}{size - STATE_SIZE}xB")
-
-
-def burst(data: bytes, servo_ids: tuple[int, ...], size: int) -> dict[int, ServoState] | None:
-    """All states where ``data`` is exactly the replies of all servos in their order; None otherwise.
+class BurstLayout:
+    """Where everything is in the replies of certain servos to one question.
 
     ``state`` once more, written out: this is the greater part of a cycle's Python. What it looks at has been forgotten
-    by the processor since the last cycle, so a small table read seven times is better than a large one read once.
+    by the processor since the last cycle, so few different steps done seven times are better than many done once, and
+    a small table better than a large one.
     """
-    frame_size = size + wire.OVERHEAD
-    if len(data) != frame_size * len(servo_ids):
-        return None
-    states: dict[int, ServoState] = {}
-    begin = 0
-    for servo_id, numbers in zip(servo_ids, _frame(size).iter_unpack(data), strict=True):
-        header, replied, length, status, position, velocity, load, voltage, temperature, _ = numbers
-        end = begin + frame_size
-        if header != _HEADER or replied != servo_id or length != size + 2:
-            return None
-        if adler32(data[begin:end]) & 0xFF != _GOOD_SUM:
-            return None
-        begin = end
-        fields = (
-            position if position < _SIGN else _SIGN - position,
-            velocity if velocity < _SIGN else _SIGN - velocity,
-            _LOADS[load & 0x7FF],
-            _VOLTAGES_V[voltage],
-            _TEMPERATURES_C[temperature],
-            _ALARMS[status],
-            None,
+
+    __slots__ = ("_replies", "_unpack", "size")
+
+    def __init__(self, servo_ids: tuple[int, ...], data_size: int) -> None:
+        frame_size = data_size + wire.OVERHEAD
+        self.size = frame_size * len(servo_ids)
+        # A whole reply: header, ID and length as one number, status, the block, what is behind it, checksum.
+        self._unpack = Struct("<" + f"IB{_STATE}{data_size - STATE_SIZE}xB").iter_unpack
+        self._replies = tuple(
+            (
+                servo_id,
+                int.from_bytes(wire.HEADER + bytes((servo_id, data_size + 2)), _ORDER),
+                slice(turn * frame_size, (turn + 1) * frame_size),
+            )
+            for turn, servo_id in enumerate(servo_ids)
         )
-        states[servo_id] = _new(ServoState, fields)
-    return states
+
+    def states(self, data: bytes) -> tuple[dict[int, ServoState] | None, int]:
+        """All states, and the bits of all alarms, where ``data`` is exactly the replies of all servos in their order.
+
+        None for the states otherwise. ``data`` has ``size`` bytes.
+        """
+        states: dict[int, ServoState] = {}
+        alarms = 0
+        for reply, numbers in zip(self._replies, self._unpack(data), strict=True):
+            servo_id, right_head, frame = reply
+            head, status, position, velocity, load, voltage, temperature, _ = numbers
+            if head != right_head or sum(data[frame]) & 0xFF != _GOOD_SUM:
+                return None, 0
+            if (position | velocity) & _SIGN:
+                position, velocity = _signed(position), _signed(velocity)
+            alarms |= status
+            fields = (
+                position,
+                velocity,
+                _LOADS[load & 0x7FF],
+                _VOLTAGES_V[voltage],
+                _TEMPERATURES_C[temperature],
+                _ALARMS[status],
+                None,
+            )
+            states[servo_id] = _new(ServoState, fields)
+        return states, alarms
 
 
-@lru_cache(maxsize=64)
-def _goals_layout(count: int) -> tuple[Struct, bytes]:
-    """So many goals, each one number of eight bytes, and the packet's beginning."""
+@lru_cache(maxsize=256)
+def layout(servo_ids: tuple[int, ...], data_size: int) -> BurstLayout:
+    """The layout of a burst, made once."""
+    return BurstLayout(servo_ids, data_size)
+
+
+def burst(data: bytes, servo_ids: tuple[int, ...], data_size: int) -> dict[int, ServoState] | None:
+    """All states where ``data`` is exactly the replies of all servos in their order; None otherwise."""
+    replies = layout(servo_ids, data_size)
+    return replies.states(data)[0] if len(data) == replies.size else None
+
+
+_GOALS_OVERHEAD: Final = 8
+"""Header, ID, length, instruction, address, size, checksum."""
+_MOST_GOALS: Final = (0xFF - 4) // (GOAL_SIZE + 1)
+"""In one packet, whose length is a byte."""
+_CHECKSUMS: Final = tuple(bytes((~(total - sum(wire.HEADER)) & 0xFF,)) for total in range(256))
+"""By the lowest byte of the sum of what is before it, header included."""
+
+
+def _goals_layout(count: int) -> tuple[Callable[..., bytes], bytes]:
+    """How to pack so many goals, each one number of eight bytes, and the packet's beginning."""
     size = (GOAL_SIZE + 1) * count
     head = wire.HEADER + bytes((wire.BROADCAST_ID, size + 4, wire.SYNC_WRITE, GOAL_ADDRESS, GOAL_SIZE))
-    return Struct(f"<{count}Q"), head
+    return Struct(f"<{count}Q").pack, head
+
+
+_GOALS: Final = tuple(map(_goals_layout, range(_MOST_GOALS + 1)))
+
+
+def goals_size(count: int) -> int:
+    """Bytes of a packet with so many goals."""
+    return (GOAL_SIZE + 1) * count + _GOALS_OVERHEAD
 
 
 def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
@@ -120,18 +158,28 @@ def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
     Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
     would stop the servo at every goal.
     """
-    layout, head = _goals_layout(len(goals))
+    try:
+        pack, head = _GOALS[len(goals)]
+    except IndexError:
+        raise ValueError(f"a packet holds {_MOST_GOALS} goals, not {len(goals)}: use another port") from None
     numbers: list[int] = []
+    all_bits = 0
     for servo_id, goal in goals.items():
         position, velocity = goal.position_counts, goal.velocity_counts_s
-        if not (0 <= position < _SIGN and 0 <= velocity < _SIGN):
-            position = _raw(sts.goal_position, position)
-            velocity = _raw(sts.goal_velocity, velocity)
+        all_bits |= position | velocity
         numbers.append(servo_id | position << _POSITION_AT | velocity << _VELOCITY_AT)
-    packet = head + layout.pack(*numbers)
-    return packet + _CHECKSUMS[adler32(packet) & 0xFF]
+    if all_bits & ~_MAGNITUDE:
+        numbers = [_number(servo_id, goal) for servo_id, goal in goals.items()]
+    packet = head + pack(*numbers)
+    return packet + _CHECKSUMS[sum(packet) & 0xFF]
+
+
+def _number(servo_id: int, goal: ServoGoal) -> int:
+    """A goal that may have signs, or the complaint that it does not fit."""
+    position = _raw(sts.goal_position, goal.position_counts)
+    velocity = _raw(sts.goal_velocity, goal.velocity_counts_s)
+    return servo_id | position << _POSITION_AT | velocity << _VELOCITY_AT
 
 
 def _raw(register: Register, value: int) -> int:
-    """The bits of a value that has a sign, or the complaint that it does not fit."""
     return int.from_bytes(register.encode(value, _ORDER), _ORDER)

@@ -86,7 +86,7 @@ class ReadEachBus:
         self._line.clean = False
         self._single.write(servo_id, register, value)
 
-    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> dict[int, Reading]:
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:
             return finish(self.state_steps(servo_ids, deadline_s))
         asked = tuple(servo_ids)
@@ -94,12 +94,12 @@ class ReadEachBus:
         self._absent.note(outcome, self._clock.now())
         return self._readings(asked, outcome)
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[dict[int, Reading]]:
+    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         return self._cycle(tuple(servo_ids), deadline_s, b"")
 
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
-    ) -> dict[int, Reading]:
+    ) -> Mapping[int, Reading]:
         """The goals go out in one piece with the first question."""
         return finish(self._cycle(tuple(servo_ids), deadline_s, self._goals_packet(goals)))
 
@@ -126,7 +126,7 @@ class ReadEachBus:
             outcome |= yield from self._line.steps((servo_id,), True, math.inf)
         return outcome
 
-    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Steps[dict[int, Reading]]:
+    def _cycle(self, asked: tuple[int, ...], deadline_s: float, goals: bytes) -> Steps[Mapping[int, Reading]]:
         firm, tried = self._absent.split(asked, self._clock.now())
         firm = tuple(sorted(firm, key=lambda i: i not in self._unasked))
         outcome: dict[int, Outcome] = {}
@@ -159,7 +159,7 @@ class ReadEachBus:
             outcome |= again
             missing = self._absent.note(again, self._clock.now())
 
-    def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> dict[int, Reading]:
+    def _readings(self, asked: tuple[int, ...], outcome: Mapping[int, Outcome]) -> Mapping[int, Reading]:
         """``readings_of``, but whom there was no time for is not said to be silent."""
         readings = readings_of(asked, outcome)
         for servo_id in self._unasked:

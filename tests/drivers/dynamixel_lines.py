@@ -87,7 +87,7 @@ class TrueLine:
         )
         return reading == wanted and reading.alarms in ((names, ALARMED) if names else ((),))
 
-    def cycle(self) -> dict[int, Reading]:
+    def cycle(self) -> Mapping[int, Reading]:
         """One cycle; every value is held against the truth."""
         self.number += 1
         next_s = self.clock.now() + PERIOD_S

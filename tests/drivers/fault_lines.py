@@ -62,6 +62,8 @@ class Kind:
     """Whether each is asked by itself."""
     mapped: bool = False
     """Whether the state is read through indirect registers."""
+    with_goals: bool = False
+    """Whether goals go out with every question, the first of which has been answered."""
 
     @property
     def model(self) -> ServoModel:
@@ -93,6 +95,7 @@ KINDS = (
     Kind("sts3215", mixed(sts.STS3215)),
     Kind("xl430 and xm430", mixed(x.XM430_W350, x.XL430_W250)),
     Kind("xl430 and xm430, mapped", mixed(x.XM430_W350, x.XL430_W250), mapped=True),
+    Kind("sts3215, with goals", mixed(sts.STS3215), with_goals=True),
     *READ_EACH,
 )
 
@@ -124,18 +127,23 @@ class Line:
         self.goals: dict[int, ServoGoal] = {}
         for servo_id in IDS if kind.mapped else ():
             self.bus.identify(servo_id, kind.models[servo_id])
+        if kind.with_goals:
+            self.goals = dict.fromkeys(IDS, ServoGoal(kind.table.middle))  # limp servos do not follow
+            self.states(self.clock.now() + 0.1)
 
     def account(self, servo_id: int) -> ServoCounters:
         return self.bus.counters.of(servo_id)
 
-    def cycle(self) -> dict[int, Reading]:
-        """States, with ``goals`` beside them if there are any."""
-        next_s = self.clock.now() + self.kind.table.period_s
-        deadline_s = self.clock.now() + self.kind.table.budget_s
+    def states(self, deadline_s: float) -> Mapping[int, Reading]:
+        """With ``goals`` beside them if there are any."""
         if self.goals:
-            readings = self.bus.exchange(self.goals, IDS, deadline_s)
-        else:
-            readings = self.bus.read_states(IDS, deadline_s)
+            return self.bus.exchange(self.goals, IDS, deadline_s)
+        return self.bus.read_states(IDS, deadline_s)
+
+    def cycle(self) -> Mapping[int, Reading]:
+        """``states`` within the budget; then the rest of the period."""
+        next_s = self.clock.now() + self.kind.table.period_s
+        readings = self.states(self.clock.now() + self.kind.table.budget_s)
         self.clock.sleep_until(next_s)
         return readings
 

@@ -5,6 +5,7 @@ import os
 import pytest
 
 from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.feetech.sts import STS3215
 from sim_backend.faults import Disturbance
 from tests.drivers.fault_lines import IDS, Kind, Line, Truth, every_kind, every_servo
 
@@ -16,14 +17,17 @@ TOO_LOW = 50
 @every_kind
 def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
     """Every value is the right one of this very cycle, and the counters say what was done to the line."""
-    cycles = CYCLES * 5 if kind.name == "sts3215" else CYCLES
+    cycles = CYCLES * 5 if kind.model is STS3215 else CYCLES
     line = Line(kind)
     truth = Truth(line)
-    line.faults.disturbance = done = Disturbance(seed=3, drop=0.05, flip=0.02, noise=0.02)
+    goals = dict.fromkeys(IDS, ServoGoal(500))  # limp servos do not follow
+    # The quick way of a line on which all is well is taken only where faults are rare.
+    share = 0.02 if kind.with_goals else 1.0
+    line.faults.disturbance = done = Disturbance(seed=3, drop=0.05 * share, flip=0.02 * share, noise=0.02 * share)
     states = 0
     for number in range(cycles):
         truth.number = number
-        line.goals = dict.fromkeys(IDS, ServoGoal(500)) if number % 2 else {}  # limp servos do not follow
+        line.goals = goals if number % 2 or kind.with_goals else {}
         for servo_id, reading in line.cycle().items():
             if isinstance(reading, ServoState):
                 states += 1
@@ -43,10 +47,11 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
 @every_kind
 def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
     line = Line(kind)
+    account = line.account(3)
+    before = account.replies
     line.faults.corrupt_next(3)
     assert line.missing() == {}
-    account = line.account(3)
-    assert (account.corrupt, account.retries, account.replies) == (1, 1, 1)
+    assert (account.corrupt, account.retries, account.replies - before) == (1, 1, 1)
 
 
 @every_kind
@@ -54,7 +59,7 @@ def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
     line = Line(kind)
     line.cycle()
     line.faults.corrupt_next(3)
-    readings = line.bus.read_states(IDS, line.clock.now() + line.bus.exchange_size(IDS) * 10.0 / line.port.baud)
+    readings = line.states(line.clock.now() + line.bus.exchange_size(IDS) * 10.0 / line.port.baud)
     assert isinstance(readings[2], ServoState) and isinstance(readings[3], ServoFault)
     assert line.account(3).retries == 0
 
@@ -65,7 +70,7 @@ def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
     for servo_id in IDS:
         line.faults.silence(servo_id)
     begin_s = line.clock.now()
-    readings = line.bus.read_states(IDS, begin_s + 0.004)
+    readings = line.states(begin_s + 0.004)
     assert line.clock.now() <= begin_s + 0.0041
     assert [r.kind for r in readings.values() if isinstance(r, ServoFault)] == ["silent"] * len(IDS)
 
@@ -75,13 +80,13 @@ def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Ki
     line = Line(kind)
     period_s = kind.table.period_s
     begin_s = line.clock.now()
-    line.bus.read_states(IDS, begin_s + period_s)
+    line.states(begin_s + period_s)
     whole_s = line.clock.now() - begin_s
     line.faults.silence(servo_id)
     costs = []
     for _ in range(300):
         begin_s = line.clock.now()
-        readings = line.bus.read_states(IDS, begin_s + period_s)
+        readings = line.states(begin_s + period_s)
         costs.append(line.clock.now() - begin_s - whole_s)
         assert {i: r.kind for i, r in readings.items() if isinstance(r, ServoFault)} == {servo_id: "silent"}
         line.clock.sleep_until(begin_s + period_s)

@@ -27,7 +27,8 @@ def test_late_replies_among_everything_else(kind: Kind) -> None:
             assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), (number, servo_id)
         truth.number += 1  # whatever arrives from now on is old
     accounts = [line.account(i) for i in IDS]
-    assert sum(a.late for a in accounts) > 80
+    # Behind the goals it comes between two questions, and is thrown away.
+    assert sum(a.late for a in accounts) > 80 or kind.with_goals
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
     assert faults == pytest.approx(lost + 167, abs=12)  # a late reply can be dropped or flipped itself
@@ -46,8 +47,8 @@ def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: i
             assert not isinstance(reading, ServoState) or truth.holds(i, reading)
         truth.number += 1  # whatever arrives from now on is old
     account = line.account(servo_id)
-    assert account.late == 12
-    assert account.silent == 0
+    # Behind the goals it comes between two questions, and is thrown away.
+    assert (account.silent, account.late) == ((12, 0) if kind.with_goals else (0, 12))
     assert line.missing() == {}
 
 
@@ -72,7 +73,7 @@ def test_a_slow_adapter_is_waited_for(kind: Kind) -> None:
     line.faults.silence(1)
     seen: set[int] = set()
     for _ in range(20):
-        readings = line.bus.read_states(IDS, line.clock.now() + 0.5)
+        readings = line.states(line.clock.now() + 0.5)
         seen |= {i for i, r in readings.items() if isinstance(r, ServoState)}
         line.clock.sleep_until(line.clock.now() + 0.1)
     assert seen == set(IDS) - {1}

@@ -1,7 +1,7 @@
 """Fast sync reads: used where all know them, given up where they do not, and never believed in part without proof."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import pytest
 
@@ -93,7 +93,7 @@ class Line:
         codes, self.sent = [instruction.code for instruction in self.sent], []
         return codes
 
-    def cycle(self) -> dict[int, Reading]:
+    def cycle(self) -> Mapping[int, Reading]:
         return self.bus.read_states(IDS, self.clock.now() + 0.02)
 
 
@@ -105,7 +105,7 @@ def ready() -> Line:
     return line
 
 
-def right(readings: dict[int, Reading], but: frozenset[int] = frozenset()) -> bool:
+def right(readings: Mapping[int, Reading], but: frozenset[int] = frozenset()) -> bool:
     """Whether each has its own state, those in ``but`` a fault."""
     return list(readings) == list(IDS) and all(
         isinstance(r, ServoFault) if i in but else isinstance(r, ServoState) and r.position_counts == 1000 * i

@@ -147,9 +147,16 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
     assert port.sent == []
 
 
+def test_more_goals_than_a_packet_holds_are_refused_in_words() -> None:
+    bus, port, _ = scripted()
+    with pytest.raises(ValueError, match="a packet holds 31 goals, not 32"):
+        bus.write_goals({i: ServoGoal(0) for i in range(1, 33)})
+    assert port.sent == []
+
+
 @pytest.mark.parametrize("cycles_before", [0, 3])
 def test_a_goal_that_does_not_fit_spoils_no_answer(cycles_before: int) -> None:
-    """The question is out by then; its answers are taken off the line, and the servos' goals stay."""
+    """It is refused before anything is sent, also where all was well: the servos' goals stay, nothing is counted."""
     line = Line()
     goals = {i: ServoGoal(2000 + i) for i in IDS}
     for _ in range(cycles_before):

@@ -1,9 +1,17 @@
-"""What is the STS bus's own against faults: late replies known by their length, and a way to decode whole bursts."""
+"""What is the STS bus's own against faults: late replies known by their length, and a way to decode whole bursts.
+
+Also that its quick ways of packing and unpacking say the same as the plain ones, for every number there is.
+"""
 
 from collections import Counter
 from itertools import pairwise
 
-from drivers.feetech import state, wire
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoGoal
+from drivers.feetech import state, sts, wire
 from tests.drivers.fault_lines import IDS
 
 
@@ -26,3 +34,38 @@ def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> 
         counts[state.burst(bytes(spoiled), IDS, state.STATE_SIZE) is None] += 1
         spoiled[bit // 8] ^= 1 << bit % 8
     assert counts == {True: len(spoiled) * 8}
+
+
+# Both signs of everything, and what looks like a sign of something else.
+signed_words = st.one_of(st.integers(-0x7FFF, 0x7FFF), st.sampled_from((-0x7FFF, -1, 0, 1, 0x400, 0x7FFF)))
+some_ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=12, unique=True).map(tuple)
+
+
+@given(some_ids, st.data())
+def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.DataObject) -> None:
+    blocks = {i: draw.draw(st.tuples(st.integers(0, 255), st.binary(min_size=8, max_size=8))) for i in servo_ids}
+    data = b"".join(wire.packet(servo_id, status, block) for servo_id, (status, block) in blocks.items())
+    said = {servo_id: state.state(status, block) for servo_id, (status, block) in blocks.items()}
+    assert state.burst(data, servo_ids, state.STATE_SIZE) == said
+    assert any(status for status, _ in blocks.values()) == bool(
+        state.layout(servo_ids, state.STATE_SIZE).states(data)[1]
+    )
+
+
+@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, signed_words), max_size=12))
+def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, int]]) -> None:
+    said = {}
+    for servo_id, (position, velocity) in numbers.items():
+        values = {sts.goal_position: position, sts.goal_velocity: velocity}
+        said[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
+    packet = state.goals_packet({i: ServoGoal(*both) for i, both in numbers.items()})
+    assert packet == wire.sync_write(state.GOAL_ADDRESS, state.GOAL_SIZE, said)
+    assert len(packet) == state.goals_size(len(numbers))
+
+
+@pytest.mark.parametrize("wrong", [0x8000, -0x8000, 1 << 32, -(1 << 48)])
+@pytest.mark.parametrize("where", ["position", "velocity"])
+def test_a_goal_that_does_not_fit_is_refused_among_others(wrong: int, where: str) -> None:
+    goals = {1: ServoGoal(5, 5), 2: ServoGoal(wrong) if where == "position" else ServoGoal(0, wrong), 3: ServoGoal(-5)}
+    with pytest.raises(ValueError, match=f"goal_{where}"):
+        state.goals_packet(goals)

@@ -352,3 +352,17 @@ def test_a_long_burst_in_pieces_comes_whole_and_a_short_one_at_its_deadline(term
     os.write(terminal.master, burst * 2)
     assert port.read(400, MonotonicClock().now() + 20.0) == burst * 2
     port.close()
+
+
+@pytest.mark.parametrize("size", [40, 98, 200])
+def test_a_burst_of_the_same_size_again(terminal: Terminal, size: int) -> None:
+    """The kernel is not told anew, and may hand the burst over in two pieces or more."""
+    port, now = SerialPort(terminal.device), MonotonicClock().now
+    burst = bytes(range(size))
+    for _ in range(3):
+        os.write(terminal.master, burst)
+        assert port.read(size, now() + 20.0) == burst
+    assert port.read(size, now() - 1.0) == b""  # no time, and nothing there
+    os.write(terminal.master, burst[:35])
+    assert port.read(size, now() + 0.02) == burst[:35]
+    port.close()

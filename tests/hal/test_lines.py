@@ -207,7 +207,7 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
         def __init__(self, name: str) -> None:
             self.name = name
 
-        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Generator[None, None, dict[int, Reading]]:
+        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Generator[None, None, Mapping[int, Reading]]:
             log.append(f"ask {self.name}")
             yield
             log.append(f"wait {self.name}")

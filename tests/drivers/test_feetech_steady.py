@@ -1,0 +1,131 @@
+"""The quick way of an STS line on which all is well: what it must not lose, send twice or take for an answer."""
+
+from collections.abc import Callable
+
+import pytest
+
+from drivers.bus import Reading, ServoGoal, ServoState
+from drivers.errors import ServoSilent
+from drivers.feetech import sts, wire
+from drivers.feetech.bus import FeetechBus
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.line import Reply
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from tests.drivers.fault_lines import IDS, KINDS, Line, Truth
+
+KIND = next(kind for kind in KINDS if kind.with_goals)
+GOALS = bytes((wire.BROADCAST_ID, len(IDS) * 8 + 4, wire.SYNC_WRITE))
+
+
+class WatchedPort(VirtualPort):
+    """Keeps what was sent; an adapter that may hold an answer back, or give what nobody sent now."""
+
+    sent: tuple[bytes, ...] = ()
+    hold_s = 0.0
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        self.sent += (data,)
+        for at in range(before, len(self._coming)):
+            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
+
+    def give(self, data: bytes) -> None:
+        self._arrived += data
+
+
+def steady_line() -> tuple[Line, WatchedPort]:
+    line = Line(KIND, WatchedPort)
+    assert isinstance(line.port, WatchedPort)
+    assert line.missing() == {}
+    line.port.sent = ()
+    return line, line.port
+
+
+def test_a_cycle_is_one_question_and_one_packet_of_goals() -> None:
+    line, port = steady_line()
+    replies = line.account(1).replies
+    for _ in range(5):
+        assert line.missing() == {}
+    assert [packet[2:5] == GOALS for packet in port.sent] == [False, True] * 5
+    assert line.account(1).replies == replies + 5
+
+
+FAULTS: dict[str, Callable[[Line], None]] = {
+    "silent": lambda line: line.faults.silence(3),
+    "silent last": lambda line: line.faults.silence(7),
+    "all silent": lambda line: [line.faults.silence(i) for i in IDS] and None,
+    "corrupt": lambda line: line.faults.corrupt_next(3),
+    "late": lambda line: line.faults.delay_next(3),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_goals_go_out_once_whatever_happens_to_the_answers(fault: str) -> None:
+    line, port = steady_line()
+    FAULTS[fault](line)
+    line.goals = {i: ServoGoal(2000 + i) for i in IDS}
+    line.cycle()
+    assert sum(packet[2:5] == GOALS for packet in port.sent) == 1
+    for servo_id in IDS:
+        line.faults.restore(servo_id)
+    if fault != "all silent":
+        assert line.held(5, sts.goal_position) == 2005
+
+
+def test_an_adapter_that_hesitates_once_costs_no_state() -> None:
+    line, port = steady_line()
+    port.hold_s = 0.009
+    readings = line.states(line.clock.now() + 0.05)
+    assert all(isinstance(reading, ServoState) for reading in readings.values())
+    assert line.account(1).silent == 0
+
+
+def test_alarms_are_counted_in_every_cycle() -> None:
+    line, _ = steady_line()
+    line.bus.write(3, sts.max_voltage, 50)
+    line.clock.sleep_until(line.clock.now() + 0.1)
+    for cycles in (1, 2, 3):  # the first is still careful: a single servo was spoken to
+        reading = line.cycle()[3]
+        assert isinstance(reading, ServoState) and reading.alarms == ("voltage",)
+        assert (line.account(3).alarms, line.account(4).alarms) == (cycles, 0)
+
+
+def test_an_old_answer_is_not_believed_where_one_servo_is_alone() -> None:
+    """Nothing but its length tells it from the new one; it comes when all is well again."""
+    line, port = steady_line()
+    truth = Truth(line)
+    take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]
+
+    def state() -> Reading:
+        return line.bus.exchange({1: ServoGoal(500)}, (1,), line.clock.now() + 0.05)[1]
+
+    for _ in range(2):
+        assert truth.holds(1, state())
+    line.faults.delay_next(1)
+    assert truth.holds(1, state())  # it was asked again
+    port.give(take_held())
+    truth.number += 1
+    assert truth.holds(1, state())
+    assert line.account(1).late == 1
+
+
+def test_what_a_single_read_leaves_behind_is_thrown_away() -> None:
+    line, port = steady_line()
+    line.faults.silence(2)
+    with pytest.raises(ServoSilent):
+        line.bus.read(2, sts.present_position)
+    line.faults.restore(2)
+    port.give(b"\x00\xff\x12")
+    assert line.missing() == {}
+    assert line.bus.counters.noise == 0
+
+
+def test_more_servos_than_goals_fit_a_packet_can_still_be_read() -> None:
+    ids, clock = tuple(range(1, 41)), SimulatedClock(50.0)
+    servos = VirtualBus.of(BenchPlant(ids, timestep_s=0.005), dict.fromkeys(ids, sts.STS3215))
+    bus = FeetechBus(VirtualPort(servos, clock), clock)
+    for _ in range(2):
+        assert all(isinstance(r, ServoState) for r in bus.read_states(ids, clock.now() + 0.1).values())
