@@ -79,7 +79,7 @@ class BurstLayout:
         frame_size = data_size + wire.OVERHEAD
         self.size = frame_size * len(servo_ids)
         # A whole reply: header, ID and length as one number, status, the block, what is behind it, checksum.
-        self._unpack = Struct("<" + f"IB{_STATE}{data_size - STATE_SIZE}xB").iter_unpack
+        self._unpack = Struct("<" + f"IB{_STATE}{data_size - STATE_SIZE}xB").unpack
         self._replies = tuple(
             (
                 servo_id,
@@ -96,10 +96,10 @@ class BurstLayout:
         """
         states: dict[int, ServoState] = {}
         alarms = 0
-        for reply, numbers in zip(self._replies, self._unpack(data), strict=True):
-            servo_id, right_head, frame = reply
-            head, status, position, velocity, load, voltage, temperature, _ = numbers
-            if head != right_head or sum(data[frame]) & 0xFF != _GOOD_SUM:
+        for servo_id, right_head, where in self._replies:
+            reply = data[where]
+            head, status, position, velocity, load, voltage, temperature, _ = self._unpack(reply)
+            if head != right_head or sum(reply) & 0xFF != _GOOD_SUM:
                 return None, 0
             if (position | velocity) & _SIGN:
                 position, velocity = _signed(position), _signed(velocity)
