@@ -149,14 +149,8 @@ class JointStateBroadcaster:
 
     # Called from the ROS thread, so that the loop does not pay for it.
 
-    @property
-    def latest(self) -> JointStates | None:
-        """The newest sample; None while inactive."""
-        state = self.state
-        return None if state is None else self.sample(state)
-
     def sample(self, state: JointState) -> JointStates:
-        """What there is to say of the state of one cycle."""
+        """What there is to say of the state of one cycle; computed once for all who ask."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
         return self._latest

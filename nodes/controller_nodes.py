@@ -21,8 +21,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from nodes.additions import Additions
 from nodes.controller_parameters import QUIET, ControllerParameters, ParameterNode
-from nodes.faces import Face, face_of
-from nodes.joint_state_node import JointStateNode
+from nodes.faces import CycleFace, Face, face_of
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -104,10 +103,11 @@ class ControllerNodes:
         for shown in (*self._shown.values(), *self._leaving.values()):
             if shown.face is not None:
                 try:
-                    if isinstance(shown.face, JointStateNode):
+                    if isinstance(shown.face, CycleFace):
                         for cycle in cycles:
                             shown.face.show(*cycle)
-                    shown.face.publish(stamp)
+                    else:
+                        shown.face.publish(stamp)
                 except Exception:  # a plug-in's, mostly: the others are still to be shown
                     LOG.exception("%s shows nothing from here on", shown.node.get_name())
                     shown.face = None

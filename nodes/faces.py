@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
@@ -18,6 +18,7 @@ from controller.interface import Controller
 from controller.joint_state_broadcaster import JointStateBroadcaster
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.servo_state_broadcaster import ServoStateBroadcaster
+from hal.types import JointState
 from nodes.forward_node import ForwardNode
 from nodes.gripper_node import ParallelGripperNode, PositionGripperNode
 from nodes.joint_state_node import JointStateNode
@@ -28,16 +29,29 @@ ENTRY_POINTS: Final = "servoloop.faces"
 """The group of entry points in which a user's package names the faces of its controllers, by their ``type``."""
 
 
-class Face(Protocol):
-    """Lives in the ROS thread, from the controller's configuration to its cleanup.
-
-    Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings), which stays
-    from load to unload, and takes off it everything that the face has put there.
-    """
+class NewestFace(Protocol):
+    """Shows what its controller says now."""
 
     def publish(self, stamp: Time) -> None:
-        """A cycle has ended: ``stamp`` is the ROS time of its measurement."""
+        """A cycle has ended, or several: ``stamp`` is the ROS time of the newest one's measurement."""
         ...
+
+
+@runtime_checkable
+class CycleFace(Protocol):
+    """Shows every cycle, also those that the ROS side is behind with."""
+
+    def show(self, state: JointState, stamp: Time) -> None:
+        """A cycle has ended: what it measured, and the ROS time of that."""
+        ...
+
+
+Face = NewestFace | CycleFace
+"""Lives in the ROS thread, from the controller's configuration to its cleanup.
+
+Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings), which stays
+from load to unload, and takes off it everything that the face has put there.
+"""
 
 
 class PlainFace:

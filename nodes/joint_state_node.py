@@ -15,7 +15,7 @@ from nodes.qos import LATCHED
 
 
 class JointStateNode:
-    """On the node of its controller. ``show`` runs for each cycle, also for those that the ROS side is behind with."""
+    """On the node of its controller, a message for each cycle."""
 
     def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
         self.node = node
@@ -32,9 +32,6 @@ class JointStateNode:
         if parameters.publish_dynamic_joint_states:
             topic = f"{folder}dynamic_joint_states"
             self._dynamic = DynamicStates(node, topic, controller, parameters.frame_id)
-
-    def publish(self, stamp: Time) -> None:
-        """Every cycle has its own state, see ``show``."""
 
     def show(self, state: HardwareState, stamp: Time) -> None:
         """The state of one cycle. One message serves all: publishing writes it out at once."""

@@ -2,7 +2,8 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from time import time
 
 import rclpy
@@ -61,13 +62,13 @@ class Surface:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
         while not stop() and rclpy.ok():
             try:
-                # Where the next cycle has come already, clients are served nevertheless.
-                self._executor.serve(0.1, behind=bool(self._cycles))
-                self._drain()
+                with _survived():
+                    # Where the next cycle has come already, clients are served nevertheless.
+                    self._executor.serve(0.1, behind=bool(self._cycles))
+                with _survived():
+                    self._drain()
             except ExternalShutdownException:
                 return
-            except Exception:  # a client's oddity must not take the surface from the others
-                LOG.exception("in a ROS callback")
 
     def say_goodbye(self) -> None:
         """The loop has ended: give the clients whose goals ended with it their results, and the others their answer."""
@@ -110,3 +111,14 @@ class Surface:
         ]
         if there:
             self._waiting.settle()
+
+
+@contextmanager
+def _survived() -> Iterator[None]:
+    """A client's oddity must not take the surface from the others."""
+    try:
+        yield
+    except ExternalShutdownException:
+        raise
+    except Exception:
+        LOG.exception("in a ROS callback")

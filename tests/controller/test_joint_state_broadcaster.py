@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controller.interface import Surroundings
-from controller.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster
+from controller.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster, JointStates
 from drivers.counters import ServoCounters
 from hal.description import Component, Description, Mimic, UrdfJoint
 from hal.types import JointState, ServoHealth
@@ -41,19 +41,17 @@ def state(stamp_s: float = 7.0) -> JointState:
     )
 
 
-def updated(controller: JointStateBroadcaster) -> JointStateBroadcaster:
-    controller.update(state(), 7.0, 0.05)
-    return controller
+def sampled(**parameters: Any) -> JointStates:
+    return broadcaster(**parameters).sample(state())
 
 
 def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() -> None:
-    latest = updated(broadcaster()).latest
-    assert latest is not None
-    assert latest.stamp_s == 7.0
-    assert latest.names == ("base", "left", "right", "wrist")
-    np.testing.assert_allclose(latest.position, [1.0, -5.9, 3.0, 2.0])
-    np.testing.assert_allclose(latest.velocity, [0.1, -0.6, 0.3, np.nan])
-    np.testing.assert_allclose(latest.effort, [10.0, np.nan, np.nan, np.nan])
+    sample = sampled()
+    assert sample.stamp_s == 7.0
+    assert sample.names == ("base", "left", "right", "wrist")
+    np.testing.assert_allclose(sample.position, [1.0, -5.9, 3.0, 2.0])
+    np.testing.assert_allclose(sample.velocity, [0.1, -0.6, 0.3, np.nan])
+    np.testing.assert_allclose(sample.effort, [10.0, np.nan, np.nan, np.nan])
 
 
 @pytest.mark.parametrize(
@@ -81,11 +79,10 @@ def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() ->
 def test_joints_and_their_order_are_upstreams(
     parameters: dict[str, Any], names: tuple[str, ...], velocity: list[float]
 ) -> None:
-    latest = updated(broadcaster(**parameters)).latest
-    assert latest is not None
-    assert latest.names == names
-    np.testing.assert_allclose(latest.velocity, velocity)
-    assert len(latest.position) == len(latest.effort) == len(names)
+    sample = sampled(**parameters)
+    assert sample.names == names
+    np.testing.assert_allclose(sample.velocity, velocity)
+    assert len(sample.position) == len(sample.effort) == len(names)
 
 
 def test_an_interface_that_is_not_there_is_refused_with_those_that_are() -> None:
@@ -94,32 +91,27 @@ def test_an_interface_that_is_not_there_is_refused_with_those_that_are() -> None
 
 
 def test_fields_can_be_filled_from_other_interfaces() -> None:
-    latest = updated(broadcaster(map_interface_to_joint_state={"effort": "temperature"})).latest
-    assert latest is not None
-    np.testing.assert_allclose(latest.effort, [NAN, NAN, NAN, 41.0])
-    np.testing.assert_allclose(latest.position, [1.0, -5.9, 3.0, 2.0])
+    sample = sampled(map_interface_to_joint_state={"effort": "temperature"})
+    np.testing.assert_allclose(sample.effort, [NAN, NAN, NAN, 41.0])
+    np.testing.assert_allclose(sample.position, [1.0, -5.9, 3.0, 2.0])
 
 
 def test_a_joint_whose_only_interface_fills_a_field_is_shown() -> None:
-    latest = updated(broadcaster(map_interface_to_joint_state={"effort": "voltage"})).latest
-    assert latest is not None
-    assert "lamp" in latest.names
+    sample = sampled(map_interface_to_joint_state={"effort": "voltage"})
+    assert "lamp" in sample.names
 
 
 def test_an_interface_that_is_asked_for_by_name_is_not_mapped() -> None:
-    controller = broadcaster(
+    sample = sampled(
         joints=["base"], interfaces=["effort", "velocity"], map_interface_to_joint_state={"effort": "velocity"}
     )
-    latest = updated(controller).latest
-    assert latest is not None
-    assert latest.effort == [10.0]
+    assert sample.effort == [10.0]
 
 
 def test_a_mapping_counts_where_only_one_of_joints_and_interfaces_is_said() -> None:
     controller = broadcaster(interfaces=["effort"], map_interface_to_joint_state={"effort": "velocity"})
-    latest = updated(controller).latest
-    assert latest is not None
-    np.testing.assert_allclose(latest.effort, [0.1, -0.6, 0.3, NAN])
+    sample = controller.sample(state())
+    np.testing.assert_allclose(sample.effort, [0.1, -0.6, 0.3, NAN])
     assert controller.parameters.unused() == ["interfaces (only joints and interfaces together choose)"]
 
 
@@ -135,10 +127,9 @@ def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_
         surroundings = Surroundings(Description("", joints), component, {}, lambda name: True)
         made = JointStateBroadcaster.build("jsb", BroadcasterParameters(), surroundings)
         still = np.zeros(len(measured))
-        made.update(JointState(0.0, np.array(measured), still, still), 0.0, 0.05)
-        assert made.latest is not None
-        assert made.latest.names == ("left", "right")
-        return [float(value) for value in made.latest.position]
+        sample = made.sample(JointState(0.0, np.array(measured), still, still))
+        assert sample.names == ("left", "right")
+        return [float(value) for value in sample.position]
 
     both = {"right": ("position",), "left": ("position",)}
     assert positions({"right": ("position",), "left": ()}, frozenset({"left"}), 3.0) == pytest.approx([-5.9, 3.0])
@@ -185,19 +176,19 @@ def test_it_claims_nothing_and_is_always_settled() -> None:
     assert controller.settled()
 
 
-def test_every_cycle_is_a_new_sample() -> None:
-    controller = updated(broadcaster())
-    first = controller.latest
-    assert controller.latest is first
-    controller.update(state(7.05), 7.05, 0.05)
-    assert controller.latest is not None
-    assert controller.latest.stamp_s == 7.05
+def test_every_cycle_is_one_sample_of_its_own() -> None:
+    controller, now = broadcaster(), state()
+    assert controller.sample(now) is controller.sample(now)
+    assert controller.sample(state(7.05)).stamp_s == 7.05
+    assert controller.sample(now).stamp_s == 7.0
 
 
-def test_nothing_old_is_shown_after_the_life_cycle_turned() -> None:
-    controller = updated(broadcaster())
+def test_nothing_old_is_there_after_the_life_cycle_turned() -> None:
+    controller = broadcaster()
+    controller.update(state(), 7.0, 0.05)
+    assert controller.state is not None
     controller.deactivate()
-    assert controller.latest is None
-    updated(controller)
+    assert controller.state is None
+    controller.update(state(), 7.0, 0.05)
     controller.activate(state(), np.empty(0))
-    assert controller.latest is None
+    assert controller.state is None

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -21,6 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from nodes.executor import CycleExecutor
+from nodes.surface import Surface
 
 pytestmark = pytest.mark.ros
 
@@ -259,3 +261,21 @@ def test_the_end_of_ros_is_told(executor: CycleExecutor, node: Node) -> None:
     rclpy.shutdown()
     with pytest.raises(ExternalShutdownException):
         executor.serve(PATIENCE_S)
+
+
+def test_a_failing_callback_keeps_no_cycle_back(executor: CycleExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cycle was posted beside it, and nobody would post it again."""
+    surface = Surface.__new__(Surface)
+    served: list[bool] = []
+    shown: list[str] = []
+
+    def serve(timeout_s: float, behind: bool) -> None:
+        served.append(behind)
+        raise RuntimeError("a client's oddity")
+
+    monkeypatch.setattr(executor, "serve", serve)
+    monkeypatch.setattr(surface, "_executor", executor, raising=False)
+    monkeypatch.setattr(surface, "_cycles", deque(["a cycle"]), raising=False)
+    monkeypatch.setattr(surface, "_drain", lambda: shown.append(surface._cycles.popleft()))
+    surface.spin(lambda: bool(served))
+    assert (served, shown) == ([True], ["a cycle"])
