@@ -32,7 +32,9 @@ SERVERS = {
 }
 """Commands that run until they are ended, and what they say when they are ready."""
 TOGETHER = {". .venv/bin/activate", NODE, "servoloop pick B"}
+MEASURE = "servoloop bench bus --port /dev/ttyACM0 --ids 1-7 --model sts3215"
 ONCE = {
+    MEASURE: f"{MEASURE} --cycles 50".replace("/dev/ttyACM0", "{link}"),
     f"servoloop demo {TWO_BUSES}": f"servoloop demo {TWO_BUSES} --grades B --out {{tmp}}",
     "make demo": "make demo DEMO_ARGS='--grades B --out {tmp}'",
     "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
@@ -108,7 +110,9 @@ def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environmen
 
 
 @pytest.mark.parametrize("command", sorted(ONCE))
-def test_a_make_target_does_its_work(command: str, tmp_path: Path, environment: dict[str, str]) -> None:
-    full = ONCE[command].format(tmp=tmp_path / "out")
+def test_what_ends_by_itself_does_its_work(
+    command: str, tmp_path: Path, link: Path, environment: dict[str, str]
+) -> None:
+    full = ONCE[command].format(tmp=tmp_path / "out", link=link)
     done = subprocess.run(full, shell=True, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
