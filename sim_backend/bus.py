@@ -14,12 +14,13 @@ from drivers.dynamixel1 import tables as dynamixel1
 from drivers.feetech import scs, sts
 from drivers.registers import ServoModel
 from sim_backend.dynamixel1_servo import VirtualAxServo, VirtualMxServo
+from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
 from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
 from sim_backend.scs_servo import VirtualScsServo
 from sim_backend.servo import VirtualServo
-from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, Instruction, InstructionParser
+from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser
 
 __all__ = ["Reply", "VirtualBus"]
 

@@ -14,10 +14,11 @@ from drivers.dynamixel1 import tables as dxl
 from drivers.feetech import sts
 from drivers.registers import Register, ServoModel
 from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
+from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants
 from sim_backend.servo import VirtualServo
 from sim_backend.sts_memory import Memory
-from sim_backend.sts_wire import Code, Instruction, status_packet
+from sim_backend.sts_wire import Code, status_packet
 
 INSTRUCTION_ERROR: Final = 1 << 6
 STALL_CURRENT_A: Final = {dxl.AX_12A.name: 1.5, dxl.MX_28.name: 1.4}

@@ -30,10 +30,10 @@ from sim_backend.dynamixel_wire import (
     fast_head,
     fast_length,
 )
+from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
 from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
-from sim_backend.sts_wire import Instruction
 
 _ID_AT: Final = 4
 _MEGABAUD: Final = x_series.BAUD_RATES.index(1_000_000)

@@ -13,7 +13,7 @@ from sim_backend.dynamixel_firmware import XFirmware
 from sim_backend.dynamixel_memory import ACCESS, EEPROM_END, SIZE, XMemory
 from sim_backend.dynamixel_models import FAST_READ_SINCE
 from sim_backend.dynamixel_wire import Code, fast_block, status_packet
-from sim_backend.sts_wire import Instruction
+from sim_backend.instructions import Instruction
 
 REBOOT_S: Final = 0.3
 RESULT_FAIL, UNKNOWN_INSTRUCTION = 1, 2

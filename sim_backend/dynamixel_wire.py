@@ -3,13 +3,13 @@
 Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.dynamixel.wire``.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
 from drivers.dynamixel.crc import crc16
 from drivers.dynamixel.wire import HEADER, STATUS, packet, unstuffed
-from sim_backend.sts_wire import Instruction
+from sim_backend.instructions import Instruction, Parser
 
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 11
@@ -67,31 +67,8 @@ def ends_whole(packet_so_far: bytes) -> bool:
     return crc16(packet_so_far[:-2]) == int.from_bytes(packet_so_far[-2:], "little")
 
 
-class InstructionParser:
-    """Bytes in any portions to instructions.
-
-    What does not hold together costs one byte, not a packet. Other servos' replies are no instructions.
-    """
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    @property
-    def pending(self) -> int:
-        """How many bytes are waiting for the rest of their packet."""
-        return len(self._buffer)
-
-    def reset(self) -> None:
-        """Forget a half packet, as a servo does after a pause."""
-        self._buffer.clear()
-
-    def feed(self, data: bytes) -> Iterator[Instruction]:
-        """Yield each instruction as soon as its last byte is consumed.
-
-        While one is being handled, ``pending`` is the number of bytes that came after it.
-        """
-        self._buffer += data
-        return iter(self._next_packet, None)
+class InstructionParser(Parser):
+    """Other servos' replies are no instructions."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer

@@ -7,13 +7,13 @@ half-received packet (both assumed).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
 from sim_backend.faults import WireFaults
+from sim_backend.instructions import Instruction, Parser
 from sim_backend.rig import Rig, Stepped
-from sim_backend.sts_wire import Instruction
 
 BITS_PER_BYTE: Final = 10
 PAUSE_S: Final = 0.02
@@ -35,17 +35,6 @@ class Wired(Stepped, Protocol):
     def deaf(self) -> bool: ...
 
     def answer(self, instruction: Instruction) -> bytes | None: ...
-
-
-class Parser(Protocol):
-    """Bytes in any portions to instructions."""
-
-    @property
-    def pending(self) -> int: ...
-
-    def reset(self) -> None: ...
-
-    def feed(self, data: bytes) -> Iterator[Instruction]: ...
 
 
 AnyServo = TypeVar("AnyServo", bound=Wired)

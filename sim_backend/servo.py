@@ -11,9 +11,10 @@ from typing import ClassVar, Final
 from drivers.feetech import sts
 from drivers.registers import Register, ServoModel
 from sim_backend.firmware import Firmware
+from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants
 from sim_backend.sts_memory import Memory
-from sim_backend.sts_wire import Code, Instruction, status_packet
+from sim_backend.sts_wire import Code, status_packet
 
 SET_MIDDLE: Final = 128
 """Written to the torque switch: call the present position the middle, 2048."""

@@ -5,10 +5,10 @@ Source: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An i
 length counts what follows it, the checksum is the inverted sum of everything between header and itself.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
+
+from sim_backend.instructions import Instruction, Parser
 
 HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
@@ -31,15 +31,6 @@ class Code(IntEnum):
     BULK_READ = 0x92
 
 
-@dataclass(frozen=True, slots=True)
-class Instruction:
-    """One packet from the master. ``code`` may be one that no servo knows."""
-
-    servo_id: int
-    code: int
-    parameters: bytes = b""
-
-
 def checksum(body: bytes | bytearray) -> int:
     """The checksum of a packet's ``body``, which is everything after the header."""
     return ~sum(body) & 0xFF
@@ -51,32 +42,8 @@ def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
     return HEADER + body + bytes((checksum(body),))
 
 
-class InstructionParser:
-    """Bytes in any portions to instructions.
-
-    What does not hold together costs one byte, not a packet: the search for the next header goes on
-    within the rejected bytes, so a packet behind a half packet is still found.
-    """
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    @property
-    def pending(self) -> int:
-        """How many bytes are waiting for the rest of their packet."""
-        return len(self._buffer)
-
-    def reset(self) -> None:
-        """Forget a half packet, as a servo does after a pause."""
-        self._buffer.clear()
-
-    def feed(self, data: bytes) -> Iterator[Instruction]:
-        """Yield each instruction as soon as its last byte is consumed.
-
-        While one is being handled, ``pending`` is the number of bytes that came after it.
-        """
-        self._buffer += data
-        return iter(self._next_packet, None)
+class InstructionParser(Parser):
+    """The search for the next header goes on within rejected bytes: a packet behind a half packet is still found."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer

@@ -13,9 +13,9 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.dynamixel_wire import Code, InstructionParser
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction
 
 PERIOD_S = 0.015
 BUDGET_S = 0.012

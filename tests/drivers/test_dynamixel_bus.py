@@ -23,9 +23,9 @@ from hal.types import JointCommand, JointLimits
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction
 
 MODELS = {1: x.XL430_W250, 2: x.XM430_W350, 7: x.XC330_T288}
 IDS = tuple(MODELS)

@@ -17,9 +17,9 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
 from sim_backend.faults import Disturbance
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction
 
 IDS = (1, 2, 3, 4)
 BLOCK = X.blocks[0]

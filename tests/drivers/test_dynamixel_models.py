@@ -16,9 +16,9 @@ from drivers.registers import Register, ServoModel
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser, status_packet
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction
 
 TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
 FILES = {"mx-28-2.0": "mx_28"}

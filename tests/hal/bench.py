@@ -15,9 +15,10 @@ from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction, InstructionParser
+from sim_backend.sts_wire import InstructionParser
 
 PERIOD_S = 0.05
 IDS = (1, 2, 7)

@@ -21,9 +21,9 @@ from hal.servo_hardware import ServoHardware
 from hal.types import JointCommand
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_wire import Instruction
 from tests.hal.bench import JOINTS, PERIOD_S, WatchedPort, at, switches_torque_on
 
 SHOULDER, ELBOW, FINGER = (

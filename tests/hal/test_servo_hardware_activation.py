@@ -14,7 +14,7 @@ from hal.lifecycle import LifecycleState
 from hal.servo_hardware import ServoHardware
 from hal.types import JointCommand
 from sim_backend.clock import SimulatedClock
-from sim_backend.sts_wire import Instruction
+from sim_backend.instructions import Instruction
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of, switches_torque, switches_torque_on
 
 UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE

@@ -7,8 +7,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:  # where there is no rclpy, these tests are passed over
+    from tests.ros.manager_client import ManagerClient
+    from tests.ros.stack_process import StackProcess
 
 DOMAINS = range(1, 98, 4)
 """Some tests use the two behind theirs too; from 102 on they can meet the ports that Linux hands out."""
@@ -40,3 +45,31 @@ def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         for name, value in settings.items():
             patch.setenv(name, value)
         yield domain
+
+
+# The controller manager's tests. A module that needs another stack, or has more to put right, has its own.
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator["StackProcess"]:
+    from tests.ros.manager_bench import manager_stack
+
+    with manager_stack(tmp_path_factory.mktemp("stack")) as stack:
+        yield stack
+
+
+@pytest.fixture(scope="module")
+def connected(stack: "StackProcess") -> Iterator["ManagerClient"]:
+    from tests.ros.manager_client import manager_client
+
+    with manager_client() as client:
+        yield client
+
+
+@pytest.fixture
+def client(connected: "ManagerClient") -> Iterator["ManagerClient"]:
+    """The stack as it is after its start, whatever the test before has done."""
+    from tests.ros.manager_bench import restore
+
+    yield connected
+    restore(connected)

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tests.ros.manager_bench import DONE, FORWARD
-from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
+from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
 pytestmark = pytest.mark.ros
@@ -72,12 +72,6 @@ def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
         patch.setenv("PYTHONPATH", str(folder))
         with running(folder, "--hardware", "mock", "--controllers", str(controllers)) as stack:
             yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
 
 
 @pytest.fixture

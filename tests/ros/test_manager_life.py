@@ -1,6 +1,5 @@
 """Loading, configuring, cleaning up and unloading controllers over DDS, as the golden answers have it."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -13,30 +12,11 @@ from lifecycle_msgs.msg import TransitionEvent
 from rclpy.action import get_action_names_and_types
 from rclpy.qos import HistoryPolicy, QoSProfile
 
-from tests.ros.manager_bench import AT_START, manager_stack, restore
-from tests.ros.manager_client import MANAGER, STRICT, ManagerClient, manager_client
+from tests.ros.manager_bench import AT_START
+from tests.ros.manager_client import MANAGER, STRICT, ManagerClient
 from tests.ros.stack_process import PICK, ArmClient, StackProcess
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    with manager_stack(tmp_path_factory.mktemp("life")) as stack:
-        yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
-
-
-@pytest.fixture
-def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """The stack as it is after its start, whatever the test before has done."""
-    yield connected
-    restore(connected)
 
 
 def refused(case: str, verb: str, name: str, said: str) -> Any:

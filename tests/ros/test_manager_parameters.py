@@ -1,6 +1,5 @@
 """Parameters over DDS: of the manager, of the controllers and of the hardware component, by all of their services."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -17,9 +16,8 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
-from tests.ros.manager_bench import AT_START, FORWARD, manager_stack, restore
-from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
-from tests.ros.stack_process import StackProcess
+from tests.ros.manager_bench import AT_START, FORWARD
+from tests.ros.manager_client import MANAGER, ManagerClient
 
 pytestmark = pytest.mark.ros
 
@@ -33,25 +31,6 @@ BOOL, INTEGER, DOUBLE, STRING, STRINGS = (
     ParameterType.PARAMETER_STRING,
     ParameterType.PARAMETER_STRING_ARRAY,
 )
-
-
-@pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    with manager_stack(tmp_path_factory.mktemp("parameters")) as stack:
-        yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
-
-
-@pytest.fixture
-def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """The stack as it is after its start, whatever the test before has done."""
-    yield connected
-    restore(connected)
 
 
 def described(client: ManagerClient, node: str, *names: str) -> list[ParameterDescriptor]:

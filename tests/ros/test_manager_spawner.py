@@ -27,7 +27,7 @@ from controller_manager_msgs.srv import (
 )
 from std_msgs.msg import Float64MultiArray
 
-from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
+from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
 pytestmark = pytest.mark.ros
@@ -119,12 +119,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def stack(ros_domain: int, files: Path) -> Iterator[StackProcess]:
     with running(files, "--hardware", "mock", "--controllers", str(files / "empty.yaml")) as stack:
         yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """The controller manager over DDS, seen from another process: what it lists, and what it tells unasked."""
 
-from collections.abc import Iterator
 from itertools import groupby
 
 import pytest
@@ -15,33 +14,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from servoloop.files import URDF
-from tests.ros.manager_bench import AT_START, FORWARD, manager_stack, restore
-from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
+from tests.ros.manager_bench import AT_START, FORWARD
+from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess
 
 pytestmark = pytest.mark.ros
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 INACTIVE, ACTIVE = (2, "inactive"), (3, "active")
-
-
-@pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    with manager_stack(tmp_path_factory.mktemp("surface")) as stack:
-        yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
-
-
-@pytest.fixture
-def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """The stack as it is after its start, whatever the test before has done."""
-    yield connected
-    restore(connected)
 
 
 # What it lists

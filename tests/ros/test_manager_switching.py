@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 
-from tests.ros.manager_bench import AT_START, DONE, manager_stack, restore
-from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, STRICT, ManagerClient, manager_client
+from tests.ros.manager_bench import AT_START, DONE, restore
+from tests.ros.manager_client import AUTO, BEST_EFFORT, FORCE_AUTO, STRICT, ManagerClient
 from tests.ros.stack_process import StackProcess
 
 pytestmark = pytest.mark.ros
@@ -27,18 +27,6 @@ NOT_CONFIGURED = (
 )
 UNAVAILABLE = "Unable to activate controller '{}' since the {} interface '{}' is not available"
 EVERY_STRICTNESS = (0, BEST_EFFORT, STRICT, AUTO, FORCE_AUTO)
-
-
-@pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    with manager_stack(tmp_path_factory.mktemp("switching")) as stack:
-        yield stack
-
-
-@pytest.fixture(scope="module")
-def connected(stack: StackProcess) -> Iterator[ManagerClient]:
-    with manager_client() as client:
-        yield client
 
 
 @pytest.fixture

@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 
 from drivers.feetech import sts
 from drivers.registers import Access, Register
+from sim_backend.instructions import Instruction
 from sim_backend.servo import REBOOT_S, VirtualServo
-from sim_backend.sts_wire import Code, Instruction, status_packet
+from sim_backend.sts_wire import Code, status_packet
 
 DT_S = 0.001
 

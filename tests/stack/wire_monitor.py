@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from hal.joint import Joint
 from sim_backend.bus import VirtualBus
-from sim_backend.sts_wire import Code, Instruction, InstructionParser
+from sim_backend.instructions import Instruction
+from sim_backend.sts_wire import Code, InstructionParser
 
 TORQUE_ENABLE, GOAL_POSITION = 40, 42
 MEASURED_WITHIN_COUNTS = 3
