@@ -1,6 +1,7 @@
 """joint_trajectory_controller/JointTrajectoryController: one trajectory at a time, jerk-limited where so configured."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,9 @@ from hal.types import FloatArray, JointLimits, JointState
 
 LONGEST_STEP = 2.0
 """A cycle that comes late moves the trajectory on by at most so many periods: no leap after a stall."""
+
+UNSEEN = 100
+"""So many cycles are kept for who looks on and is behind."""
 
 
 class JointTrajectoryController:
@@ -56,6 +60,8 @@ class JointTrajectoryController:
         self.parameters: TrajectoryParameters = parameters
         self.command: FloatArray = np.full(len(self.joints), np.nan)
         self.tracking: Tracking | None = None
+        """The newest cycle; None while nothing is followed."""
+        self._unseen: deque[Tracking] = deque(maxlen=UNSEEN)
         self.running = False
         self._acceptance = Acceptance(self.joints, tuple(limits), tuple(endless))
         self._acceptance.rehearse(parameters)
@@ -110,6 +116,16 @@ class JointTrajectoryController:
         """Stop it, if it is still under way at the next cycle."""
         self._execution.cancel(handle)
 
+    def tracked(self, stamp_s: float) -> Iterator[Tracking]:
+        """What the cycle that measured at ``stamp_s`` tracked: once, for one onlooker who goes from cycle to cycle.
+
+        Nothing where it was inactive, or was not updated then.
+        """
+        while self._unseen and self._unseen[0].stamp_s <= stamp_s:
+            tracking = self._unseen.popleft()
+            if tracking.stamp_s == stamp_s:
+                yield tracking
+
     def reconfigure(self, parameters: TrajectoryParameters) -> None:
         """What is ``settable`` counts from the next goal (``cmd_timeout``: the next cycle) on."""
         self.parameters = parameters
@@ -145,3 +161,4 @@ class JointTrajectoryController:
         self.period_s = period_s
         velocity = state.velocity[self._index]
         self.tracking = self._follower.tracking(state.stamp_s, reference, measured, velocity, error, self.command)
+        self._unseen.append(self.tracking)

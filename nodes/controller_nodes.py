@@ -21,7 +21,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from nodes.additions import Additions
 from nodes.controller_parameters import QUIET, ControllerParameters, ParameterNode
-from nodes.faces import CycleFace, Face, face_of
+from nodes.faces import CycleFace, Face, NewestFace, face_of
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -106,7 +106,7 @@ class ControllerNodes:
                     if isinstance(shown.face, CycleFace):
                         for cycle in cycles:
                             shown.face.show(*cycle)
-                    else:
+                    if isinstance(shown.face, NewestFace):
                         shown.face.publish(stamp)
                 except Exception:  # a plug-in's, mostly: the others are still to be shown
                     LOG.exception("%s shows nothing from here on", shown.node.get_name())

@@ -29,6 +29,7 @@ ENTRY_POINTS: Final = "servoloop.faces"
 """The group of entry points in which a user's package names the faces of its controllers, by their ``type``."""
 
 
+@runtime_checkable
 class NewestFace(Protocol):
     """Shows what its controller says now."""
 
@@ -47,10 +48,11 @@ class CycleFace(Protocol):
 
 
 Face = NewestFace | CycleFace
-"""Lives in the ROS thread, from the controller's configuration to its cleanup.
+"""One of them, or both: then ``publish`` comes after every cycle has been shown.
 
-Built as ``Face(node, controller)``: the manager makes the node (its name, parameters, remappings), which stays
-from load to unload, and takes off it everything that the face has put there.
+Lives in the ROS thread, from the controller's configuration to its cleanup. Built as ``Face(node, controller)``: the
+manager makes the node (its name, parameters, remappings), which stays from load to unload, and takes off it everything
+that the face has put there.
 """
 
 

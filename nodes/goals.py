@@ -55,14 +55,17 @@ class Goals(Generic[Handle]):
         self._cancel(handle)
         return CancelResponse.ACCEPT
 
-    def publish(self, feedback: Callable[[], Any] | None) -> None:
-        """After a cycle: those that are decided end, the others get feedback where it is due."""
-        for key, (server_goal, future) in list(self._waiting.items()):
-            if self._handles[key].done:
-                del self._waiting[key]
-                future.set_result(None)
-            elif feedback is not None:
-                server_goal.publish_feedback(feedback())
+    def tell(self, feedback: Any) -> None:
+        """After a cycle, to those that are not decided."""
+        for key, (server_goal, _) in self._waiting.items():
+            if not self._handles[key].done:
+                server_goal.publish_feedback(feedback)
+
+    def settle(self) -> None:
+        """Those that are decided end."""
+        for key in [key for key in self._waiting if self._handles[key].done]:
+            _, future = self._waiting.pop(key)
+            future.set_result(None)
 
     async def execute(self, server_goal: ServerGoalHandle) -> Any:
         """The server's ``execute_callback``: waits for the decision without holding up the executor."""

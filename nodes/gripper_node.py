@@ -61,7 +61,9 @@ class GripperNode(ABC):
             return
         due = self._pace.due(seconds(stamp), self._controller.parameters.action_monitor_rate)
         state = self._controller.state
-        self._goals.publish((lambda: self.feedback(state, stamp)) if due and state is not None else None)
+        if due and state is not None:
+            self._goals.tell(self.feedback(state, stamp))
+        self._goals.settle()
 
     def _on_goal(self, request: Any) -> GoalResponse:
         try:

@@ -11,16 +11,15 @@ from rclpy.node import Node
 from controller.goal import GoalHandle, TrajectoryGoal
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
+from hal.types import JointState
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_goal
 from nodes.goals import RESULT_TIMEOUT_S, Goals
+from nodes.pace import Pace
 from nodes.trajectory_topics import TrajectoryTopics, error_message
-
-MONITOR_SLACK = 0.1
-"""Of a feedback period: a cycle that is a little early counts."""
 
 
 class TrajectoryNode:
-    """On the node of its controller. ``publish`` runs after each cycle."""
+    """On the node of its controller: a state and feedback for each cycle, and results behind them."""
 
     def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
         self.node = node
@@ -28,8 +27,7 @@ class TrajectoryNode:
         self._topics = TrajectoryTopics(node, controller)
         self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
         self._goals: Goals[GoalHandle] = Goals(controller.cancel, _result)
-        self._feedback_s = 1.0 / controller.parameters.action_monitor_rate
-        self._feedback_due_s = 0.0
+        self._pace = Pace()
         self._server = ActionServer(
             self.node,
             FollowJointTrajectory,
@@ -41,22 +39,18 @@ class TrajectoryNode:
             result_timeout=RESULT_TIMEOUT_S,
         )
 
-    def publish(self, stamp: Time) -> None:
-        """State, feedback of the goals under way, and the end of those that are decided."""
-        tracking = self._controller.tracking
-        self._topics.publish(tracking, stamp)
-        if not self._goals.any:
-            return
-        due = tracking is not None and self._feedback_due(seconds(stamp))
-        self._goals.publish((lambda: self._feedback(tracking, stamp)) if due and tracking is not None else None)
+    def show(self, state: JointState, stamp: Time) -> None:
+        """One cycle, and feedback of the goals under way where it is due."""
+        if self._controller.tracking is None:
+            self._topics.forget()
+        for tracking in self._controller.tracked(state.stamp_s):
+            self._topics.show(tracking, stamp)
+            if self._goals.any and self._pace.due(state.stamp_s, self._controller.parameters.action_monitor_rate):
+                self._goals.tell(self._feedback(tracking, stamp))
 
-    def _feedback_due(self, now_s: float) -> bool:
-        """At ``action_monitor_rate``, but not more often than there are cycles."""
-        if now_s < self._feedback_due_s - MONITOR_SLACK * self._feedback_s:
-            return False
-        next_s = self._feedback_due_s + self._feedback_s
-        self._feedback_due_s = next_s if next_s > now_s else now_s + self._feedback_s
-        return True
+    def publish(self, stamp: Time) -> None:
+        """The end of the goals that are decided: after the states of all cycles."""
+        self._goals.settle()
 
     def _on_goal(self, request: FollowJointTrajectory.Goal) -> GoalResponse:
         goal = self._read(request)

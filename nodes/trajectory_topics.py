@@ -30,11 +30,15 @@ class TrajectoryTopics:
         node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
 
-    def publish(self, tracking: Tracking | None, stamp: Time) -> None:
-        """One cycle; ``tracking`` is None while the controller is inactive."""
-        self._seen = None if tracking is None else (tracking, seconds(stamp))
-        if tracking is not None and self._state.get_subscription_count():
+    def show(self, tracking: Tracking, stamp: Time) -> None:
+        """One cycle."""
+        self._seen = tracking, seconds(stamp)
+        if self._state.get_subscription_count():
             self._state.publish(self._state_message(tracking, stamp))
+
+    def forget(self) -> None:
+        """The controller is inactive: nothing is tracked now."""
+        self._seen = None
 
     def refuse(self, reason: str) -> None:
         """Say why something is not executed, in the log and on the topic."""

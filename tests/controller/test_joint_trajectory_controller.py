@@ -8,7 +8,7 @@ import pytest
 
 from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
 from controller.judging import SILENT_CYCLES
-from hal.types import FloatArray
+from hal.types import FloatArray, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 
 REACHED = "Goal successfully reached!"
@@ -519,3 +519,28 @@ def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCapt
     bench.send(to(1.0, 0.0))
     assert cycles_before_it_moves(bench) == 1
     assert caplog.text == ""
+
+
+def test_an_onlooker_who_is_behind_gets_every_cycle_once() -> None:
+    bench = Bench().up()
+    states: list[JointState] = []
+    bench.loop.on_cycle = states.append
+    bench.send(to(1.0, 0.0))
+    bench.cycle(4)
+    seen = [list(bench.arm.tracked(state.stamp_s)) for state in states]
+    assert [[tracking.stamp_s for tracking in cycle] for cycle in seen] == [[state.stamp_s] for state in states]
+    assert [cycle[0].output[0] for cycle in seen] == list(bench.path()[:, 0])
+    assert seen[-1] == [bench.arm.tracking]
+    assert [list(bench.arm.tracked(state.stamp_s)) for state in states] == [[], [], [], []]
+
+
+def test_what_an_onlooker_has_left_out_does_not_come_later_and_what_he_has_not_come_to_stays() -> None:
+    bench = Bench().up()
+    states: list[JointState] = []
+    bench.loop.on_cycle = states.append
+    bench.cycle(3)
+    bench.manager.deactivate()
+    bench.cycle()
+    assert [tracking.stamp_s for tracking in bench.arm.tracked(states[1].stamp_s)] == [states[1].stamp_s]
+    assert [tracking.stamp_s for tracking in bench.arm.tracked(states[2].stamp_s)] == [states[2].stamp_s]
+    assert list(bench.arm.tracked(states[3].stamp_s)) == []

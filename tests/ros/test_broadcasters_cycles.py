@@ -14,11 +14,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from control_msgs.msg import DynamicJointState
-from controller_manager_msgs.srv import ListControllers
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 
 from servoloop.files import HOME, URDF
+from tests.ros.deaf import deaf_client
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import running
 from tests.ros.two_components import ARM, FOLLOWER, HAND, JOINT, block
@@ -73,15 +72,11 @@ def in_a_row(states: list[JointState]) -> list[JointState]:
 
 
 def test_every_cycle_is_shown_also_where_the_ros_side_was_held_up(client: Onlooker) -> None:
-    """By the answer to a client that cannot hear: the middleware waits 0.1 s for its ear, two cycles long."""
-    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    deaf = client.node.create_client(ListControllers, "/controller_manager/list_controllers", qos_profile=qos)
-    with client.hearing(JointState, "/joint_states", EVERY) as states:
+    with client.hearing(JointState, "/joint_states", EVERY) as states, deaf_client(client.node) as hold_up:
         client.spin_until(lambda: states)
         for number in range(1, 6):
-            deaf.call_async(ListControllers.Request())
+            hold_up()
             client.spin_until(lambda number=number: cycle(states[-1]) > cycle(states[0]) + 10 * number)
-    client.node.destroy_client(deaf)
     numbers = [cycle(state) for state in states]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     stamps_s = [stamp_s(state) for state in states]

@@ -10,6 +10,8 @@ pytest.importorskip("rclpy")
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
+from tests.ros.deaf import deaf_client
+from tests.ros.onlooker import EVERY
 from tests.ros.stack_process import JOINTS
 from tests.ros.trajectory_client import (
     ARM,
@@ -20,7 +22,7 @@ from tests.ros.trajectory_client import (
     stamp_s,
     trajectory,
 )
-from tests.ros.trajectory_stacks import MOCK, PERIOD_S, client_of
+from tests.ros.trajectory_stacks import LARGEST_STEP_RAD, MOCK, PERIOD_S, client_of, largest_step_rad
 
 pytestmark = pytest.mark.ros
 
@@ -87,6 +89,30 @@ def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: Tra
         assert list(after.error.positions) == pytest.approx(difference, abs=1e-9)
     assert any(state.reference.velocities[0] for state in states)
     assert {state.speed_scaling_factor for state in states} == {1.0}
+
+
+@pytest.mark.row("jtc-38", "jtc-37")
+def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held_up(ours: TrajectoryClient) -> None:
+    cycles: list[float] = []
+    listener = ours.node.create_subscription(JointState, "/joint_states", lambda m: cycles.append(stamp_s(m)), EVERY)
+    ours.until(lambda: bool(cycles))
+    with deaf_client(ours.node) as hold_up:
+        sent = ours.send(goal_of(T(P(0.0, 0.8), P(0.4, 2.0))))
+        for _ in range(3):
+            hold_up()
+            ours.cycles(8)
+    ours.outcome(sent)
+    ours.cycles(2)
+    ours.node.destroy_subscription(listener)
+    stamps = [stamp_s(state) for state in ours.states]
+    told = [stamp_s(message) for message in sent.feedback]
+    assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
+    assert [cycle for cycle in cycles if told[0] < cycle < told[-1] and cycle not in told] == []
+    shown = {stamp_s(state): state for state in ours.states}
+    for message in sent.feedback:
+        assert message.desired == shown[stamp_s(message)].reference
+    assert largest_step_rad(ours.states) <= LARGEST_STEP_RAD
+    assert len(told) > 30
 
 
 @pytest.mark.row("jtc-39", "golden-query")

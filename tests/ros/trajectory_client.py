@@ -170,15 +170,16 @@ class TrajectoryClient:
         return self.reasons[-1]
 
     def cycles(self, count: int) -> list[JointTrajectoryControllerState]:
-        """The next states."""
-        before = len(self.states)
-        self.until(lambda: len(self.states) >= before + count)
-        return self.states[before:]
+        """The next states, of so many cycles or more. What was measured before now may still be on its way."""
+        first = self.now()
+        self.until(lambda: len(self.states) >= first + count)
+        return self.states[first:]
 
     def now(self) -> int:
-        """Which of ``states`` is the first that comes from now on."""
-        self.cycles(1)
-        return len(self.states) - 1
+        """Which of ``states`` is the first that was measured after now."""
+        now_s = seconds(self.stamp(0.0))
+        self.until(lambda: stamp_s(self.states[-1]) > now_s)
+        return next(i for i, state in enumerate(self.states) if stamp_s(state) > now_s)
 
     def publish(self, message: JointTrajectory) -> None:
         self._topic.publish(message)
