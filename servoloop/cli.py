@@ -16,6 +16,7 @@ from hal.errors import HalError
 from servoloop.files import CONTROLLERS, URDF, Files, read_files
 from servoloop.hardware import HardwareKind
 from servoloop.ports import links, parse_ports
+from servoloop.ros import RosError, require_ros
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -36,7 +37,7 @@ def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError) as error:
+    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
         typer.secho(f"servoloop: {error}", fg="red", err=True)
         raise SystemExit(1) from None
 
@@ -138,6 +139,7 @@ def pick(
 
     Example: `servoloop pick B`
     """
+    require_ros()
     from nodes.pick_client import ACTION, PickClient
     from nodes.session import client_session
     from servoloop.signals import Signals
@@ -171,6 +173,7 @@ def demo(
     from servoloop.live import Live
     from servoloop.show import Interrupted
 
+    require_ros()
     console = Console()
     try:
         with Live(console) as live:

@@ -26,6 +26,7 @@ from servoloop.hardware import Below, HardwareKind
 from servoloop.initial_states import InitialStates, initial_states
 from servoloop.ports import links
 from servoloop.realtime import claim_realtime_priority, put_first
+from servoloop.ros import require_ros
 from servoloop.signals import Signals
 
 if TYPE_CHECKING:
@@ -133,6 +134,7 @@ def _serve(
 
 
 def _stack(loop: ControlLoop, factory: Factory, below: Below, files: Files, relax: bool, links: bool) -> "Stack":
+    require_ros()
     from nodes.stack import Stack
 
     driven = [c.name for c in files.description.components if c.name in below.set_interpolation]
