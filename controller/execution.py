@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from controller.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, resolve
+from controller.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, TrajectoryGoal, resolve
 from controller.interface import Settled
 from controller.judging import DEACTIVATED, PREEMPTED, PREEMPTED_BY_TOPIC, TIMED_OUT, Silence, Verdict, judge
 from controller.motion import Kinematics, MotionError, stretched
@@ -17,6 +17,8 @@ from hal.types import FloatArray, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
+LATE_S: Final = 0.001
+"""From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
 RECALL_S: Final = 0.05
 """So long after its beginning a goal can be made to wait after all, and one cycle at least: a command that was sent to
 another controller in the same instant as the goal may arrive just behind it. The arm has hardly begun by then."""
@@ -30,7 +32,8 @@ class _Active:
     plan: Plan
     tolerances: Tolerances
     silence: Silence
-    waited_s: float = 0.0
+    waited_s: float
+    """Since the cycle for which it was planned."""
     begun: bool = False
     recall_s: float = 0.0
     """So long it can still be made to wait."""
@@ -114,7 +117,7 @@ class Execution:
                 text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
                 self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
             tolerances = self._tolerances(handle.goal.tolerances, parameters.tolerances())
-            self._active = _Active(handle, plan, tolerances, Silence(self._joints))
+            self._active = _Active(handle, plan, tolerances, Silence(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # a newer one has come already: this one is not worth beginning
             if self._ready(parameters):
@@ -198,3 +201,9 @@ class Execution:
                 verdict = Verdict(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT, stop=False)
                 self._give_up(self._active, verdict, now, parameters)
             follower.hold(now.measured)
+
+
+def _late_s(goal: TrajectoryGoal, now: Cycle) -> float:
+    """By how much this cycle comes later than the one for which the goal was planned."""
+    late_s = 0.0 if goal.begins_s is None else now.state.stamp_s - goal.begins_s
+    return late_s if late_s > LATE_S else 0.0

@@ -84,6 +84,8 @@ class TrajectoryGoal:
     """Nobody waits for its end."""
     next_cycle_s: float = 0.0
     """So long from now comes the cycle in which it can begin."""
+    begins_s: float | None = None
+    """When that is by the loop's clock; None: whenever it is, it is not late."""
 
     @property
     def starts_s(self) -> float:

@@ -1,7 +1,5 @@
 """The joint trajectory controller's face: ``~/follow_joint_trajectory``, and what trajectory_topics.py adds."""
 
-from dataclasses import replace
-
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionServer, GoalResponse
@@ -73,7 +71,7 @@ class TrajectoryNode:
 
     def _read(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
         now_s = seconds(self.node.get_clock().now().to_msg())
-        return replace(trajectory_goal(request, now_s), next_cycle_s=self._topics.next_cycle_s(now_s))
+        return self._topics.timed(trajectory_goal(request, now_s), now_s)
 
     def _feedback(self, tracking: Tracking, stamp: Time) -> FollowJointTrajectory.Feedback:
         feedback = FollowJointTrajectory.Feedback()

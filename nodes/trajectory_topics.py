@@ -9,6 +9,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from controller.goal import TrajectoryGoal
 from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.tracking import Tracking
 from nodes.conversions import kinematics_message, point_message, seconds, trajectory_of
@@ -45,15 +46,17 @@ class TrajectoryTopics:
         self._node.get_logger().error(reason)
         self._reason.publish(String(data=reason))
 
-    def next_cycle_s(self, now_s: float) -> float:
-        """How long it is until the next cycle, by the newest one; ``now_s`` is ROS time."""
+    def timed(self, goal: TrajectoryGoal, now_s: float) -> TrajectoryGoal:
+        """With the time of the next cycle, by the newest one; ``now_s`` is the ROS time at which it was read."""
         if self._seen is None:
-            return 0.0
-        return max(self._seen[1] + self._controller.period_s - now_s, 0.0)
+            return goal
+        tracking, stamp_s = self._seen
+        ahead_s = max(stamp_s + self._controller.period_s - now_s, 0.0)
+        return replace(goal, next_cycle_s=ahead_s, begins_s=tracking.stamp_s + now_s - stamp_s + ahead_s)
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         now_s = seconds(self._node.get_clock().now().to_msg())
-        goal = replace(trajectory_of(message, now_s, from_topic=True), next_cycle_s=self.next_cycle_s(now_s))
+        goal = self.timed(trajectory_of(message, now_s, from_topic=True), now_s)
         if reason := self._controller.check(goal):
             self.refuse(f"trajectory on the topic ignored: {reason}")
         else:

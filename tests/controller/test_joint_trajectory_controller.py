@@ -151,6 +151,27 @@ def test_a_stamp_counts_from_when_it_was_read_not_from_the_cycle_that_begins() -
     assert bench.arm.tracking.path.duration_s == pytest.approx(1.46)
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("late_s", [0.0, 0.03, 0.12])
+def test_a_stamp_is_kept_also_where_the_first_cycle_comes_late(late_s: float, moving: bool) -> None:
+    bench = Bench().up()
+    bench.cycle()
+    if moving:
+        bench.send(to(-0.5, 0.0))
+        bench.cycle(5)
+    now_s = bench.clock.now()
+    stamped = to(0.5, 0.0, after_s=0.5, delay_s=1.0)
+    bench.send(replace(stamped, next_cycle_s=PERIOD_S, begins_s=now_s + PERIOD_S))
+    bench.clock.sleep_until(now_s + late_s)
+    bench.cycle()
+    tracking = bench.arm.tracking
+    assert tracking is not None
+    assert tracking.stamp_s + tracking.path.duration_s == pytest.approx(now_s + 1.5, abs=1e-6)
+    start = tracking.path.sample(0.0)
+    assert start.position == pytest.approx(tracking.reference.position)
+    assert start.velocity == pytest.approx(tracking.reference.velocity) and start.velocity.any() == moving
+
+
 def test_a_way_point_that_cannot_be_passed_within_the_limits_is_refused_in_words() -> None:
     """Each point is within its limits; found when the motion is planned, before anything moves."""
     bench = Bench().up()
