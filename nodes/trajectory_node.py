@@ -39,12 +39,12 @@ class TrajectoryNode:
 
     def show(self, state: JointState, stamp: Time) -> None:
         """One cycle, and feedback of the goals under way where it is due."""
-        if self._controller.tracking is None:
-            self._topics.forget()
         for tracking in self._controller.tracked(state.stamp_s):
             self._topics.show(tracking, stamp)
             if self._goals.any and self._pace.due(state.stamp_s, self._controller.parameters.action_monitor_rate):
                 self._goals.tell(self._feedback(tracking, stamp))
+        if self._controller.tracking is None:
+            self._topics.forget()
 
     def publish(self, stamp: Time) -> None:
         """The end of the goals that are decided: after the states of all cycles."""
