@@ -129,11 +129,11 @@ class ManagerClient:
         service = f"{MANAGER}/set_hardware_component_state"
         assert self.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
-    def spin_until(self, ready: Callable[[], object]) -> None:
-        """Serve the node until it is so; fails if it never is."""
+    def spin_until(self, ready: Callable[[], object], instead: Callable[[], object] = str) -> None:
+        """Serve the node until it is so; fails if it never is, and says what is so ``instead``."""
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready():
-            assert time.monotonic() < deadline_s, "never came"
+            assert time.monotonic() < deadline_s, f"never came: {instead()}"
             self.executor.spin_once(timeout_sec=0.1)
 
     @contextmanager

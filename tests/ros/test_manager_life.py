@@ -94,10 +94,16 @@ def test_the_action_comes_and_goes_with_the_configuration(client: ManagerClient)
     def there() -> bool:
         return name in dict(get_action_names_and_types(client.node))
 
+    def ends() -> list[tuple[str, str]]:
+        topic = f"{name}/_action/feedback"
+        found = client.node.get_publishers_info_by_topic(topic) + client.node.get_subscriptions_info_by_topic(topic)
+        return [(end.node_name, end.endpoint_type.name) for end in found]
+
     assert client.switch((), ["arm_controller"])[0]
     client.spin_until(there)
+    assert ends()
     assert client.cleanup("arm_controller")
-    client.spin_until(lambda: not there())
+    client.spin_until(lambda: not there(), instead=ends)
     assert client.configure("arm_controller") and client.configure("arm_controller")
     client.spin_until(there)
     assert client.switch(["arm_controller"])[0]
