@@ -20,7 +20,8 @@ from hal.types import JointState
 from nodes.conversions import time_message
 from nodes.trajectory_node import TrajectoryNode
 from tests.controller.bench import ARM, Bench
-from tests.ros.trajectory_client import PATIENCE_S, goal_of, point, stamp_s, trajectory
+from tests.ros.stack_process import PATIENCE_S
+from tests.ros.trajectory_client import goal_of, point, stamp_s, trajectory
 
 pytestmark = pytest.mark.ros
 

@@ -85,8 +85,5 @@ def largest_step_rad(states: Sequence[Any], of: str = "feedback") -> float:
     ``feedback`` is where the mock was sent, within the limits; ``output`` is what was wanted, which is a little more
     where a cycle came a little late.
     """
-    largest_rad = 0.0
-    for before, after in pairwise(states):
-        path = zip(getattr(before, of).positions, getattr(after, of).positions, strict=True)
-        largest_rad = max(largest_rad, *(abs(b - a) for a, b in path))
-    return largest_rad
+    path = [getattr(state, of).positions for state in states]
+    return max(abs(b - a) for one, other in pairwise(path) for a, b in zip(one, other, strict=True))
