@@ -3,20 +3,22 @@
 from collections.abc import Callable, Sequence
 
 from bench import peers
+from bench.bare import bare
 from bench.peers import Client, Work
 from drivers.bus import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.dynamixel import x_series
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.models import X
+from drivers.port import Port
 from drivers.serial_port import SerialPort
 
 WORK = Work(X.blocks[0].address, X.blocks[0].size, X.goal_address, X.goal(ServoGoal(2048)))
 
 
-def _ours(device: str, baud: int, servo_ids: Sequence[int], identified: bool) -> Client:
+def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Client:
     clock = MonotonicClock()
-    bus = DynamixelBus(SerialPort(device, baud, clock), clock, dict.fromkeys(servo_ids, x_series.XL430_W250))
+    bus = DynamixelBus(port, clock, dict.fromkeys(servo_ids, x_series.XL430_W250))
     if identified:
         for servo_id in servo_ids:
             bus.identify(servo_id, x_series.XL430_W250)
@@ -32,12 +34,17 @@ def _ours(device: str, baud: int, servo_ids: Sequence[int], identified: bool) ->
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     """As the stack uses it: fast sync read of the mapped block."""
-    return _ours(device, baud, servo_ids, identified=True)
+    return _ours(SerialPort(device, baud), servo_ids)
+
+
+def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """The bytes of ``ours``, nothing decoded."""
+    return bare(_ours, device, baud, servo_ids)
 
 
 def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     """The very bytes that the others send and read: sync read of the direct block."""
-    return _ours(device, baud, servo_ids, identified=False)
+    return _ours(SerialPort(device, baud), servo_ids, identified=False)
 
 
 def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
@@ -55,6 +62,7 @@ def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 CLIENTS: dict[str, Callable[[str, int, Sequence[int]], Client]] = {
+    "system calls alone": no_driver,
     "servoloop": ours,
     "servoloop, same bytes": ours_plain,
     "rustypot": rustypot,

@@ -20,7 +20,7 @@ LOG = logging.getLogger("servoloop.drivers")
 
 _BURST = 32
 """From this many expected bytes on, one wake-up for all is worth telling the kernel."""
-_LARGEST_VMIN = 255
+LARGEST_VMIN = 255
 STALLED_S = 1.0
 """How long an adapter may take nothing; the kernel's 4 KB are sent within half of it at 115200 baud."""
 TOLERATED_RATE = 0.02
@@ -96,7 +96,7 @@ class SerialPort:
         """Piece by piece, until all is there or the time is up."""
         ready = True
         while ready and (missing := size - len(received)):
-            wake_size = 1 if missing < _BURST else min(missing, _LARGEST_VMIN)
+            wake_size = 1 if missing < _BURST else min(missing, LARGEST_VMIN)
             if wake_size != self._wake_size:
                 self._wake_at(wake_size)
             wait_s = deadline_s - self._clock.now()
