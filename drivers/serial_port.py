@@ -75,15 +75,16 @@ class SerialPort:
             raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        # What a cycle reads comes in two pieces at most and needs no more than this, for between two cycles the
-        # processor forgets every step that is taken here.
+        # What a cycle reads needs no more than this, for between two cycles the processor forgets every step that is
+        # taken here.
         received = b""
         try:
             wait_s = deadline_s - self._clock.now()
             if size == self._wake_size and wait_s > 0.0 and self._poll.poll(int(wait_s * 1000.0)):
-                received = os.read(self._fd, size)
-                if len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
-                    received += os.read(self._fd, size - len(received))
+                received = piece = os.read(self._fd, size)
+                while piece and len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                    piece = os.read(self._fd, size - len(received))
+                    received += piece
                 if len(received) == size:
                     return received
         except BlockingIOError:

@@ -11,40 +11,31 @@ from typing import Final
 
 from drivers.bus import ServoGoal, ServoState
 from drivers.dynamixel import wire
-from drivers.dynamixel.crc import WORDS, crc16
+from drivers.dynamixel.crc import crc16
 from drivers.dynamixel.models import X
 from drivers.dynamixel.series import Series, StateBlock
-
-_HEAD_SIZE: Final = 8
-"""Header, ID, length and instruction."""
 
 UnitsA = Iterable[float | None]
 """What one unit of each servo's current is, in the order of the question; None for one that measures none."""
 NO_CURRENT: Final = repeat(None)
 
-_Layout = tuple[Struct, int, tuple[int, ...], Struct, list[tuple[int, int, int]]]
+_Layout = tuple[Struct, int, tuple[int, ...], tuple[tuple[slice, int], ...]]
 
 
 @lru_cache(maxsize=64)
 def _layout(servo_ids: tuple[int, ...], block: StateBlock) -> _Layout:
     """How a whole burst is taken apart.
 
-    How many numbers each reply has (its head as one, the error byte, the state's, the checksum), each
-    reply's head, the words of one reply that its checksum goes over, and for each reply where these
-    begin, the checksum of what is before them, and where in the numbers its own is.
+    How many numbers each reply has (its head as one, the error byte, the state's, the checksum), each reply's
+    head, and for each reply which bytes its checksum goes over and where in the numbers it is.
     """
     size, fields = block.size, block.fields
     burst = Struct("<" + f"QB{size - fields.size}x{fields.format[1:]}H" * len(servo_ids))
     numbers = len(burst.unpack(bytes(burst.size))) // max(len(servo_ids), 1)
     heads = [wire.HEADER + bytes((i,)) + (size + 4).to_bytes(2, "little") + bytes((wire.STATUS,)) for i in servo_ids]
-    # Words, so an even number of bytes: where the error byte and the data are an odd one, the head's last too.
-    behind = _HEAD_SIZE - (size + 1) % 2
-    words = Struct(f">{(size + 2) // 2}H")
-    checks = [
-        (n * (size + wire.OVERHEAD) + behind, crc16(head[:behind]), (n + 1) * numbers - 1)
-        for n, head in enumerate(heads)
-    ]
-    return burst, numbers, tuple(int.from_bytes(head, "little") for head in heads), words, checks
+    length = size + wire.OVERHEAD
+    checks = tuple((slice(n * length, (n + 1) * length - 2), (n + 1) * numbers - 1) for n in range(len(servo_ids)))
+    return burst, numbers, tuple(int.from_bytes(head, "little") for head in heads), checks
 
 
 def burst(
@@ -54,7 +45,7 @@ def burst(
 
     None too where a reply is stuffed, has an error number, or does not prove what it is.
     """
-    layout, step, heads, words, checks = _layout(servo_ids, block)
+    layout, step, heads, checks = _layout(servo_ids, block)
     if len(data) != layout.size or data.count(wire.PATTERN) != len(servo_ids):
         return None
     numbers = layout.unpack(data)
@@ -63,11 +54,8 @@ def burst(
     errors = numbers[1::step]
     if any(errors) and any(error & ~wire.ALERT for error in errors):
         return None
-    table, words_at = WORDS, words.unpack_from
-    for at, value, check in checks:
-        for word in words_at(data, at):
-            value = table[value ^ word]
-        if value != numbers[check]:
+    for covered, check in checks:
+        if crc16(data[covered]) != numbers[check]:
             return None
     columns = [numbers[column::step] for column in range(2, step - 1)]
     for place, value in block.proof:

@@ -366,3 +366,35 @@ def test_a_burst_of_the_same_size_again(terminal: Terminal, size: int) -> None:
     os.write(terminal.master, burst[:35])
     assert port.read(size, now() + 0.02) == burst[:35]
     port.close()
+
+
+# Waiting
+
+
+@pytest.mark.parametrize("size", [6, 98, 162, 238])
+def test_answers_of_one_size_are_waited_for_with_one_setting(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    """The kernel hands a burst over in pieces of 64 bytes: no reason to wait for each of them by itself."""
+    port, clock = SerialPort(terminal.device), MonotonicClock()
+    settings = []
+    real = serial_port.termios.tcsetattr
+    monkeypatch.setattr(serial_port.termios, "tcsetattr", lambda *what: settings.append(what) or real(*what))
+    answer = bytes(range(size))
+    for _ in range(5):
+        os.write(terminal.master, answer)
+        assert port.read(size, clock.now() + 20.0) == answer
+    port.close()
+    assert len(settings) == 1
+
+
+@pytest.mark.parametrize("size", [98, 162])
+def test_a_line_that_is_lost_within_an_answer_is_lost(terminal: Terminal, size: int) -> None:
+    port, clock = SerialPort(terminal.device), MonotonicClock()
+    os.write(terminal.master, bytes(size))
+    assert port.read(size, clock.now() + 20.0) == bytes(size)
+    os.write(terminal.master, bytes(size - 20))
+    terminal.end()
+    with pytest.raises(PortLost):
+        port.read(size, clock.now() + 20.0)
+    port.close()
