@@ -51,14 +51,14 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
 
 
 def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
-    """The second good one in a row, for with the first a driver gets to know the line."""
-    good = 0
+    """What two good cycles in a row did alike: no time-out and no second question is in it."""
+    last: list[Step] = []
     for _ in range(_TRIES):
         port.steps.clear()
-        good = good + 1 if cycle() else 0
-        if good == 2:
-            return list(port.steps)
-    raise DriverError(f"{port.name}: not all servos answer: no good cycle in {_TRIES}")
+        if cycle() and port.steps == last:
+            return last
+        last = list(port.steps)
+    raise DriverError(f"{port.name}: not all servos answer: no two good cycles alike in {_TRIES}")
 
 
 def _replay(line: serial.Serial, steps: list[Step]) -> Client:

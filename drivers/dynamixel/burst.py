@@ -35,6 +35,10 @@ class BurstReader(Burst[wire.Reply]):
         self.plans = Plans(servos)
         self._broken_in_a_row = 0
         self._plan = self.plans.plan(())
+        self._left = b""
+        self.steady: Plan | None = None
+        """What the last question was, where the answer was whole and every next one can be the same: nothing is owed,
+        nothing is asked in a way of its own for that, and the line is known to give no echo."""
         self.fast = False
         """Whether the servos answer fast sync reads; ``try_fast`` finds out."""
 
@@ -62,6 +66,32 @@ class BurstReader(Burst[wire.Reply]):
         self.fast = plan.states(self._echo.strip(plan.request, data)) is not None
         if not self.fast:
             LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", self._port.name)
+
+    def cycle(self, plan: Plan, before: bytes, deadline_s: float) -> Mapping[int, ServoState] | None:
+        """``ask`` and ``hear``, while ``clean`` and ``steady``, the same on the wire; None where not all is well.
+
+        Between two cycles the processor forgets this code: it takes few different steps. After None, ``recover``.
+        """
+        self.clean = False
+        self._sent = sent = before + plan.request
+        now_s = self._clock.now()
+        begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
+        self._sent_s = sent_s = begin_s + len(sent) * self.byte_s
+        self._port.write(sent)
+        patience_s = sent_s + plan.reply_size * self.byte_s + GAP_S
+        self._left = data = self._port.read(plan.reply_size, patience_s if patience_s < deadline_s else deadline_s)
+        states = plan.states(data)
+        if states is None:
+            return None
+        self.clean = True
+        return self._all_well(plan.servo_ids, states)
+
+    def recover(self, plan: Plan, deadline_s: float) -> Mapping[int, Outcome]:
+        """What there is in an answer that did not come as it should, and what comes behind it."""
+        data = self._left
+        if not data and not plan.fast:
+            data = self._after_silence(plan.reply_size, self._sent_s, deadline_s)
+        return self._understand(plan.servo_ids, (), data, deadline_s)
 
     def _free_plan(self, servo_ids: tuple[int, ...], now_s: float) -> Plan:
         """A question whose answers no late reply can be taken for."""
@@ -100,15 +130,32 @@ class BurstReader(Burst[wire.Reply]):
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm) and not plan.fast)
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
+        return self._understand(firm, tried, data, deadline_s)
+
+    def _understand(
+        self, firm: tuple[int, ...], tried: tuple[int, ...], data: bytes, deadline_s: float
+    ) -> Mapping[int, Outcome]:
+        """What the first bytes say, and those that come behind them."""
+        plan, self.steady = self._plan, None
         states = plan.states(data)
+        if states is not None:
+            self.clean = True
+            if plan.fast:
+                self._broken_in_a_row = 0
+            if not self._owed and plan is self._usual_plan(plan.servo_ids):
+                self.steady = plan
+            return self._all_well(plan.servo_ids, states)
         if plan.fast:
-            return self._hear_fast(plan, states, data, deadline_s)
-        if states is None:
-            size = min(plan.sizes.values())
-            decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
-            return self._listen_on(Hearing(plan.sizes, wire.OVERHEAD, decoder), firm, tried, data, deadline_s)
-        self.clean = True
-        return self._all_well(plan.servo_ids, states)
+            return self._hear_broken(plan, data, deadline_s)
+        size = min(plan.sizes.values())
+        decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
+        return self._listen_on(Hearing(plan.sizes, wire.OVERHEAD, decoder), firm, tried, data, deadline_s)
+
+    def _usual_plan(self, servo_ids: tuple[int, ...]) -> Plan | None:
+        """How a cycle asks them as long as all is well; None where the line may give an echo."""
+        if self._echo.present is not False:
+            return None
+        return (self.plans.fast(servo_ids) if self.fast else None) or self.plans.plan(servo_ids)
 
     def _fast_or_none(self, servo_ids: tuple[int, ...], now_s: float) -> Plan | None:
         """A fast sync read, unless a reply may still come late: only separate replies can be told apart."""
@@ -116,13 +163,8 @@ class BurstReader(Burst[wire.Reply]):
             self._owed.forget(now_s)
         return None if self._owed else self.plans.fast(servo_ids)
 
-    def _hear_fast(
-        self, plan: Plan, states: Mapping[int, ServoState] | None, data: bytes, deadline_s: float
-    ) -> Mapping[int, Outcome]:
-        """The whole packet, or what can be believed of it; never again after too many that were broken."""
-        if states is not None:
-            self.clean, self._broken_in_a_row = True, 0
-            return self._all_well(plan.servo_ids, states)
+    def _hear_broken(self, plan: Plan, data: bytes, deadline_s: float) -> Mapping[int, Outcome]:
+        """What can be believed of a fast sync read's packet; no more of these after too many that were broken."""
         outcome = self._judge_fast(plan, data, deadline_s)
         self._broken_in_a_row += "reset" not in outcome.values()
         if self._broken_in_a_row == FAST_TRIES:

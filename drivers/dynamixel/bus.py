@@ -87,8 +87,8 @@ class DynamixelBus(ServoCalls):
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> Mapping[int, Reading]:
         asked = tuple(servo_ids)
-        turn = self._reader.ask(asked, self._goals(goals) if goals else b"")
-        return self._readings(asked, self._reader.hear(turn, deadline_s), deadline_s)
+        outcome = self._reader.exchange(asked, self._goals(goals) if goals else b"", deadline_s)
+        return self._readings(asked, outcome, deadline_s)
 
     def exchange_size(self, servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)

@@ -44,6 +44,7 @@ class StateReader:
         # Whether a servo waits in vain for one before it that is silent, the manual does not say. So those
         # that were missing are asked last, and whoever may have waited in vain is asked once more.
         firm, tried = self._absent.split(asked, math.inf)
+        self.missed.clear()
         outcome = dict(self._burst.read(firm + self._queued(tried), (), math.inf)) if asked else {}
         behind = tuple(i for i in _worth_asking(self._note(outcome)[:-1], outcome) if i in firm)
         if behind:
@@ -78,10 +79,25 @@ class StateReader:
             self._burst.send(goals)
         return Turn(asked, firm, tried)
 
+    def exchange(self, asked: tuple[int, ...], goals: bytes, deadline_s: float) -> Mapping[int, Outcome]:
+        """``ask`` and ``hear``, with few steps while all is well."""
+        burst = self._burst
+        plan = burst.steady
+        if plan is None or plan.servo_ids != asked or not burst.clean:
+            return self.hear(self.ask(asked, goals), deadline_s)
+        states = burst.cycle(plan, goals, deadline_s)
+        if states is not None:
+            return states
+        return self._made_up(Turn(asked, asked, ()), dict(burst.recover(plan, deadline_s)), deadline_s)
+
     def hear(self, turn: Turn, deadline_s: float) -> dict[int, Outcome]:
         """What has become of the question; asked again while there is time, if something is missing."""
-        asked, firm, tried = turn
-        outcome = dict(self._burst.hear(firm, tried, deadline_s)) if firm else {}
+        outcome = dict(self._burst.hear(turn.firm, turn.tried, deadline_s)) if turn.firm else {}
+        return self._made_up(turn, outcome, deadline_s)
+
+    def _made_up(self, turn: Turn, outcome: dict[int, Outcome], deadline_s: float) -> dict[int, Outcome]:
+        """Whoever is missing is asked again while there is time."""
+        asked, firm, _ = turn
         count_skipped(self._counters, asked, outcome)
         self._first = self._burst.asked if firm else {}
         self.missed.clear()

@@ -66,6 +66,11 @@ class Kind:
     """Whether goals go out with every question, the first of which has been answered."""
 
     @property
+    def goals_behind(self) -> bool:
+        """Whether the goals go out behind the answers and not before the question."""
+        return self.with_goals and self.model in sts.MODELS.values()
+
+    @property
     def model(self) -> ServoModel:
         return self.models[IDS[0]]
 
@@ -96,6 +101,8 @@ KINDS = (
     Kind("xl430 and xm430", mixed(x.XM430_W350, x.XL430_W250)),
     Kind("xl430 and xm430, mapped", mixed(x.XM430_W350, x.XL430_W250), mapped=True),
     Kind("sts3215, with goals", mixed(sts.STS3215), with_goals=True),
+    Kind("xl430 and xm430, with goals", mixed(x.XM430_W350, x.XL430_W250), with_goals=True),
+    Kind("xl430 and xm430, mapped, with goals", mixed(x.XM430_W350, x.XL430_W250), mapped=True, with_goals=True),
     *READ_EACH,
 )
 
@@ -106,7 +113,7 @@ every_servo = pytest.mark.parametrize(
     [
         pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
         for kind in KINDS
-        for servo_id in (IDS if kind.mapped or kind is KINDS[0] else (1, 4, 7))
+        for servo_id in (IDS if kind.mapped > kind.with_goals or kind is KINDS[0] else (1, 4, 7))
     ],
 )
 

@@ -28,7 +28,7 @@ def test_late_replies_among_everything_else(kind: Kind) -> None:
         truth.number += 1  # whatever arrives from now on is old
     accounts = [line.account(i) for i in IDS]
     # Behind the goals it comes between two questions, and is thrown away.
-    assert sum(a.late for a in accounts) > 80 or kind.with_goals
+    assert sum(a.late for a in accounts) > 80 or kind.goals_behind
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
     assert faults == pytest.approx(lost + 167, abs=12)  # a late reply can be dropped or flipped itself
@@ -48,7 +48,7 @@ def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: i
         truth.number += 1  # whatever arrives from now on is old
     account = line.account(servo_id)
     # Behind the goals it comes between two questions, and is thrown away.
-    assert (account.silent, account.late) == ((12, 0) if kind.with_goals else (0, 12))
+    assert (account.silent, account.late) == ((12, 0) if kind.goals_behind else (0, 12))
     assert line.missing() == {}
 
 

@@ -1,0 +1,221 @@
+"""The quick way of a Dynamixel line on which all is well: the same on the wire, and left as soon as one is missing."""
+
+from collections.abc import Callable
+
+import pytest
+
+from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.dynamixel import wire
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel.burst import BurstReader
+from drivers.dynamixel.bus import DynamixelBus
+from sim_backend.line import Reply
+from sim_backend.port import VirtualPort
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth
+
+MAPPED = [kind for kind in KINDS if kind.with_goals and kind.mapped]
+DIRECT = [kind for kind in KINDS if kind.with_goals and not kind.mapped and kind.model in x.MODELS.values()]
+REBOOT = 8
+each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: kind.name)
+
+
+class WatchedPort(VirtualPort):
+    """Keeps what was sent; an adapter that may hold an answer back, give what nobody sent now, or echo."""
+
+    sent: tuple[bytes, ...] = ()
+    hold_s = 0.0
+    echoes = False
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        self.sent += (data,)
+        for at in range(before, len(self._coming)):
+            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
+        if self.echoes:
+            self._arrived += data
+
+    def give(self, data: bytes) -> None:
+        self._arrived += data
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Of each quick cycle, whether all was well in it."""
+    went: list[bool] = []
+    real = BurstReader.cycle
+
+    def cycle(self: BurstReader, *what: object) -> object:
+        states = real(self, *what)  # type: ignore[arg-type]
+        went.append(states is not None)
+        return states
+
+    monkeypatch.setattr(BurstReader, "cycle", cycle)
+    return went
+
+
+def steady_line(kind: Kind, *, fast: bool = True) -> tuple[Line, WatchedPort]:
+    line = Line(kind, WatchedPort)
+    assert isinstance(line.port, WatchedPort)
+    if fast:
+        line.bus.read_states(IDS)  # finds out that they answer fast reads
+    for _ in range(2):
+        assert line.missing() == {}
+    line.port.sent = ()
+    return line, line.port
+
+
+@each_kind
+def test_cycle_after_cycle_the_same_piece_of_bytes(kind: Kind, quick: list[bool]) -> None:
+    line, port = steady_line(kind)
+    truth, replies = Truth(line), line.account(1).replies
+    quick.clear()
+    for _ in range(5):
+        truth.number += 1
+        readings = line.cycle()
+        assert list(readings) == list(IDS)
+        assert all(isinstance(r, ServoState) and truth.holds(i, r) for i, r in readings.items())
+    assert quick == [True] * 5
+    assert len(port.sent) == 5 and len(set(port.sent)) == 1
+    assert port.sent[0][7] == wire.SYNC_WRITE
+    assert line.account(1).replies == replies + 5
+
+
+FAULTS: dict[str, Callable[[Line], object]] = {
+    "silent": lambda line: line.faults.silence(3),
+    "silent last": lambda line: line.faults.silence(7),
+    "all silent": lambda line: [line.faults.silence(i) for i in IDS],
+    "corrupt": lambda line: line.faults.corrupt_next(3),
+    "late": lambda line: line.faults.delay_next(3),
+}
+
+
+@each_kind
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_the_careful_ways_and_the_goals_have_gone_out_once(
+    kind: Kind, fault: str, quick: list[bool]
+) -> None:
+    line, port = steady_line(kind)
+    quick.clear()
+    FAULTS[fault](line)
+    line.goals = {i: ServoGoal(2000 + i) for i in IDS}
+    readings = line.cycle()
+    assert quick == [False]
+    assert sum(packet[7] == wire.SYNC_WRITE for packet in port.sent) == 1
+    wrong = {i for i, reading in readings.items() if isinstance(reading, ServoFault)}
+    assert wrong <= (set(IDS) if "all" in fault else {3, 7})
+    for servo_id in IDS:
+        line.faults.restore(servo_id)
+    if fault != "all silent":  # who is silent is deaf
+        assert line.held(5, x.goal_position) == 2005
+    for _ in range(120):
+        line.cycle()
+    assert line.missing() == {}
+    assert quick[-1]
+
+
+@each_kind
+def test_an_adapter_that_hesitates_once_costs_no_state(kind: Kind, quick: list[bool]) -> None:
+    line, port = steady_line(kind, fast=False)
+    quick.clear()
+    port.hold_s = 0.009
+    readings = line.states(line.clock.now() + 0.05)
+    assert quick == [False]
+    assert all(isinstance(reading, ServoState) for reading in readings.values())
+    account = line.account(1)
+    assert (account.silent, account.late, account.retries) == (0, 0, 0)
+
+
+@each_kind
+def test_silence_is_not_waited_for_beyond_the_deadline(kind: Kind, quick: list[bool]) -> None:
+    line, _ = steady_line(kind)
+    for servo_id in IDS:
+        line.faults.silence(servo_id)
+    quick.clear()
+    deadline_s = line.clock.now() + 0.003
+    assert all(isinstance(reading, ServoFault) for reading in line.states(deadline_s).values())
+    assert quick == [False]
+    assert line.clock.now() <= deadline_s
+
+
+@each_kind
+def test_alarms_are_named_and_counted_in_every_cycle(kind: Kind) -> None:
+    line, _ = steady_line(kind)
+    line.bus.write(3, x.max_voltage_limit, 110)
+    for cycles in (1, 2, 3):
+        line.clock.sleep_until(line.clock.now() + 0.2)
+        reading = line.cycle()[3]
+        assert isinstance(reading, ServoState) and reading.alarms == ("voltage",)
+        assert (line.account(3).alarms, line.account(4).alarms) == (cycles, 0)
+
+
+@each_kind
+def test_what_a_single_read_leaves_behind_is_thrown_away(kind: Kind, quick: list[bool]) -> None:
+    line, port = steady_line(kind)
+    quick.clear()
+    line.bus.read(2, x.present_position)
+    port.give(b"\x00\xff\x12")
+    assert line.missing() == {}
+    assert quick == [] and line.bus.counters.noise == 0
+
+
+@each_kind
+def test_other_servos_than_before_are_another_question(kind: Kind, quick: list[bool]) -> None:
+    line, _ = steady_line(kind)
+    quick.clear()
+    goals = {i: line.goals[i] for i in (2, 5)}
+    for _ in range(2):
+        assert list(line.bus.exchange(goals, (2, 5), line.clock.now() + 0.02)) == [2, 5]
+    assert quick == [True]
+
+
+def test_a_servo_that_is_known_better_is_asked_anew(quick: list[bool]) -> None:
+    """Its indirect registers are mapped now: the question is a shorter one."""
+    (kind,) = DIRECT
+    line, port = steady_line(kind)
+    assert line.missing() == {}
+    before = port.sent[-1]
+    for servo_id in IDS:
+        line.bus.identify(servo_id, kind.models[servo_id])
+    quick.clear()
+    assert line.missing() == {} and quick == []
+    assert port.sent[-1] != before
+    assert line.missing() == {} and quick == [True]
+
+
+def test_a_servo_that_has_lost_its_map_is_named_and_read_otherwise() -> None:
+    (kind,) = MAPPED
+    line, port = steady_line(kind)
+    assert line.missing() == {}
+    question = port.sent[-1]
+    port.write(wire.packet(3, REBOOT, b""))
+    seen = {fault for _ in range(200) for fault in line.missing().items()}
+    assert seen and {servo_id for servo_id, _ in seen} == {3}
+    port.sent = ()
+    assert line.missing() == {}
+    assert port.sent == (question,), [p.hex() for p in port.sent] + [question.hex()]
+
+
+def test_a_miss_counts_once_against_the_map() -> None:
+    """Not again with every read without a deadline, in which the servo answers."""
+    (kind,) = MAPPED
+    line, _ = steady_line(kind)
+    assert isinstance(line.bus, DynamixelBus)
+    line.faults.silence(3)
+    assert line.missing() == {3: "silent"}
+    line.faults.restore(3)
+    for _ in range(10):
+        assert all(isinstance(reading, ServoState) for reading in line.bus.read_states(IDS).values())
+        assert line.bus._servos.is_mapped(3)
+
+
+@each_kind
+def test_a_line_that_echoes_has_no_quick_way(kind: Kind, quick: list[bool]) -> None:
+    line, port = steady_line(kind)
+    port.echoes = True
+    for _ in range(5):
+        line.cycle()
+    quick.clear()
+    for _ in range(5):
+        assert line.missing() == {}
+    assert quick == []
