@@ -59,6 +59,7 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
     for _ in range(WARM_UP):
         cycle()
     gc.collect()
+    gc.freeze()
     took_s = []
     failed = 0
     cpu_s, last_s = time.process_time(), time.perf_counter()
@@ -68,6 +69,7 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
         took_s.append(now_s - last_s)
         last_s = now_s
     cpu_s = time.process_time() - cpu_s
+    gc.unfreeze()
     return statistics.median(took_s) * 1e6, cpu_s / cycles * 1e6, failed
 
 
