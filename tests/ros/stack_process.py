@@ -117,6 +117,7 @@ class ArmClient:
 
     def close(self) -> None:
         self.executor.shutdown()
+        self._client.destroy()  # a node that is destroyed leaves its action clients standing
         self.node.destroy_node()
 
 

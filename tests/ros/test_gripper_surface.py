@@ -49,6 +49,10 @@ class Gripper:
         self._client = ActionClient(self.node, self.action, "/gripper_controller/gripper_cmd")
         assert self._client.wait_for_server(PATIENCE_S)
 
+    def close(self) -> None:
+        self._client.destroy()  # a node that is destroyed leaves its action clients standing
+        self.node.destroy_node()
+
     @abstractmethod
     def goal(self, position: float, **fields: Any) -> Any:
         """The action's goal."""
@@ -135,7 +139,7 @@ def client(kind: type[Gripper], stack: StackProcess) -> Iterator[Gripper]:
     rclpy.init()
     client = kind()
     yield client
-    client.node.destroy_node()
+    client.close()
     rclpy.try_shutdown()
 
 

@@ -220,4 +220,5 @@ class TrajectoryClient:
 
     def close(self) -> None:
         self.executor.shutdown()
+        self.action.destroy()  # a node that is destroyed leaves its action clients standing
         self.node.destroy_node()
