@@ -30,3 +30,23 @@ class SlowPort(VirtualPort):
         super().write(data)
         for at in range(before, len(self._coming)):
             self._coming[at] = Reply(self._clock.now() + 0.016, self._coming[at].data)
+
+
+class WatchedPort(VirtualPort):
+    """Keeps what was sent; an adapter that may hold an answer back, give what nobody sent now, or echo."""
+
+    sent: tuple[bytes, ...] = ()
+    hold_s = 0.0
+    echoes = False
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        self.sent += (data,)
+        for at in range(before, len(self._coming)):
+            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
+        if self.echoes:
+            self._arrived += data
+
+    def give(self, data: bytes) -> None:
+        self._arrived += data

@@ -9,34 +9,13 @@ from drivers.dynamixel import wire
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel.burst import BurstReader
 from drivers.dynamixel.bus import DynamixelBus
-from sim_backend.line import Reply
-from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth
+from tests.drivers.ports import WatchedPort
 
 MAPPED = [kind for kind in KINDS if kind.with_goals and kind.mapped]
 DIRECT = [kind for kind in KINDS if kind.with_goals and not kind.mapped and kind.model in x.MODELS.values()]
 REBOOT = 8
 each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: kind.name)
-
-
-class WatchedPort(VirtualPort):
-    """Keeps what was sent; an adapter that may hold an answer back, give what nobody sent now, or echo."""
-
-    sent: tuple[bytes, ...] = ()
-    hold_s = 0.0
-    echoes = False
-
-    def write(self, data: bytes) -> None:
-        before = len(self._coming)
-        super().write(data)
-        self.sent += (data,)
-        for at in range(before, len(self._coming)):
-            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
-        if self.echoes:
-            self._arrived += data
-
-    def give(self, data: bytes) -> None:
-        self._arrived += data
 
 
 @pytest.fixture

@@ -10,30 +10,13 @@ from drivers.feetech import sts, wire
 from drivers.feetech.bus import FeetechBus
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
-from sim_backend.line import Reply
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Line, Truth
+from tests.drivers.ports import WatchedPort
 
 KIND = next(kind for kind in KINDS if kind.with_goals)
 GOALS = bytes((wire.BROADCAST_ID, len(IDS) * 8 + 4, wire.SYNC_WRITE))
-
-
-class WatchedPort(VirtualPort):
-    """Keeps what was sent; an adapter that may hold an answer back, or give what nobody sent now."""
-
-    sent: tuple[bytes, ...] = ()
-    hold_s = 0.0
-
-    def write(self, data: bytes) -> None:
-        before = len(self._coming)
-        super().write(data)
-        self.sent += (data,)
-        for at in range(before, len(self._coming)):
-            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
-
-    def give(self, data: bytes) -> None:
-        self._arrived += data
 
 
 def steady_line() -> tuple[Line, WatchedPort]:
