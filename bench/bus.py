@@ -2,7 +2,6 @@
 
 ``python -m bench.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
 turns, round by round, so that whatever else the machine does hits all of them; the median round is shown.
-The processors are kept from sleeping where that is granted, as by ``servoloop bench bus``.
 """
 
 import argparse
@@ -25,7 +24,6 @@ from drivers.bus import ServoGoal
 from drivers.dynamixel import wire as dynamixel_wire
 from drivers.dynamixel.models import X
 from drivers.feetech import state, wire
-from servoloop.realtime import processors_awake
 
 BAUD = 1_000_000
 CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]] = {
@@ -78,7 +76,7 @@ def compare(make: str, servos: int, cycles: int, rounds: int, *options: str) -> 
     makers = CLIENTS[make]
     ids = list(range(1, servos + 1))
     found: dict[str, list[Round]] = {name: [] for name in makers}
-    with processors_awake(), simulator(f"1-{servos}", "--make", make, *options) as device:
+    with simulator(f"1-{servos}", "--make", make, *options) as device:
         for _ in range(rounds):
             for name, maker in makers.items():
                 cycle, close = maker(device, BAUD, ids)

@@ -197,8 +197,7 @@ def bus(
     """Read the full state of every servo and write a goal to each, as fast as the line allows.
 
     The goals are where the servos stand. Faults are counted, not fatal; only a line on which nobody answers ends
-    with 1. Meanwhile the processors are kept from sleeping, where that is granted (mostly to root).
-    Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
+    with 1. Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console
 

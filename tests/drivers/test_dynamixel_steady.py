@@ -9,12 +9,12 @@ from drivers.dynamixel import wire
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel.burst import BurstReader
 from drivers.dynamixel.bus import DynamixelBus
+from sim_backend.dynamixel_wire import Code
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth
 from tests.drivers.ports import WatchedPort
 
 MAPPED = [kind for kind in KINDS if kind.with_goals and kind.mapped]
 DIRECT = [kind for kind in KINDS if kind.with_goals and not kind.mapped and kind.model in x.MODELS.values()]
-REBOOT = 8
 each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: kind.name)
 
 
@@ -167,7 +167,7 @@ def test_a_servo_that_has_lost_its_map_is_named_and_read_otherwise() -> None:
     line, port = steady_line(kind)
     assert line.missing() == {}
     question = port.sent[-1]
-    port.write(wire.packet(3, REBOOT, b""))
+    port.write(wire.packet(3, Code.REBOOT, b""))
     seen = {fault for _ in range(200) for fault in line.missing().items()}
     assert seen and {servo_id for servo_id, _ in seen} == {3}
     port.sent = ()
