@@ -24,6 +24,7 @@ from drivers.bus import ServoGoal
 from drivers.dynamixel import wire as dynamixel_wire
 from drivers.dynamixel.models import X
 from drivers.feetech import state, wire
+from servoloop.realtime import on_one_processor
 
 BAUD = 1_000_000
 CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]] = {
@@ -81,7 +82,8 @@ def compare(make: str, servos: int, cycles: int, rounds: int, *options: str) -> 
             for name, maker in makers.items():
                 cycle, close = maker(device, BAUD, ids)
                 try:
-                    found[name].append(one_round(cycle, cycles))
+                    with on_one_processor():
+                        found[name].append(one_round(cycle, cycles))
                 finally:
                     close()
     return {name: _middle(rounds_of) for name, rounds_of in found.items()}

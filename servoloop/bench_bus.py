@@ -16,6 +16,7 @@ from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from drivers.makes import MODELS, bus_for
 from drivers.serial_port import SerialPort
+from servoloop.realtime import on_one_processor
 
 BUDGET_S: Final = 0.01
 """What a cycle may spend on reading, retries included."""
@@ -63,7 +64,8 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
     bus = bus_for(models, SerialPort(port, baud, clock), clock)
     try:
         goals = _stand_still(bus, servo_ids)
-        return measure(bus, clock, servo_ids, goals, cycles, wire_s(bus, servo_ids, baud))
+        with on_one_processor():
+            return measure(bus, clock, servo_ids, goals, cycles, wire_s(bus, servo_ids, baud))
     finally:
         bus.close()
 

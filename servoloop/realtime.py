@@ -1,7 +1,11 @@
-"""Real-time priority for what must be on time, where the system grants it."""
+"""What a process may ask of the scheduler, where the system grants it: priority, and to stay where it is."""
 
 import logging
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import psutil
 
 LOG = logging.getLogger("servoloop")
 
@@ -32,3 +36,24 @@ def put_first() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
     except PermissionError:
         LOG.info("the control loop has no priority over this process' other threads (rtprio %d)", LOOP_PRIORITY)
+
+
+@contextmanager
+def on_one_processor() -> Iterator[None]:
+    """Keep the main thread, which calls this, on the processor on which it is, and whatever it starts meanwhile.
+
+    For a loop of ordinary priority that does nothing but wait for a line. The system wakes it wherever there is
+    room, in every other cycle on another processor, whose caches know nothing of it. Not for a loop with other
+    threads beside it: it may have to wait for its one processor while another is free.
+    """
+    allowed = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {psutil.Process().cpu_num()})
+    except OSError as error:
+        LOG.info("the loop may be moved from one processor to another: %s", error)
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)

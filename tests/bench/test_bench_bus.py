@@ -1,15 +1,19 @@
 """``servoloop bench bus`` on a bus in another process, and what it says where there is none. No figure is judged."""
 
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from bench.bus import simulator
 from bench.decoder import flood, pieces
+from drivers.bus import Reading
 from drivers.errors import DriverError
+from drivers.feetech.bus import FeetechBus
 from servoloop.bench_bus import bench_bus, parse_ids
 from servoloop.cli import app
 
@@ -42,6 +46,21 @@ def test_a_table_for_people(device: str) -> None:
 def test_it_goes_on_through_a_servo_that_is_not_there(device: str) -> None:
     figures = bench_bus(device, parse_ids("1-8"), "sts3215", 1_000_000, 60)
     assert figures.faults["silent"] >= 60
+
+
+def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, meanwhile = os.sched_getaffinity(0), list[set[int]]()
+    exchange = FeetechBus.exchange
+
+    def watched(bus: FeetechBus, *how: Any) -> Mapping[int, Reading]:
+        meanwhile.append(os.sched_getaffinity(0))
+        return exchange(bus, *how)
+
+    monkeypatch.setattr(FeetechBus, "exchange", watched)
+    bench_bus(device, [1], "sts3215", 1_000_000, 10)
+    assert len(meanwhile) == 10
+    assert all(processors == meanwhile[0] and len(processors) == 1 for processors in meanwhile)
+    assert os.sched_getaffinity(0) == before
 
 
 def test_where_nobody_answers_it_says_so(device: str) -> None:

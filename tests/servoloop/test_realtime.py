@@ -1,0 +1,54 @@
+"""A loop on one processor: for its time only, and going on where the system refuses."""
+
+import os
+import threading
+from collections.abc import Collection
+
+import pytest
+
+from servoloop.realtime import on_one_processor
+
+
+def test_a_loop_stays_on_one_of_the_processors_that_it_may_use() -> None:
+    before = os.sched_getaffinity(0)
+    with on_one_processor():
+        there = os.sched_getaffinity(0)
+    assert len(there) == 1
+    assert there <= before
+    assert os.sched_getaffinity(0) == before
+
+
+def test_an_exception_frees_it() -> None:
+    before = os.sched_getaffinity(0)
+    with pytest.raises(ZeroDivisionError), on_one_processor():
+        raise ZeroDivisionError
+    assert os.sched_getaffinity(0) == before
+
+
+def test_other_threads_are_left_where_they_are() -> None:
+    before = os.sched_getaffinity(0)
+    pinned, seen = threading.Event(), list[set[int]]()
+
+    def look() -> None:
+        pinned.wait()
+        seen.append(os.sched_getaffinity(0))
+
+    other = threading.Thread(target=look)
+    other.start()
+    with on_one_processor():
+        pinned.set()
+        other.join()
+    assert seen == [before]
+
+
+def test_where_the_system_refuses_the_loop_runs_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, ran = os.sched_getaffinity(0), False
+
+    def refuse(pid: int, mask: Collection[int]) -> None:
+        raise PermissionError(pid, f"not {mask}")
+
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    with on_one_processor():
+        ran = True
+    assert ran
+    assert os.sched_getaffinity(0) == before
