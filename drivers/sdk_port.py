@@ -5,7 +5,8 @@ Feetech's flushes output where it should drop stale input; this one waits on the
 """
 
 import math
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import dynamixel_sdk
 import scservo_sdk
@@ -13,10 +14,13 @@ import scservo_sdk
 from drivers.clock import Clock
 from drivers.echo import Echo
 from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.owed import OWED_S
 from drivers.port import Port
 
 _CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """The other numbers are the same in both, or mean no answer."""
+_MANY: Final = 4096
+"""More bytes than can come in that time."""
 _GRACE_S = 0.034
 """What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
 
@@ -29,10 +33,42 @@ class SdkPort:
         self._clock = clock
         self._echo = echo or Echo()
         self._sent = b""
-        self._doubtful = b""
+        self._doubtful, self._given, self._mixed = b"", b"", False
         self._deadline_s = 0.0
+        self.sent_s = 0.0
+        """When the last instruction went out."""
+        self._owed_until_s: dict[int, float] = {}
         self.latest_s = math.inf
         """When to give up whatever the SDK would grant: a cycle has its own deadline."""
+
+    def transact(self, servo_id: int, instruct: Callable[[], tuple[Any, int, int]]) -> tuple[Any, int]:
+        """One instruction by the SDK, which returns the reply, a result code and the reply's error byte.
+
+        Raises ServoSilent or ServoCorrupt. A reply does not say what it answers: while one of this servo may
+        still come, nothing is sent to it.
+        """
+        self._let_pass(servo_id)
+        self.owe(servo_id)  # before it is: an interrupt leaves the reply on its way
+        reply, result, error = instruct()
+        self.owe(servo_id)
+        if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # perhaps there is no echo any more
+            self._echo.present = self._echo.present and None
+        raise_for(servo_id, dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result)
+        del self._owed_until_s[servo_id]
+        return reply, error
+
+    def owe(self, servo_id: int) -> None:
+        """The right answer to the last instruction has not come, and may still."""
+        self._owed_until_s[servo_id] = self._clock.now() + OWED_S
+
+    def _let_pass(self, servo_id: int) -> None:
+        """Wait until no reply to a former instruction can come any more; in a cycle there is no time for that."""
+        until_s = self._owed_until_s.get(servo_id, -math.inf)
+        if until_s > self.latest_s:
+            raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
+        self._owed_until_s.pop(servo_id, None)
+        while self._clock.now() < until_s:
+            self._port.read(_MANY, until_s)
 
     @property
     def is_using(self) -> bool:
@@ -49,7 +85,8 @@ class SdkPort:
         self._port.discard_input()
 
     def writePort(self, packet: list[int]) -> int:
-        self._sent, self._doubtful = bytes(packet), b""
+        self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
+        self.sent_s = self._clock.now()
         self._port.write(self._sent)
         return len(packet)
 
@@ -63,13 +100,25 @@ class SdkPort:
         return self._without_echo(data)
 
     def _without_echo(self, data: bytes) -> bytes:
-        """The SDK would take our own request for an answer. Held back until it is told apart."""
-        sent = self._sent
-        if len(data) < len(sent) and sent.startswith(data):
+        """The SDK would take our own request for an answer. Held back until it is told apart.
+
+        Where there surely is an echo, nothing before it is an answer. Where there may be none, only what begins like
+        it is held back: the SDK may get a piece of it behind noise, and then whatever it makes of that is ``_mixed``.
+        """
+        at = data.find(self._sent)
+        if at >= 0:
+            data = data[at + len(self._sent) :]
+        elif self._echo.present or (not self._given and self._sent.startswith(data)):
             self._doubtful = data
             return b""
-        self._sent, self._doubtful = b"", b""
-        return data[len(sent) :] if data.startswith(sent) else data
+        else:
+            self._given += data
+            self._mixed = self._sent in self._given
+            self._doubtful = b""
+        if at >= 0 or self._mixed:
+            self._echo.present = True
+            self._sent, self._doubtful = b"", b""
+        return data
 
     def setPacketTimeout(self, packet_length: int) -> None:
         wire_s = packet_length * 10.0 / self._port.baud

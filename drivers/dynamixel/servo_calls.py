@@ -1,7 +1,7 @@
 """What one servo is asked and told by itself: through the SDK's packet handler, acknowledged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
 
@@ -14,7 +14,7 @@ from drivers.errors import ServoCorrupt, ServoError, ServoRefused
 from drivers.port import Port
 from drivers.readings import tried_with_each
 from drivers.registers import Register
-from drivers.sdk_port import SdkPort, raise_for
+from drivers.sdk_port import SdkPort
 
 ORDER: Final = "little"
 
@@ -34,30 +34,34 @@ class Wire:
 
     def number(self, servo_id: int) -> int:
         """The servo's model number, by a ping."""
-        self._before()
-        number, result, _ = self._sdk.ping(self._port, servo_id)
-        _raise_for(servo_id, result)
-        return int(number)
+        # Not the SDK's ping, which ends in an IndexError where a late acknowledgement comes instead.
+        return int.from_bytes(
+            self._told(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.PING, 0, 0], 3, "a ping")[:2], ORDER
+        )
 
     def read(self, servo_id: int, register: Register) -> int:
         """What the register holds."""
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
         request = [0, 0, 0, 0, servo_id, 7, 0, wire.READ, *wire.span(register.address, register.size), 0, 0]
-        self._before()
-        reply: Any
-        reply, result, error = self._sdk.txRxPacket(self._port, request)
-        _raise_for(servo_id, result, error)
-        data = bytes(reply[9 : reply[5] + (reply[6] << 8) + 5])
-        if len(data) != register.size:
-            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
-        return register.decode(data, ORDER)
+        return register.decode(self._told(servo_id, request, register.size, register.name), ORDER)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
-        data = list(register.encode(value, ORDER))
+        # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
+        data = register.encode(value, ORDER)
+        head = [0, 0, 0, 0, servo_id, *(len(data) + 5).to_bytes(2, ORDER), wire.WRITE]
+        self._told(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
+
+    def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
+        """The reply's data, which must be so many bytes."""
         self._before()
-        result, error = self._sdk.writeTxRx(self._port, servo_id, register.address, register.size, data)
-        _raise_for(servo_id, result, error)
+        reply, error = self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
+        _refuse(servo_id, error)
+        data = bytes(reply[9 : reply[5] + (reply[6] << 8) + 5])
+        if len(data) != size:
+            self._port.owe(servo_id)
+            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
+        return data
 
 
 class ServoCalls:
@@ -113,12 +117,8 @@ class ServoCalls:
         self.write(servo_id, series.torque_limit, min(round(share * series.full_torque), limit))
 
 
-def _raise_for(servo_id: int, result: int, error: int = 0) -> None:
-    """Turn the SDK's result code and the reply's error number into an error.
-
-    The alert bit is no failure: alarms are states.
-    """
-    raise_for(servo_id, result)
+def _refuse(servo_id: int, error: int) -> None:
+    """Raise if the reply has an error number. The alert bit is no failure: alarms are states."""
     number = error & ~wire.ALERT
     if number:
         raise ServoRefused(servo_id, wire.ERRORS.get(number, f"answered error {number}"))

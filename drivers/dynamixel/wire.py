@@ -18,6 +18,7 @@ HEADER = b"\xff\xff\xfd\x00"
 OVERHEAD = 11
 """Bytes of a reply beside its data: header, id, length, instruction, error, CRC."""
 
+PING = 0x01
 READ = 0x02
 WRITE = 0x03
 STATUS = 0x55

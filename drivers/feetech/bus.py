@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final, cast
 
-from scservo_sdk import INST_READ, PacketHandler
+from scservo_sdk import PacketHandler
 
 from drivers.absent import AbsenceWatch
 from drivers.burst import BITS_PER_BYTE, TRIED_GAP_S
@@ -13,13 +13,14 @@ from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoError
+from drivers.errors import ServoError
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
 from drivers.port import Port
 from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger, tried_with_each
 from drivers.registers import Register, ServoModel
-from drivers.sdk_port import SdkPort, raise_for
+from drivers.sdk_port import SdkPort
+from drivers.single_servo import SingleServo
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
@@ -35,8 +36,8 @@ class FeetechBus:
         self._echo = Echo()
         self._burst = BurstReader(port, clock, self._echo, self._counters)
         self._absent = AbsenceWatch()
-        self._sdk_port = SdkPort(port, clock, self._echo)
-        self._sdk = PacketHandler(0)
+        # No status bit refuses an instruction: all are alarms.
+        self._single = SingleServo(PacketHandler(0), SdkPort(port, clock, self._echo), _ORDER, 0, sts.alarms)
 
     @property
     def name(self) -> str:
@@ -51,21 +52,12 @@ class FeetechBus:
         refuse_stranger(servo_id, number, model, sts.MODELS)
 
     def read(self, servo_id: int, register: Register) -> int:
-        # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
-        request = [0, 0, servo_id, 4, INST_READ, register.address, register.size, 0]
         self._burst.clean = False
-        reply, result, _ = self._sdk.txRxPacket(self._sdk_port, request)
-        raise_for(servo_id, result)
-        data = reply[5 : reply[3] + 3]
-        if len(data) != register.size:
-            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {register.name}")
-        return register.decode(bytes(data), _ORDER)
+        return self._single.read(servo_id, register)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
-        data = list(register.encode(value, _ORDER))
         self._burst.clean = False
-        result, _ = self._sdk.writeTxRx(self._sdk_port, servo_id, register.address, register.size, data)
-        raise_for(servo_id, result)
+        self._single.write(servo_id, register, value)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:

@@ -16,11 +16,11 @@ from drivers.feetech import wire
 from drivers.port import Port
 from drivers.read_each.identify import identify
 from drivers.read_each.line import RETRY_GAP_S, Line
-from drivers.read_each.sdk import SingleServo
 from drivers.read_each.series import series_of
 from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of, tried_with_each
 from drivers.registers import Register, ServoModel
 from drivers.sdk_port import SdkPort
+from drivers.single_servo import SingleServo
 from drivers.turns import Steps, finish
 
 LOG = logging.getLogger("servoloop.drivers")
@@ -46,7 +46,8 @@ class ReadEachBus:
         self._line = Line(port, clock, echo, self._counters, series, state_of)
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
-        self._single = SingleServo(series, SdkPort(port, clock, echo))
+        self._sdk_port = SdkPort(port, clock, echo)
+        self._single = SingleServo(series.sdk(), self._sdk_port, series.byte_order, series.refusals, series.alarms)
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()
         """Whom the last cycle had no time for: the next begins with them."""
@@ -76,10 +77,9 @@ class ReadEachBus:
 
     def read(self, servo_id: int, register: Register) -> int:
         self._line.clean = False
-        begin_s = self._clock.now()
         value = self._single.read(servo_id, register)
         on_wire_s = (len(self._line.question((servo_id,), 1)) + wire.OVERHEAD + register.size) * self._line.byte_s
-        self._line.patience.heard(max(0.0, self._clock.now() - begin_s - on_wire_s))
+        self._line.patience.heard(max(0.0, self._clock.now() - self._sdk_port.sent_s - on_wire_s))
         return value
 
     def write(self, servo_id: int, register: Register, value: int) -> None:

@@ -1,9 +1,9 @@
 """Whether a servo is what the robot file says, and set up so that we can drive it."""
 
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
-from drivers.read_each.sdk import SingleServo
 from drivers.read_each.series import Series
 from drivers.registers import ServoModel
+from drivers.single_servo import SingleServo
 
 
 def identify(single: SingleServo, series: Series, servo_id: int, model: ServoModel) -> None:

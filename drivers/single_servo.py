@@ -1,0 +1,60 @@
+"""Single-servo instructions of Feetech's protocols and Dynamixel protocol 1.0, by the makers' SDKs."""
+
+from collections.abc import Callable
+from typing import Any
+
+from dynamixel_sdk import INST_PING, INST_READ, INST_WRITE
+
+from drivers.errors import ServoCorrupt, ServoRefused
+from drivers.registers import ByteOrder, Register
+from drivers.sdk_port import SdkPort
+
+_OVERHEAD = 2
+"""What a reply's length counts beside its data."""
+
+
+class SingleServo:
+    """Ping, read and write of one servo, acknowledged. Both SDKs have the same calls."""
+
+    def __init__(
+        self, sdk: Any, port: SdkPort, byte_order: ByteOrder, refusals: int, alarms: Callable[[int], tuple[str, ...]]
+    ) -> None:
+        """``refusals``: those bits of a reply's error byte that refuse the instruction. The others are alarms,
+        which are states and no failure; ``alarms`` has the names of all."""
+        self._sdk = sdk
+        self._port = port
+        self._byte_order = byte_order
+        self._refusals = refusals
+        self._alarms = alarms
+
+    def ping(self, servo_id: int) -> None:
+        """Raise ServoSilent unless it is there."""
+        # Not the SDK's ping, which reads the model number too: a servo may answer pings alone.
+        request = [0, 0, servo_id, 2, INST_PING, 0]
+        self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """One register."""
+        # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
+        request = [0, 0, servo_id, 4, INST_READ, register.address, register.size, 0]
+        return register.decode(self._told(servo_id, request, register.size, register.name), self._byte_order)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """One register."""
+        # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
+        data = register.encode(value, self._byte_order)
+        request = [0, 0, servo_id, 3 + len(data), INST_WRITE, register.address, *data, 0]
+        self._told(servo_id, request, 0, register.name)
+
+    def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
+        """The reply's data, which must be so many bytes."""
+        reply, error = self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
+        refused = error & self._refusals
+        if refused:
+            names = " and ".join(self._alarms(refused))
+            raise ServoRefused(servo_id, f"refused the instruction ({names} error)")
+        data = bytes(reply[5 : reply[3] + 3])
+        if reply[3] - _OVERHEAD != size:
+            self._port.owe(servo_id)
+            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
+        return data

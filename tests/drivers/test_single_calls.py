@@ -1,0 +1,166 @@
+"""What one servo is asked by itself: a late answer is nobody's, and our own bytes are no answer. For every make."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from drivers.bus import ServoBus
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import ServoCorrupt, ServoError, ServoSilent
+from drivers.feetech import scs, sts
+from drivers.makes import bus_for, language_of
+from drivers.owed import OWED_S
+from drivers.registers import Register, ServoModel
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.plant import BenchPlant
+from tests.drivers.ports import WatchedPort
+
+LATE_S = 0.045
+"""Beyond what an SDK waits."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model, and registers of one size and of another."""
+
+    model: ServoModel
+    temperature: Register
+    torque: Register
+    position: Register
+
+
+CASES = (
+    Case(sts.STS3215, sts.present_temperature, sts.torque_enable, sts.present_position),
+    Case(scs.SCS0009, scs.present_temperature, scs.torque_enable, scs.present_position),
+    Case(dxl.AX_12A, dxl.present_temperature, dxl.torque_enable, dxl.present_position),
+    Case(x.XL430_W250, x.present_temperature, x.torque_enable, x.present_position),
+)
+every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.model.name)
+
+
+class NoisyPort(WatchedPort):
+    """Puts bytes that nobody sent before the echo of ours."""
+
+    noise = b""
+
+    def write(self, data: bytes) -> None:
+        self.give(self.noise)
+        super().write(data)
+
+
+class Bench:
+    """One servo, limp and 30 degrees warm."""
+
+    def __init__(self, case: Case) -> None:
+        self.clock = SimulatedClock(10.0)
+        x_series = language_of(case.model) == "Dynamixel protocol 2.0"
+        of = VirtualDynamixelBus.of if x_series else VirtualBus.of
+        self.servos = of(BenchPlant((1,)), {1: case.model})
+        self.port = NoisyPort(self.servos, self.clock)
+        self.bus: ServoBus = bus_for({1: case.model}, self.port, self.clock)
+
+    def held(self, register: Register) -> int:
+        return self.servos.servo(1).memory.get(register)
+
+    def late(self, register: Register) -> None:
+        """A read whose answer comes too late."""
+        self.port.hold_s = LATE_S
+        with pytest.raises(ServoSilent):
+            self.bus.read(1, register)
+        self.port.hold_s = 0.0
+
+
+@every_case
+def test_a_late_answer_is_not_taken_for_that_of_another_register(case: Case) -> None:
+    bench = Bench(case)
+    bench.late(case.temperature)
+    assert bench.held(case.temperature) != bench.held(case.torque) == 0
+    assert bench.bus.read(1, case.torque) == 0
+
+
+@every_case
+@pytest.mark.parametrize("register", ["temperature", "position"])
+def test_a_late_answer_acknowledges_no_write(case: Case, register: str) -> None:
+    bench = Bench(case)
+    bench.late(getattr(case, register))
+    bench.servos.faults.silence(1)
+    with pytest.raises(ServoSilent):
+        bench.bus.write(1, case.torque, 0)
+
+
+@every_case
+def test_after_an_interrupt_its_answer_is_nobodys(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(case)
+
+    def interrupted(size: int, deadline_s: float) -> bytes:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.port, "read", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            bench.bus.read(1, case.temperature)
+    # No discarding helps where it is still on its way.
+    assert bench.bus.read(1, case.torque) == 0
+
+
+@every_case
+def test_a_silent_servo_costs_its_owed_answer_and_no_more(case: Case) -> None:
+    bench = Bench(case)
+    bench.servos.faults.silence(1)
+    begin_s = bench.clock.now()
+    for _ in range(3):
+        with pytest.raises(ServoError):
+            bench.bus.read(1, case.torque)
+    assert bench.clock.now() - begin_s < 3 * 0.05 + 2 * OWED_S
+    bench.servos.faults.restore(1)
+    assert bench.bus.read(1, case.torque) == 0
+
+
+@every_case
+@pytest.mark.parametrize("noise", [b"\x00", b"\xff", b"\xff\xff\x01", b"\x00" * 5], ids=bytes.hex)
+@pytest.mark.parametrize("learnt", [True, False], ids=["learnt", "new"])
+def test_noise_before_an_echo_makes_no_answer_of_our_request(case: Case, noise: bytes, learnt: bool) -> None:
+    bench = Bench(case)
+    bench.port.echoes = True
+    if learnt:
+        bench.bus.read(1, case.torque)
+    bench.port.noise = noise
+    try:
+        assert bench.bus.read(1, case.position) == bench.held(case.position)
+    except ServoCorrupt:  # where nobody knows of the echo yet
+        assert not learnt
+    assert bench.bus.read(1, case.position) == bench.held(case.position)
+    bench.servos.faults.silence(1)
+    for register in (case.position, case.torque):
+        with pytest.raises(ServoError):
+            bench.bus.read(1, register)
+    with pytest.raises(ServoError):
+        bench.bus.write(1, case.torque, 0)
+    assert len(bench.bus.torque_off([1])) == 1
+
+
+@every_case
+@pytest.mark.parametrize("known", [True, False], ids=["no echo", "perhaps an echo"])
+def test_an_answer_may_end_like_the_beginning_of_a_request(case: Case, known: bool) -> None:
+    bench = Bench(case)
+    if known:
+        bench.bus.read_states((1,), bench.clock.now() + 0.05)
+    for held in range(256):  # every checksum
+        bench.servos.servo(1).memory.put(case.torque, held)
+        begin_s = bench.clock.now()
+        assert bench.bus.read(1, case.torque) == held
+        assert bench.clock.now() - begin_s < 0.005
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if language_of(case.model) != "Dynamixel protocol 2.0"][1:])
+def test_the_wait_for_a_late_answer_teaches_no_patience(case: Case) -> None:
+    bench = Bench(case)
+    bench.late(case.temperature)
+    bench.bus.read(1, case.torque)
+    begin_s = bench.clock.now()
+    bench.servos.faults.silence(1)
+    bench.bus.read_states((1,), begin_s + 0.1)
+    assert bench.clock.now() - begin_s < 0.015  # in which the adapter of a slow line would not have answered once
