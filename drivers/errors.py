@@ -29,7 +29,7 @@ class PortMissing(PortError):
 
 
 class PortBusy(PortError):
-    """Another program holds the device."""
+    """Another program holds the device, or this one a second time."""
 
 
 class PortDenied(PortError):

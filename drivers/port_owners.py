@@ -4,6 +4,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+PSEUDO_TERMINALS = Path("/dev/pts")
+
 
 def port_owners(path: Path) -> Iterator[str]:
     """Names of the other processes that hold the device open, as far as we may look."""
@@ -11,6 +13,16 @@ def port_owners(path: Path) -> Iterator[str]:
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
         if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
             yield f"{_command(process)} (process {process.name})"
+
+
+def held_by_us(path: Path) -> bool:
+    """Whether this process has the device open."""
+    return _holds(Path("/proc/self"), path.resolve())
+
+
+def is_pseudo_terminal(path: Path) -> bool:
+    """Whether a program is at the far end, and no adapter."""
+    return path.resolve().parent == PSEUDO_TERMINALS
 
 
 def _holds(process: Path, device: Path) -> bool:
@@ -22,7 +34,7 @@ def _holds(process: Path, device: Path) -> bool:
 
 def _serves(process: Path, device: Path) -> bool:
     """Whether the process is the far end of this pseudo-terminal: an emulator keeps both ends open."""
-    if device.parent != Path("/dev/pts"):
+    if not is_pseudo_terminal(device):
         return False
     try:
         infos = [(process / "fdinfo" / fd.name).read_text() for fd in _masters(process)]

@@ -1,5 +1,6 @@
 """A real serial device (or a pseudo-terminal) as a Port."""
 
+import contextlib
 import errno
 import fcntl
 import grp
@@ -14,7 +15,7 @@ import serial
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
 from drivers.latency import latency_advice
-from drivers.port_owners import port_owners
+from drivers.port_owners import held_by_us, is_pseudo_terminal, port_owners
 
 LOG = logging.getLogger("servoloop.drivers")
 
@@ -42,9 +43,10 @@ class SerialPort:
         self._serial = _open(device, baud)
         self._fd: int = self._serial.fileno()
         try:
+            _shut_out_others(Path(device), self._fd)
             _check_rate(device, self._fd, baud)
         except PortError:
-            self._serial.close()
+            self.close()
             raise
         if advice := latency_advice(device):
             LOG.warning("%s", advice)
@@ -142,6 +144,9 @@ class SerialPort:
         self.baud = baud
 
     def close(self) -> None:
+        # A child of this program may hold the device still: the kernel would go on refusing it to all others.
+        with contextlib.suppress(OSError, ValueError):  # gone, or closed before
+            fcntl.ioctl(self._fd, termios.TIOCNXCL)
         self._serial.close()
         self._fd = -1
 
@@ -179,6 +184,17 @@ def _open(device: str, baud: int) -> serial.Serial:
         raise PortError(_baud_text(device, baud, error)) from error
 
 
+def _shut_out_others(path: Path, fd: int) -> None:
+    """The lock stops only programs that lock too (the SDKs do not); from here on the kernel stops all but root's.
+
+    Not of a pseudo-terminal: the kernel forgets this with the last close, and an emulator never closes its end. After
+    a program that was killed nobody could open it again.
+    """
+    if not is_pseudo_terminal(path):
+        with contextlib.suppress(OSError):  # gone already: whoever uses it is told
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
 def _baud_text(device: str, baud: int, error: Exception) -> str:
     return f"{device} does not take {baud} baud or is no serial port: {error}"
 
@@ -201,7 +217,10 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
     if error.errno == errno.EACCES:
         return PortDenied(_denied_text(path))
     if error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
-        owners = ", ".join(port_owners(path)) or "a program of another user"
+        owners = ", ".join(port_owners(path))
+        if not owners and held_by_us(path):
+            return PortBusy(f"{path} is in use by this very program: close it first")
+        owners = owners or "a program of another user"
         return PortBusy(f"{path} is in use by {owners}: end that program first")
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         return PortMissing(_missing_text(str(path)))

@@ -55,9 +55,10 @@ def profile_units(velocity_counts_s: int) -> int:
 
 
 def _x_goal(goal: ServoGoal) -> bytes:
-    velocity, position = profile_units(goal.velocity_counts_s), goal.position_counts
+    velocity, position = goal.velocity_counts_s, goal.position_counts
+    # A small negative velocity would be 0 in the servo's units, which is as fast as it can.
     if velocity >= 0 and -_MANY <= position < _MANY:
-        return _X_GOAL.pack(velocity, position)
+        return _X_GOAL.pack(profile_units(velocity), position)
     return _refused(x_series.GOAL_BLOCK[0], velocity) + _refused(x_series.GOAL_BLOCK[1], position)
 
 
@@ -133,7 +134,9 @@ def _xl_goal(goal: ServoGoal) -> bytes:
         raise ValueError(f"goal_position takes 0 to {last}, not {position}: nothing written")
     # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
     speed = min(math.ceil(goal.velocity_counts_s / xl320.SPEED_UNIT_COUNTS_S), xl320.LARGEST_SPEED)
-    return _XL_GOAL.pack(position, speed) if speed >= 0 else _refused(xl320.moving_speed, speed)
+    if goal.velocity_counts_s < 0:
+        return _refused(xl320.moving_speed, goal.velocity_counts_s)
+    return _XL_GOAL.pack(position, speed)
 
 
 def _xl_misfit(read: Read) -> str | None:

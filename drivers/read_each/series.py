@@ -63,10 +63,14 @@ def _size(block: tuple[Register, ...]) -> int:
     return sum(register.size for register in block)
 
 
-def _goal_bytes(positions: int, position: int, *rest: int, order: ByteOrder) -> bytes:
-    """Words of a goal block; ValueError where the position is none that the servo has."""
+def _goal_bytes(positions: int, wanted: ServoGoal, *rest: int, order: ByteOrder) -> bytes:
+    """Words of a goal block; ValueError where the position or the velocity is none that the servo has."""
+    position = wanted.position_counts
     if not 0 <= position < positions:
         raise ValueError(f"goal_position takes 0 to {positions - 1}, not {position}: nothing written")
+    # Before it is in the servo's units: there a small one may have become 0, which is as fast as it can.
+    if wanted.velocity_counts_s < 0:
+        raise ValueError(f"a goal's velocity is 0 or more, not {wanted.velocity_counts_s}: nothing written")
     return b"".join(word.to_bytes(2, order) for word in (position, *rest))
 
 
@@ -99,7 +103,7 @@ def _scs_state_of(model: ServoModel) -> StateOf:
 def _scs_goal_of(model: ServoModel) -> GoalOf:
     def goal(wanted: ServoGoal) -> bytes:
         speed = min(wanted.velocity_counts_s, scs.goal_velocity.largest)
-        return _goal_bytes(scs.POSITIONS, wanted.position_counts, 0, speed, order="big")
+        return _goal_bytes(scs.POSITIONS, wanted, 0, speed, order="big")
 
     return goal
 
@@ -167,7 +171,7 @@ def _dxl_goal_of(model: ServoModel) -> GoalOf:
     def goal(wanted: ServoGoal) -> bytes:
         # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
         speed = min(math.ceil(wanted.velocity_counts_s / unit_counts_s), dxl.LARGEST_SPEED)
-        return _goal_bytes(positions, wanted.position_counts, speed, order="little")
+        return _goal_bytes(positions, wanted, speed, order="little")
 
     return goal
 

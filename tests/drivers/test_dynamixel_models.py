@@ -170,6 +170,13 @@ def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
     assert {instruction.code for instruction in port.sent} == {Code.SYNC_READ}
 
 
+@pytest.mark.parametrize("series", models.SERIES, ids=lambda series: series.name)
+@pytest.mark.parametrize("velocity_counts_s", [-1, -10, -100000])
+def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: models.Series, velocity_counts_s: int) -> None:
+    with pytest.raises(ValueError, match="nothing written"):
+        series.goal(ServoGoal(512, velocity_counts_s))
+
+
 def test_the_xl320s_settings_goal_limit_and_torque() -> None:
     port = Tables({3: xl320.XL320})
     bus = DynamixelBus(port, port.clock, position_p={3: 40})

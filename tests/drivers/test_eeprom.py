@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.bus import ServoBus
-from drivers.eeprom import TRIES, Change, EepromError, Lock, eeprom, update
+from drivers.eeprom import SILENCES, TRIES, Change, EepromError, Lock, eeprom, update
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
@@ -125,7 +125,9 @@ def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register
 def test_a_servo_under_torque_is_left_alone() -> None:
     line = Line()
     line.bus.torque_on(1)
-    with pytest.raises(ServoError, match="servo 1: holds torque: switch it off"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p \(register 21\) is not written: the servo holds torque"
+    ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.port.wear == []
     assert line.held(sts.lock) == 1
@@ -168,6 +170,93 @@ def test_an_id_that_is_taken_is_refused() -> None:
     with pytest.raises(EepromError, match=r"servo 1: id \(register 5\) must not become 2: another servo answers"):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
     assert line.port.wear == []
+
+
+@pytest.mark.parametrize("heard", range(SILENCES))
+def test_an_id_is_taken_even_if_only_one_of_all_answers_comes(heard: int) -> None:
+    """Two servos with one ID cannot be parted over the wire; the first packet reads the old ID."""
+    line = Line()
+
+    def meddle(number: int) -> None:
+        line.port.losing = 0 < number <= SILENCES and number != 1 + heard
+
+    line.port.before_write = meddle
+    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+        update(line.bus, 1, LOCK, {sts.servo_id: 2})
+    assert [servo.servo_id for servo in line.servos.servos] == [1, 2]
+
+
+def test_an_id_at_which_something_stirs_is_taken() -> None:
+    line = Line()
+
+    def meddle(number: int) -> None:
+        line.port.losing, line.port.garbling = 0 < number < SILENCES, number == SILENCES
+
+    line.port.before_write = meddle
+    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+        update(line.bus, 1, LOCK, {sts.servo_id: 2})
+
+
+@pytest.mark.parametrize("fault", ["lost", "garbled"])
+@pytest.mark.parametrize("length", range(1, TRIES))
+@pytest.mark.parametrize("at", range(10))
+def test_what_is_only_read_is_read_again(at: int, length: int, fault: str) -> None:
+    """The setting, the torque, the lock: ``length`` answers in a row do not come, and the setting is written once."""
+    line = Line()
+
+    def meddle(number: int) -> None:
+        failing = at <= number < at + length
+        line.port.losing, line.port.garbling = failing and fault == "lost", failing and fault == "garbled"
+
+    line.port.before_write = meddle
+    assert update(line.bus, 1, LOCK, {sts.position_p: 16}) == (Change(sts.position_p, 32, 16),)
+    assert line.port.wear == [21]
+    assert line.held(sts.lock) == 1
+
+
+def test_torque_that_cannot_be_read_names_the_setting_that_was_to_be_written() -> None:
+    line = Line()
+    line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 1 else None
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p \(register 21\) is not written.* torque .*not answer"
+    ) as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
+    assert isinstance(caught.value.__cause__, ServoSilent)
+    assert line.port.written == []
+
+
+def test_a_setting_that_cannot_be_read_back_is_said_to_be_written_perhaps() -> None:
+    line = Line()
+    line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 5 else None
+    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) has perhaps become 16: .*not answer"):
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert line.held(sts.position_p) == 16
+
+
+def test_a_line_that_is_lost_before_the_setting_is_read_back_leaves_word_of_it() -> None:
+    line = Line()
+    line.port.before_write = lambda number: line.port.unplug() if number == 5 else None
+    with pytest.raises(PortLost) as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert "servo 1: position_p (register 21) has perhaps become 16" in caught.value.__notes__
+    assert line.held(sts.position_p) == 16
+
+
+@pytest.mark.parametrize("second", [sts.homing_offset, sts.lock])
+def test_a_failure_tells_what_was_written_before_it(second: Register) -> None:
+    """Of two settings the second is not taken; or of one the lock is not closed again."""
+    line = Line()
+    begun = 1 if second is sts.lock else 2
+
+    def meddle(number: int) -> None:
+        if len(line.port.wear) >= begun:
+            line.first.memory.put(second, 0)
+
+    line.port.before_write = meddle
+    with pytest.raises(EepromError, match=second.name) as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16} | ({second: 5} if begun == 2 else {}))
+    assert "written before that: position_p 32 to 16" in caught.value.__notes__
 
 
 @pytest.mark.parametrize("number", range(8))
@@ -246,4 +335,4 @@ def test_a_silent_servo_is_said_to_be_silent_and_costs_little() -> None:
     with pytest.raises(EepromError, match=r"servo 1: position_p .* cannot be read: it does not answer") as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert isinstance(caught.value.__cause__, ServoSilent)
-    assert len(line.port.packets) <= 3
+    assert len(line.port.packets) <= TRIES + 2

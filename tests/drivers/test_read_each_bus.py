@@ -255,6 +255,16 @@ def test_a_goal_that_the_servo_does_not_have_is_not_sent(kind: Kind) -> None:
 
 
 @every_kind
+@pytest.mark.parametrize("velocity", [-1, -5, -(10**6)])
+def test_a_goal_with_a_negative_velocity_is_not_sent(kind: Kind, velocity: int) -> None:
+    """Nor is a small one rounded to 0, which is as fast as the servo can."""
+    bus, port, _ = scripted(kind)
+    with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing written"):
+        bus.write_goals({1: ServoGoal(500, velocity)})
+    assert port.sent == b""
+
+
+@every_kind
 def test_an_exchange_puts_the_promised_bytes_on_the_wire(kind: Kind) -> None:
     line = Line(kind)
     sent = 0

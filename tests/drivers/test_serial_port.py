@@ -1,8 +1,12 @@
 """The serial port's own business: which devices it opens, and what it says of those that it does not."""
 
+import errno
+import fcntl
 import os
 import re
+import signal
 import stat
+import struct
 import subprocess
 import sys
 import threading
@@ -14,6 +18,7 @@ from typing import Any
 import pytest
 import serial
 
+from drivers import port_owners as owners
 from drivers import serial_port
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
@@ -148,7 +153,7 @@ def test_an_owner_that_may_not_be_seen(monkeypatch: pytest.MonkeyPatch, terminal
 
 def test_our_own_second_opening_is_refused(terminal: Terminal) -> None:
     first = SerialPort(terminal.device)
-    with pytest.raises(PortBusy):
+    with pytest.raises(PortBusy, match=f"{terminal.device} is in use by this very program: close it first"):
         SerialPort(terminal.device)
     first.close()
     SerialPort(terminal.device).close()
@@ -168,6 +173,89 @@ sys.stdin.read()
         SerialPort(server.stdout.readline().strip()).close()
     finally:
         server.communicate()
+
+
+# In use by us
+
+TIOCGEXCL = 0x80045440
+NOBODY = 65534
+
+
+@pytest.fixture
+def adapter(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """A pseudo-terminal that passes for an adapter. A second descriptor looks at its state."""
+    monkeypatch.setattr(owners, "PSEUDO_TERMINALS", Path("/nowhere"))
+    return terminal
+
+
+def shut(terminal: Terminal) -> bool:
+    """Whether the kernel refuses the device to others; root, as which tests may run, it refuses nothing."""
+    looking = os.open(terminal.device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        return struct.unpack("i", fcntl.ioctl(looking, TIOCGEXCL, bytes(4))) == (1,)
+    finally:
+        os.close(looking)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root may look at a device that is refused to all others")
+def test_an_open_port_is_shut_to_programs_that_lock_nothing(adapter: Terminal) -> None:
+    port = SerialPort(adapter.device)
+    assert shut(adapter)
+    port.set_baud(115_200)
+    assert shut(adapter)
+    port.close()
+    assert not shut(adapter)
+    port.close()
+
+
+def opened_by_nobody(device: str) -> str:
+    """What an ordinary user's program hears that opens the device as the SDKs do."""
+    program = (
+        "import os, sys\n"
+        "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)\n"
+        "except OSError as error: print(error.strerror)\n"
+        "else: print('open')"
+    )
+    # The machine's own Python: the environment's may lie where nobody may look.
+    command = ["/usr/bin/python3", "-c", program, device]
+    try:
+        ran = subprocess.run(command, capture_output=True, text=True, user=NOBODY, group=NOBODY, cwd="/")
+    except OSError:
+        pytest.skip("no Python that another user may run")
+    return ran.stdout.strip()
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root may run a program as another user")
+def test_another_users_program_finds_an_open_port_busy(adapter: Terminal) -> None:
+    os.chmod(adapter.device, 0o666)
+    port = SerialPort(adapter.device)
+    assert opened_by_nobody(adapter.device) == os.strerror(errno.EBUSY)
+    port.close()
+    assert opened_by_nobody(adapter.device) == "open"
+
+
+def test_a_port_that_turns_out_not_to_fit_is_left_open_to_others(
+    adapter: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_fit(*_: object) -> None:
+        raise PortError("does not fit")
+
+    monkeypatch.setattr(serial_port, "_check_rate", no_fit)
+    with pytest.raises(PortError, match="does not fit"):
+        SerialPort(adapter.device)
+    assert not shut(adapter)
+
+
+def test_a_program_that_is_killed_leaves_the_emulators_line_open_to_others(terminal: Terminal) -> None:
+    """The kernel takes the mark off with the last close, and the far end of a pseudo-terminal stays open."""
+    program = (
+        "import os, signal, sys; from drivers.serial_port import SerialPort\n"
+        "port = SerialPort(sys.argv[1]); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    killed = subprocess.run([sys.executable, "-c", program, terminal.device], cwd=Path(__file__).parents[2])
+    assert killed.returncode == -signal.SIGKILL
+    assert not shut(terminal)
+    SerialPort(terminal.device).close()
 
 
 # Not allowed, not fit
