@@ -66,6 +66,11 @@ class ServoBus(Protocol):
         ...
 
     @property
+    def baud(self) -> int:
+        """The rate of the line, in bits per second."""
+        ...
+
+    @property
     def counters(self) -> BusCounters:
         """What went wrong since the bus was opened, by servo and kind."""
         ...
@@ -112,8 +117,8 @@ class ServoBus(Protocol):
         """The goal position that the servo holds, in counts."""
         ...
 
-    def torque_is_on(self, servo_id: int) -> bool:
-        """Whether the servo drives its motor."""
+    def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
+        """Whether the servo drives its motor. With a deadline: given up then, and not asked where there is no time."""
         ...
 
     def torque_on(self, servo_id: int) -> None:

@@ -4,6 +4,10 @@ from pathlib import Path
 from typing import Final
 
 GOOD_MS: Final = 2
+HELD_BACK: Final = (
+    "the adapter or a hub holds the replies back: set its latency timer to 1 ms and plug it straight into the computer"
+)
+"""Advice where nothing is known of the adapter's timer."""
 _SYS: Final = Path("/sys/class/tty")
 
 

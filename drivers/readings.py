@@ -5,8 +5,10 @@ from contextlib import contextmanager
 from typing import Final
 
 from drivers.bus import FaultKind, Reading, ServoFault, ServoState
+from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.errors import ServoError, ServoRefused
+from drivers.owed import OWED_S
 from drivers.port import Port
 from drivers.registers import ServoModel
 
@@ -15,6 +17,9 @@ Outcome = ServoState | FaultKind
 
 RETRIES: Final = 2
 """How often a servo is asked again within one cycle, if there is time."""
+
+_AT_ONCE: Final = 256
+"""Bytes that are thrown away in one read."""
 
 TEXTS: Final[Mapping[FaultKind, str]] = {
     "silent": "does not answer",
@@ -69,11 +74,22 @@ def tried_with_each(servo_ids: Sequence[int], do: Callable[[int], None]) -> list
 
 
 @contextmanager
-def port_at(port: Port, baud: int) -> Iterator[None]:
-    """The port at another rate for a while. Raises PortError where the adapter cannot."""
+def port_at(port: Port, clock: Clock, baud: int) -> Iterator[None]:
+    """The port at another rate for a while. Raises PortError where the adapter cannot.
+
+    What is still on the way then is an answer to this rate's questions, and not to be heard at the next.
+    """
     former = port.baud
     port.set_baud(baud)
     try:
         yield
+        _let_pass(port, clock)
     finally:
         port.set_baud(former)
+
+
+def _let_pass(port: Port, clock: Clock) -> None:
+    """Throw away what comes until nothing comes any more, or somebody never stops."""
+    end_s = clock.now() + 4.0 * OWED_S
+    while port.read(_AT_ONCE, min(clock.now() + OWED_S, end_s)) and clock.now() < end_s:
+        pass

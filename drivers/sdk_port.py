@@ -5,7 +5,8 @@ Feetech's flushes output where it should drop stale input; this one waits on the
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 import dynamixel_sdk
@@ -23,6 +24,8 @@ _MANY: Final = 4096
 """More bytes than can come in that time."""
 _GRACE_S = 0.034
 """What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
+_READ_SIZE: Final = 26
+"""Bytes on the wire for reading one register, request and reply, in the longest of the protocols."""
 
 
 class SdkPort:
@@ -40,6 +43,20 @@ class SdkPort:
         self._owed_until_s: dict[int, float] = {}
         self.latest_s = math.inf
         """When to give up whatever the SDK would grant: a cycle has its own deadline."""
+
+    @contextmanager
+    def until(self, servo_id: int, deadline_s: float | None) -> Iterator[None]:
+        """One read that is given up at the deadline, if there is one; ServoSilent at once where there is no time."""
+        if deadline_s is None:
+            yield
+            return
+        if self._clock.now() + _READ_SIZE * 10.0 / self._port.baud >= deadline_s:
+            raise ServoSilent(servo_id, "was not asked: the cycle was over")
+        self.latest_s = deadline_s
+        try:
+            yield
+        finally:
+            self.latest_s = math.inf
 
     def transact(self, servo_id: int, instruct: Callable[[], tuple[Any, int, int]]) -> tuple[Any, int]:
         """One instruction by the SDK, which returns the reply, a result code and the reply's error byte.

@@ -1,6 +1,7 @@
 """Single-servo instructions of Feetech's protocols and Dynamixel protocol 1.0, by the makers' SDKs."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 from dynamixel_sdk import INST_PING, INST_READ, INST_WRITE
@@ -26,6 +27,10 @@ class SingleServo:
         self._byte_order = byte_order
         self._refusals = refusals
         self._alarms = alarms
+
+    def until(self, servo_id: int, deadline_s: float | None) -> AbstractContextManager[None]:
+        """A read that is given up at the deadline, if there is one."""
+        return self._port.until(servo_id, deadline_s)
 
     def ping(self, servo_id: int) -> None:
         """Raise ServoSilent unless it is there."""

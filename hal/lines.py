@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
-from drivers.bus import Reading, ServoBus, ServoGoal
+from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal
 from drivers.counters import ServoCounters
-from drivers.diagnose import NOWHERE, diagnose
+from drivers.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.turns import Steps, overlapped
 from hal.errors import PartLost
@@ -38,27 +40,42 @@ class Lines:
             raise DriverError("\n".join(problems))
 
     def _strangers(self, name: str, bus: ServoBus) -> list[str]:
-        problems: dict[int, ServoError] = {}
         with self._named(name):
-            for joint in self._on[name]:
-                try:
-                    bus.identify(joint.servo_id, joint.model)
-                except ServoError as error:
-                    problems[joint.servo_id] = error
-            unheard = [i for i, error in problems.items() if not isinstance(error, ServoRefused)]
+            errors = self._unidentified(name, bus)
+            unheard = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
             causes = diagnose(bus, unheard) if unheard else {}
+            # Two of one model and one ID have the same number: only their states give them away.
+            known = [i for i in self._ids[name] if i not in errors]
+            causes |= self._stateless(bus, bus.read_states(known)) if known else {}
         if len(causes) == len(self._on[name]) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
         labels = {joint.servo_id: self.label(joint) for joint in self._on[name]}
-        return [f"{labels[i]}: {causes.get(i, str(error))}" for i, error in problems.items()]
+        problems = {i: now_and_then(i) if i in unheard else str(error) for i, error in errors.items()} | causes
+        return [f"{labels[i]}: {problems[i]}" for i in self._ids[name] if i in problems]
+
+    def _unidentified(self, name: str, bus: ServoBus) -> dict[int, ServoError]:
+        errors: dict[int, ServoError] = {}
+        for joint in self._on[name]:
+            try:
+                _tried(partial(bus.identify, joint.servo_id, joint.model))
+            except ServoError as error:
+                errors[joint.servo_id] = error
+        return errors
+
+    def _stateless(self, bus: ServoBus, readings: Mapping[int, Reading]) -> dict[int, str]:
+        """The cause for each of those known to be there that gave no state, if one is found."""
+        missing = [i for i, reading in readings.items() if isinstance(reading, ServoFault)]
+        return diagnose_known(bus, missing) if missing else {}
 
     def measure(self) -> dict[str, Reading]:
-        """Every servo once, without a hurry, by joint name."""
+        """Every servo once, without a hurry, by joint name; a fault with its cause, if one is found."""
         readings = []
         for name, bus in self._buses.items():
             with self._named(name):
-                readings.append(bus.read_states(self._ids[name]))
+                found = bus.read_states(self._ids[name])
+                causes = self._stateless(bus, found)
+                readings.append({i: _explained(reading, causes.get(i)) for i, reading in found.items()})
         return self._by_joint(readings)
 
     def reading(self, deadline_s: float) -> Steps[dict[str, Reading]]:
@@ -90,9 +107,10 @@ class Lines:
         """The goal that the servo holds, in counts."""
         return self._ask(joint, lambda bus: bus.goal(joint.servo_id))
 
-    def torque_is_on(self, joint: Joint, attempts: int = ATTEMPTS) -> bool:
-        """Whether the servo drives its motor. Within a cycle there is time for one attempt."""
-        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id), attempts)
+    def torque_is_on(self, joint: Joint, deadline_s: float | None = None) -> bool:
+        """Whether the servo drives its motor. By a cycle's deadline there is time for one attempt."""
+        attempts = ATTEMPTS if deadline_s is None else 1
+        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id, deadline_s), attempts)
 
     def limit_torque(self, joint: Joint) -> None:
         """To the joint's share of full drive."""
@@ -105,12 +123,7 @@ class Lines:
     def _ask(self, joint: Joint, question: Callable[[ServoBus], Result], attempts: int = ATTEMPTS) -> Result:
         """One of the transactions that may be repeated: done twice, they do what they do once."""
         with self._named(joint.bus):
-            for _ in range(attempts - 1):
-                try:
-                    return question(self._buses[joint.bus])
-                except (ServoSilent, ServoCorrupt):
-                    continue
-            return question(self._buses[joint.bus])
+            return _tried(partial(question, self._buses[joint.bus]), attempts)
 
     def torque_off(self, joints: Sequence[Joint]) -> list[str]:
         """Let go, on every bus whatever becomes of the others; returns what failed."""
@@ -160,3 +173,18 @@ class Lines:
     def _owner(self, name: str, servo_id: int) -> str:
         joint = next(joint for joint in self._on[name] if joint.servo_id == servo_id)
         return f"{joint.name}, bus {name}"
+
+
+def _explained(reading: Reading, cause: str | None) -> Reading:
+    """A fault with its cause for a text, where there is one."""
+    return replace(reading, text=cause) if cause and isinstance(reading, ServoFault) else reading
+
+
+def _tried(question: Callable[[], Result], attempts: int = ATTEMPTS) -> Result:
+    """Its answer, or what the last attempt raised."""
+    for _ in range(attempts - 1):
+        try:
+            return question()
+        except (ServoSilent, ServoCorrupt):
+            continue
+    return question()

@@ -121,10 +121,11 @@ class ServoHardware:
     def reading(self) -> Steps[JointState]:
         """``read`` in steps: it yields when all questions are out."""
         lines = self._opened("read")
-        readings = yield from lines.reading(self._clock.now() + READ_SHARE * self._period_s)
-        return self._take(readings)
+        deadline_s = self._clock.now() + READ_SHARE * self._period_s
+        readings = yield from lines.reading(deadline_s)
+        return self._take(readings, deadline_s)
 
-    def _take(self, readings: Mapping[str, Reading]) -> JointState:
+    def _take(self, readings: Mapping[str, Reading], deadline_s: float) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()
         effort = self._last.effort.copy()
         health = dict(self._last.health)
@@ -144,6 +145,8 @@ class ServoHardware:
                 health[joint.name] = ServoHealth(
                     reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
                 )
+        if self.state is LifecycleState.ACTIVE:
+            self._welcome_one_back(deadline_s)
         self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
         return self._last
 
@@ -193,7 +196,7 @@ class ServoHardware:
         ]
         if silent:
             raise ActivationError("not activated: " + "; ".join(silent))
-        self._take(readings)
+        self._take(readings, math.inf)
         return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
 
     def _start_goal(self, joint: Joint, state: ServoState) -> int:
@@ -228,14 +231,19 @@ class ServoHardware:
             self._faults[joint.name] = f"{label}: {reading.text}"
         elif joint.name in self._faults and self.state is not LifecycleState.ACTIVE:
             del self._faults[joint.name]
-        elif joint.name in self._faults:
-            self._welcome_back(joint)
 
-    def _welcome_back(self, joint: Joint) -> None:
+    def _welcome_one_back(self, deadline_s: float) -> None:
+        """Of those that were away and answer again, whoever has waited longest: a cycle has no time for all."""
+        name = next((name for name in self._faults if name in self._measured), None)
+        if name is not None:
+            self._faults[name] = self._faults.pop(name)  # to the end of the queue, should it remain
+            self._welcome_back(next(joint for joint in self._joints if joint.name == name), deadline_s)
+
+    def _welcome_back(self, joint: Joint, deadline_s: float) -> None:
         """A servo that lost its power comes back limp, and its goal is not ours any more."""
         lines = self._opened("read")
         try:
-            driven = lines.torque_is_on(joint, attempts=1)
+            driven = lines.torque_is_on(joint, deadline_s)
         except ServoError:
             return
         if driven:

@@ -55,6 +55,10 @@ class DynamixelBus(ServoCalls):
         return self._port.name
 
     @property
+    def baud(self) -> int:
+        return self._port.baud
+
+    @property
     def counters(self) -> BusCounters:
         return self._counters
 
@@ -143,7 +147,7 @@ class DynamixelBus(ServoCalls):
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        with port_at(self._port, baud):
+        with port_at(self._port, self._clock, baud):
             yield DynamixelBus(self._port, self._clock, self._models)
         self._burst.clean = False
 

@@ -1,6 +1,7 @@
 """What one servo is asked and told by itself: through the SDK's packet handler, acknowledged."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
@@ -31,6 +32,10 @@ class Wire:
     def limit(self, latest_s: float) -> None:
         """Give up at this time, whatever else is granted; infinity for none."""
         self._port.latest_s = latest_s
+
+    def until(self, servo_id: int, deadline_s: float | None) -> AbstractContextManager[None]:
+        """A read that is given up at the deadline, if there is one."""
+        return self._port.until(servo_id, deadline_s)
 
     def number(self, servo_id: int) -> int:
         """The servo's model number, by a ping."""
@@ -86,9 +91,10 @@ class ServoCalls:
         """The goal position that the servo holds, in counts."""
         return self.read(servo_id, self._servos.series(servo_id).goal_position)
 
-    def torque_is_on(self, servo_id: int) -> bool:
-        """Whether the servo drives its motor."""
-        return self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
+    def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
+        """Whether the servo drives its motor, if that can be known by the deadline."""
+        with self._single.until(servo_id, deadline_s):
+            return self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor, with the gain that it is to have."""

@@ -13,7 +13,7 @@ from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
-from drivers.errors import ServoError
+from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
 from drivers.port import Port
@@ -24,6 +24,11 @@ from drivers.single_servo import SingleServo
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
+_SETTINGS: Final = (
+    (sts.status_level, 1, "acknowledges no writes"),
+    (sts.operating_mode, 0, "is not in position mode, where a goal is a position"),
+)
+"""What a servo must be set to so that it can be driven, and what is wrong otherwise."""
 
 
 class FeetechBus:
@@ -44,12 +49,22 @@ class FeetechBus:
         return self._port.name
 
     @property
+    def baud(self) -> int:
+        return self._port.baud
+
+    @property
     def counters(self) -> BusCounters:
         return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         number = self.read(servo_id, sts.model_number)
         refuse_stranger(servo_id, number, model, sts.MODELS)
+        for register, right, why in _SETTINGS:
+            held = self.read(servo_id, register)
+            if held != right:
+                raise ServoRefused(
+                    servo_id, f"{why}: {register.name} ({register.address}) is {held}, set it to {right}"
+                )
 
     def read(self, servo_id: int, register: Register) -> int:
         self._burst.clean = False
@@ -156,8 +171,9 @@ class FeetechBus:
     def goal(self, servo_id: int) -> int:
         return self.read(servo_id, sts.goal_position)
 
-    def torque_is_on(self, servo_id: int) -> bool:
-        return self.read(servo_id, sts.torque_enable) == 1
+    def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
+        with self._single.until(servo_id, deadline_s):
+            return self.read(servo_id, sts.torque_enable) == 1
 
     def torque_on(self, servo_id: int) -> None:
         self.write(servo_id, sts.torque_enable, 1)
@@ -169,11 +185,13 @@ class FeetechBus:
         return tried_with_each(servo_ids, lambda servo_id: self.write(servo_id, sts.torque_enable, 0))
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        self.write(servo_id, sts.torque_limit, round(share / sts.TORQUE_UNIT))
+        # What lasts stays the upper bound.
+        lasting = self.read(servo_id, sts.max_torque)
+        self.write(servo_id, sts.torque_limit, min(round(share / sts.TORQUE_UNIT), lasting))
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        with port_at(self._port, baud):
+        with port_at(self._port, self._clock, baud):
             yield FeetechBus(self._port, self._clock)
         self._burst.clean = False
 

@@ -68,6 +68,10 @@ class ReadEachBus:
         return self._port.name
 
     @property
+    def baud(self) -> int:
+        return self._port.baud
+
+    @property
     def counters(self) -> BusCounters:
         return self._counters
 
@@ -179,8 +183,9 @@ class ReadEachBus:
     def goal(self, servo_id: int) -> int:
         return self.read(servo_id, self._series.goal_position)
 
-    def torque_is_on(self, servo_id: int) -> bool:
-        return self.read(servo_id, self._series.torque_enable) == 1
+    def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
+        with self._single.until(servo_id, deadline_s):
+            return self.read(servo_id, self._series.torque_enable) == 1
 
     def torque_on(self, servo_id: int) -> None:
         self.write(servo_id, self._series.torque_enable, 1)
@@ -208,7 +213,7 @@ class ReadEachBus:
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:
-        with port_at(self._port, baud):
+        with port_at(self._port, self._clock, baud):
             yield ReadEachBus(self._port, self._clock, self._models, say_how_long=False)
         self._line.clean = False
 

@@ -1,9 +1,14 @@
 """Whether a servo is what the robot file says, and set up so that we can drive it."""
 
-from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
+from typing import Final
+
+from drivers.errors import ServoRefused, ServoSilent
 from drivers.read_each.series import Series
 from drivers.registers import ServoModel
 from drivers.single_servo import SingleServo
+
+READS: Final = 3
+"""How often one that answers a ping is read before it is said to answer no read."""
 
 
 def identify(single: SingleServo, series: Series, servo_id: int, model: ServoModel) -> None:
@@ -23,16 +28,13 @@ def identify(single: SingleServo, series: Series, servo_id: int, model: ServoMod
 
 
 def _model_number(single: SingleServo, series: Series, servo_id: int) -> int:
-    try:
-        return single.read(servo_id, series.model_number)
-    except ServoSilent:
+    for _ in range(READS):  # the answer to one may just have been lost
         try:
+            return single.read(servo_id, series.model_number)
+        except ServoSilent:
+            # Of one that does not even answer a ping there is no more to learn.
             single.ping(servo_id)
-        except (ServoSilent, ServoCorrupt):
-            pass
-        else:
-            raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}") from None
-        raise
+    raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}")
 
 
 def _set_level(series: Series) -> str:

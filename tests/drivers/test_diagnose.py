@@ -1,14 +1,19 @@
 """Absent, alarmed, wrong baud and duplicate are told apart, on the real driver over a simulated line."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
 
-from drivers.bus import ServoFault
-from drivers.diagnose import diagnose
-from drivers.feetech import sts
+from drivers.bus import Reading, ServoFault
+from drivers.diagnose import BAUD_RATES, TRIES, diagnose
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import PortLost
+from drivers.feetech import scs, sts
 from drivers.feetech.bus import FeetechBus
 from drivers.latency import latency_advice
+from drivers.makes import bus_for
+from drivers.registers import ServoModel
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
@@ -16,6 +21,7 @@ from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from sim_backend.rig import Rig
 from sim_backend.servo import VirtualServo
+from tests.drivers.ports import WatchedPort
 
 IDS = (1, 2, 3, 4)
 
@@ -64,6 +70,102 @@ def test_two_servos_with_one_id_are_suspected() -> None:
     said = line.said()
     assert said.keys() == {2}
     assert "do two servos have ID 2?" in said[2]
+
+
+# Replies that come too late
+
+
+class Held:
+    """Three servos behind an adapter that holds every reply back."""
+
+    def __init__(self, model: ServoModel, hold_s: float) -> None:
+        self.clock = SimulatedClock(50.0)
+        self.servos = VirtualBus.of(BenchPlant((1, 2, 3)), model)
+        self.port = WatchedPort(self.servos, self.clock)
+        self.port.hold_s = hold_s
+        self.bus = bus_for(dict.fromkeys((1, 2, 3), model), self.port, self.clock)
+
+    def said(self, servo_ids: tuple[int, ...] = (1, 2, 3)) -> dict[int, str]:
+        return diagnose(self.bus, servo_ids)
+
+
+@pytest.mark.parametrize("hold_ms", [25, 30, 40, 60, 120, 150, 200, 240])
+@pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
+@pytest.mark.parametrize("servo_ids", [(1,), (1, 2, 3)])
+def test_an_adapter_that_holds_good_replies_back_is_named(
+    model: ServoModel, hold_ms: int, servo_ids: tuple[int, ...]
+) -> None:
+    said = Held(model, hold_ms / 1000.0).said(servo_ids)
+    assert said.keys() == set(servo_ids)
+    for servo_id, text in said.items():
+        assert text.startswith(f"servo {servo_id}: answers too late: the adapter or a hub holds the replies back")
+
+
+def test_an_answer_from_one_rate_is_not_heard_at_the_next() -> None:
+    """The servos are at 115200, and the adapter slower than the wait: only an answer in its own rate's time counts."""
+    line = Held(sts.STS3215, 0.09)
+    for servo in line.servos.servos:
+        servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
+    assert not [text for text in line.said().values() if "answers at" in text and "500000" not in text]
+
+
+def test_a_servo_that_begins_to_answer_meanwhile_is_not_said_to_be_at_another_rate() -> None:
+    line = Line()
+    line.servos.faults.silence(2)
+    seen: list[int] = []
+
+    class Booting(FeetechBus):
+        def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
+            seen.append(self.baud)
+            if len(seen) == TRIES + 1:
+                line.servos.faults.restore(2)
+            return super().read_states(servo_ids, deadline_s)
+
+    assert diagnose(Booting(line.port, line.clock), IDS) == {}
+
+
+def test_the_buss_own_rate_is_not_searched_again_and_the_search_has_an_end() -> None:
+    line = Line()
+    line.servos.faults.silence(3)
+    rates: list[int] = []
+    set_baud = line.port.set_baud
+
+    def noted(baud: int) -> None:
+        rates.append(baud)
+        set_baud(baud)
+
+    line.port.set_baud = noted  # type: ignore[method-assign]
+    begin_s = line.clock.now()
+    line.said()
+    assert rates[::2] == [rate for rate in BAUD_RATES if rate != 1_000_000]
+    assert set(rates[1::2]) == {1_000_000}
+    assert line.clock.now() - begin_s < 5.0
+
+
+def test_a_line_that_chatters_without_end_does_not_hold_the_search_up() -> None:
+    class Chattering(VirtualPort):
+        def read(self, size: int, deadline_s: float) -> bytes:
+            self._clock.sleep_until(min(deadline_s, self._clock.now() + 0.001))
+            return b"\x55"
+
+    clock = SimulatedClock(50.0)
+    bus = FeetechBus(Chattering(VirtualBus.of(BenchPlant(IDS)), clock), clock)
+    with bus.at_baud(57_600):
+        pass
+    assert clock.now() - 50.0 < 2.0
+
+
+def test_a_line_lost_while_searching_is_raised() -> None:
+    line = Line()
+    line.servos.faults.silence(3)
+
+    def lose(baud: int) -> None:
+        line.port.unplug()
+        line.port.discard_input()
+
+    line.port.set_baud = lose  # type: ignore[method-assign]
+    with pytest.raises(PortLost):
+        line.said()
 
 
 def test_an_alarmed_servo_is_no_fault_of_the_line() -> None:

@@ -217,6 +217,24 @@ def test_identify_survives_a_reply_without_a_model_number(late: bytes) -> None:
         bus.identify(3, sts.STS3215)
 
 
+@pytest.mark.parametrize(
+    ("register", "held"), [(sts.status_level, 0), (sts.operating_mode, 1)], ids=lambda what: str(what)
+)
+def test_a_servo_that_cannot_be_driven_is_refused_with_the_setting(register: Register, held: int) -> None:
+    line = Line()
+    line.servos.servo(3).memory.put(register, held)
+    with pytest.raises(ServoRefused, match=rf"servo 3: .*{register.name} \({register.address}\) is {held}, set it to"):
+        line.bus.identify(3, sts.STS3215)
+
+
+def test_the_lasting_torque_limit_stays_the_upper_bound() -> None:
+    line = Line()
+    line.servos.servo(1).memory.put(sts.max_torque, 500)
+    for share, limit in ((1.0, 500), (0.3, 300)):
+        line.bus.limit_torque(1, share)
+        assert line.held(1, sts.torque_limit) == limit
+
+
 def test_a_reply_of_another_servo_is_not_taken_for_an_answer() -> None:
     bus, _, _ = scripted(status(2, b"\x07\x07") + status(1, b"\x00\x08"))
     assert bus.read(1, sts.present_position) == 2048

@@ -107,8 +107,9 @@ class Bench:
         return FeetechBus(self.port, self.clock)
 
     def place(self, counts: Sequence[int]) -> None:
-        """Turn the shafts by hand."""
+        """Turn the shafts by hand; whoever asks then is told so."""
         self.plant.place([(c + 0.5) * 2.0 * math.pi / 4096 for c in counts])
+        self.clock.sleep_until(self.clock.now() + self.plant.timestep_s)  # servos measure step by step
 
     def configured(self) -> "Bench":
         self.hardware.configure()

@@ -254,8 +254,8 @@ def test_a_joint_a_little_outside_is_held_there_and_brought_in_within_its_veloci
 
 # Whatever fails on the way
 
-STEPS = len(IDS) * 4 + 1 + 1
-"""Instructions of an activation: measure; limit, ask for the goal and torque on for each; the goals."""
+STEPS = len(IDS) * 5 + 1 + 1
+"""Instructions of an activation: measure; for each whether it drives, its two limits, the goal and torque on; the goals."""
 
 Disturbance = Callable[[Bench], None]
 

@@ -1,0 +1,85 @@
+"""A read ends in time on every kind of line, however bad: also in the cycles in which a servo is back."""
+
+import numpy as np
+import pytest
+
+from drivers.errors import ServoSilent
+from hal.joint import Joint
+from hal.servo_hardware import READ_SHARE, ServoHardware
+from hal.types import JointCommand, JointLimits
+from sim_backend.faults import Disturbance
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
+
+ROUNDING_S = 1e-6
+every_kind = pytest.mark.parametrize(
+    "kind", [kind for kind in KINDS if not kind.with_goals], ids=lambda kind: kind.name
+)
+
+
+class Arm:
+    """Joints j1 to j7 on a line of one kind, active, with the period of that kind."""
+
+    def __init__(self, kind: Kind) -> None:
+        self.line = Line(kind)
+        self.period_s = kind.table.period_s
+        limits = JointLimits(-5.0, 5.0, 3.0, 5.0, 50.0)
+        joints = [Joint(f"j{i}", i, kind.models[i], limits, zero_counts=kind.table.middle) for i in IDS]
+        self.hardware = ServoHardware("arm", joints, lambda: self.line.bus, self.line.clock)
+        self.hardware.configure()
+        self.hardware.activate()
+        self.cycle()
+
+    def cycle(self) -> dict[str, str]:
+        """Faults after a period of the loop, whose read must be over in time."""
+        clock = self.line.clock
+        self.hardware.write(JointCommand(np.zeros(len(IDS)), self.period_s))
+        next_s = clock.now() + self.period_s
+        deadline_s = clock.now() + READ_SHARE * self.period_s
+        state = self.hardware.read()
+        assert clock.now() <= deadline_s + ROUNDING_S
+        clock.sleep_until(next_s)
+        return dict(state.faults)
+
+
+@every_kind
+def test_on_a_bad_line_no_read_ends_after_its_deadline(kind: Kind) -> None:
+    arm = Arm(kind)
+    arm.line.faults.disturbance = Disturbance(seed=3, drop=0.05, flip=0.02, noise=0.02)
+    seen = sum(bool(arm.cycle()) for _ in range(2000))
+    assert seen, "no servo was ever away, so none came back"
+    arm.line.faults.disturbance = None
+    for _ in range(50):
+        faults = arm.cycle()
+    assert faults == {}
+
+
+@every_kind
+def test_a_servo_asked_without_any_time_left_is_silent_and_nothing_is_sent(kind: Kind) -> None:
+    line = Line(kind)
+    assert line.bus.torque_is_on(4) is False
+    begin_s = line.clock.now()
+    line.faults.silence(4)
+    for deadline_s in (begin_s - 1.0, begin_s):
+        with pytest.raises(ServoSilent):
+            line.bus.torque_is_on(4, deadline_s)
+    assert line.clock.now() == begin_s
+    with pytest.raises(ServoSilent):
+        line.bus.torque_is_on(4, begin_s + 0.003)
+    assert line.clock.now() == pytest.approx(begin_s + 0.003)
+    with pytest.raises(ServoSilent):
+        line.bus.torque_is_on(4)
+    assert line.clock.now() > begin_s + 0.03, "the limit of one call must not bind the next"
+
+
+def test_of_several_that_come_back_one_a_cycle_is_asked_and_a_limp_one_hides_nobody() -> None:
+    arm = Arm(KINDS[0])
+    for servo_id in (2, 5, 6):
+        arm.line.faults.silence(servo_id)
+    assert arm.cycle().keys() == {"j2", "j5", "j6"}
+    arm.line.servos.servo(2).power_cycle()
+    for servo_id in (2, 5, 6):
+        arm.line.faults.restore(servo_id)
+    arm.line.clock.sleep_until(arm.line.clock.now() + 1.0)  # whoever was silent is asked again
+    left = [set(arm.cycle()) for _ in range(4)]
+    assert [len(faults) for faults in left] == [3, 2, 1, 1]
+    assert left[-1] == {"j2"}

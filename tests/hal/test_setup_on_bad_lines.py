@@ -1,0 +1,133 @@
+"""Set-up on lines that lose packets or carry two servos of one ID: the true cause is named."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from drivers.errors import DriverError
+from drivers.feetech import sts
+from drivers.feetech.bus import FeetechBus
+from hal.errors import ActivationError
+from hal.joint import Joint
+from hal.lifecycle import LifecycleState
+from hal.servo_hardware import ServoHardware
+from hal.types import JointLimits
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.faults import Disturbance
+from sim_backend.instructions import Instruction
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.rig import Rig
+from sim_backend.servo import VirtualServo
+from tests.drivers.fault_lines import KINDS, Kind, Line
+from tests.hal.bench import JOINTS, Bench
+
+LIMITS = JointLimits(-5.0, 5.0, 3.0, 5.0, 50.0)
+plain_kinds = pytest.mark.parametrize(
+    "kind", [kind for kind in KINDS if not kind.with_goals and not kind.mapped], ids=lambda kind: kind.name
+)
+
+
+def arm_on(line: Line) -> ServoHardware:
+    joints = [Joint(f"j{i}", i, model, LIMITS) for i, model in line.kind.models.items()]
+    return ServoHardware("arm", joints, lambda: line.bus, line.clock)
+
+
+def loses_the_question_for_the_model(bench: Bench, packets: int) -> None:
+    """The next so many of them find no listener; the elbow, servo 2, is meant."""
+    lost: list[Instruction] = []
+
+    def watch(number: int, instruction: Instruction) -> None:
+        bench.servos.faults.restore(2)
+        wanted = instruction.code == 2 and instruction.parameters[0] == sts.model_number.address
+        if wanted and instruction.servo_id == 2 and len(lost) < packets:
+            lost.append(instruction)
+            bench.servos.faults.silence(2)
+
+    bench.port.before_write = watch
+
+
+@pytest.mark.parametrize("packets", [1, 2])
+def test_one_or_two_lost_packets_do_not_fail_a_configuration(packets: int) -> None:
+    bench = Bench()
+    loses_the_question_for_the_model(bench, packets)
+    bench.hardware.configure()
+    assert bench.hardware.state is LifecycleState.INACTIVE
+
+
+def test_three_fail_it_and_a_servo_that_answers_otherwise_is_not_called_silent() -> None:
+    bench = Bench()
+    loses_the_question_for_the_model(bench, 3)
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only now and then: the line is bad: check"):
+        bench.hardware.configure()
+
+
+@plain_kinds
+def test_a_bad_line_is_configured_or_called_bad(kind: Kind) -> None:
+    failures: list[str] = []
+    for seed in range(60):
+        line = Line(kind)
+        line.faults.disturbance = Disturbance(seed=seed, drop=0.05, flip=0.02, noise=0.02)
+        try:
+            arm_on(line).configure()
+        except DriverError as error:
+            failures.append(str(error))
+    assert len(failures) <= 6
+    assert all("now and then" in text for text in failures), failures
+
+
+# Two servos with one ID
+
+
+class Doubled:
+    """The bench's arm, and one more servo, like the elbow but elsewhere, that is given the elbow's ID later."""
+
+    def __init__(self, joints: Sequence[Joint] = JOINTS) -> None:
+        plant = BenchPlant((1, 2, 7, 9))
+        plant.place([3.2, 3.1, 2.3, 4.5])
+        servos = [VirtualServo(sts.STS3215, coupling.servo_id) for coupling in plant.couplings]
+        self.twin = servos[-1]
+        clock = SimulatedClock(1000.0)
+        port = VirtualPort(VirtualBus(Rig(servos, plant)), clock)
+        self.hardware = ServoHardware("arm", joints, lambda: FeetechBus(port, clock), clock)
+
+    def double(self) -> None:
+        self.twin.memory.put(sts.servo_id, 2)
+
+
+def test_two_servos_with_one_id_and_one_model_are_named_when_configured() -> None:
+    bench = Doubled()
+    bench.double()
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers, but never in one piece: do two servos have ID 2"):
+        bench.hardware.configure()
+    assert bench.hardware.state is LifecycleState.UNCONFIGURED
+
+
+def test_a_second_one_that_was_plugged_in_later_is_named_when_activated() -> None:
+    bench = Doubled()
+    bench.hardware.configure()
+    bench.double()
+    with pytest.raises(ActivationError, match=r"^not activated: elbow: servo 2: .*do two servos have ID 2"):
+        bench.hardware.activate()
+
+
+def test_a_servo_gone_since_it_was_configured_is_not_searched_at_other_rates() -> None:
+    """Another component of the robot may be moving meanwhile."""
+    bench = Bench().configured()
+    bench.servos.faults.silence(2)
+    begin_s = bench.clock.now()
+    with pytest.raises(ActivationError, match="elbow: servo 2 does not answer"):
+        bench.hardware.activate()
+    assert bench.clock.now() - begin_s < 0.5
+
+
+def test_problems_of_every_sort_are_told_together() -> None:
+    bench = Doubled([replace(JOINTS[0], model=sts.STS3250), *JOINTS[1:]])
+    bench.double()
+    with pytest.raises(DriverError) as caught:
+        bench.hardware.configure()
+    shoulder, elbow = str(caught.value).splitlines()
+    assert shoulder.startswith("shoulder: servo 1: is model 777")
+    assert elbow.startswith("elbow: servo 2: answers, but never in one piece")
