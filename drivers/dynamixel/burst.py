@@ -1,10 +1,11 @@
 """One group read: ask several servos at once, wait for all their replies together, judge what came."""
 
 import logging
+import math
 from collections.abc import Mapping
 from typing import Final
 
-from drivers.burst import GAP_S, Burst
+from drivers.burst import GAP_S, TRIED_GAP_S, Burst
 from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
@@ -41,6 +42,8 @@ class BurstReader(Burst[wire.Reply]):
         nothing is asked in a way of its own for that, and the line is known to give no echo."""
         self.fast = False
         """Whether the servos answer fast sync reads; ``try_fast`` finds out."""
+        self.repeat_s = math.inf
+        """How much time ``steady`` servos must have if they are to be asked fast."""
 
     @property
     def asked(self) -> Mapping[int, StateBlock]:
@@ -106,15 +109,18 @@ class BurstReader(Burst[wire.Reply]):
         self.ask(firm, tried)
         return self.hear(firm, tried, deadline_s)
 
-    def ask(self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"", *, fast: bool = False) -> None:
+    def ask(
+        self, firm: tuple[int, ...], tried: tuple[int, ...], before: bytes = b"", fast_until_s: float = -math.inf
+    ) -> None:
         """Send the question. ``before``, a packet that nobody answers, goes out in one piece with it.
 
         ``firm`` are expected to answer; ``tried`` did not the last time, are asked after them and
-        waited for shortly. ``fast`` allows a fast sync read, where one who is silent silences others too.
+        waited for shortly. A fast sync read, where one who is silent silences others too, is made if until
+        ``fast_until_s`` all can be asked once more.
         """
         now_s = self._clock.now()
         begin_s = self._busy_until_s if self._busy_until_s > now_s else now_s
-        plan = self._fast_or_none(firm, begin_s) if fast and self.fast else None
+        plan = self._fast_or_none(firm, begin_s, fast_until_s) if self.fast else None
         self._plan = plan = plan or self._free_plan(firm + tried, begin_s)
         self._sent = sent = before + plan.request
         self._sent_s = begin_s + len(sent) * self.byte_s
@@ -142,26 +148,34 @@ class BurstReader(Burst[wire.Reply]):
             self.clean = True
             if plan.fast:
                 self._broken_in_a_row = 0
-            if not self._owed and plan is self._usual_plan(plan.servo_ids):
-                self.steady = plan
-            return self._all_well(plan.servo_ids, states)
+            states = self._all_well(plan.servo_ids, states)
+            self._look_whether_steady(plan)
+            return states
         if plan.fast:
             return self._hear_broken(plan, data, deadline_s)
         size = min(plan.sizes.values())
         decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
         return self._listen_on(Hearing(plan.sizes, wire.OVERHEAD, decoder), firm, tried, data, deadline_s)
 
-    def _usual_plan(self, servo_ids: tuple[int, ...]) -> Plan | None:
-        """How a cycle asks them as long as all is well; None where the line may give an echo."""
-        if self._echo.present is not False:
-            return None
-        return (self.plans.fast(servo_ids) if self.fast else None) or self.plans.plan(servo_ids)
+    def _look_whether_steady(self, plan: Plan) -> None:
+        """Whether a cycle asks them like this as long as all is well."""
+        fast = self.plans.fast(plan.servo_ids) if self.fast else None
+        if not self._owed and self._echo.present is False and plan in (fast, self.plans.plan(plan.servo_ids)):
+            self.steady = plan
+            self.repeat_s = self._repeat_s(fast) if fast else math.inf
 
-    def _fast_or_none(self, servo_ids: tuple[int, ...], now_s: float) -> Plan | None:
+    def _fast_or_none(self, servo_ids: tuple[int, ...], now_s: float, until_s: float) -> Plan | None:
         """A fast sync read, unless a reply may still come late: only separate replies can be told apart."""
         if self._owed:
             self._owed.forget(now_s)
-        return None if self._owed else self.plans.fast(servo_ids)
+        plan = None if self._owed else self.plans.fast(servo_ids)
+        return plan if plan and now_s + self._repeat_s(plan) <= until_s else None
+
+    def _repeat_s(self, fast: Plan) -> float:
+        """What a fast sync read in vain takes, and then a plain one."""
+        plain = self.plans.plan(fast.servo_ids)
+        size = len(fast.request) + fast.reply_size + len(plain.request) + plain.reply_size
+        return size * self.byte_s + GAP_S + TRIED_GAP_S
 
     def _hear_broken(self, plan: Plan, data: bytes, deadline_s: float) -> Mapping[int, Outcome]:
         """What can be believed of a fast sync read's packet; no more of these after too many that were broken."""

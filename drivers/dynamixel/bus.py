@@ -83,7 +83,7 @@ class DynamixelBus(ServoCalls):
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         asked = tuple(servo_ids)
-        turn = self._reader.ask(asked, b"")
+        turn = self._reader.ask(asked, b"", deadline_s)
         yield
         return self._readings(asked, self._reader.hear(turn, deadline_s), deadline_s)
 

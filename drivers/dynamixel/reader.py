@@ -64,17 +64,17 @@ class StateReader:
         self._fast_tried = True
         self._burst.try_fast(servo_ids)
 
-    def ask(self, asked: tuple[int, ...], goals: bytes) -> Turn:
+    def ask(self, asked: tuple[int, ...], goals: bytes, deadline_s: float) -> Turn:
         """Send the goals and the question."""
         firm, tried = self._absent.split(asked, self._clock.now())
         tried = self._queued(tried)
         # Not while somebody is missing: one who is silent would hide those behind it.
-        fast = bool(firm) and not tried
+        fast_until_s = deadline_s if firm and not tried else -math.inf
         if not firm:
             # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
             firm, tried = tried, ()
         if firm:
-            self._burst.ask(firm, tried, goals, fast=fast)
+            self._burst.ask(firm, tried, goals, fast_until_s)
         elif goals:
             self._burst.send(goals)
         return Turn(asked, firm, tried)
@@ -83,8 +83,13 @@ class StateReader:
         """``ask`` and ``hear``, with few steps while all is well."""
         burst = self._burst
         plan = burst.steady
-        if plan is None or plan.servo_ids != asked or not burst.clean:
-            return self.hear(self.ask(asked, goals), deadline_s)
+        if (
+            plan is None
+            or plan.servo_ids != asked
+            or not burst.clean
+            or plan.fast is not (self._clock.now() + burst.repeat_s <= deadline_s)
+        ):
+            return self.hear(self.ask(asked, goals, deadline_s), deadline_s)
         states = burst.cycle(plan, goals, deadline_s)
         if states is not None:
             return states

@@ -83,3 +83,15 @@ def test_of_several_that_come_back_one_a_cycle_is_asked_and_a_limp_one_hides_nob
     left = [set(arm.cycle()) for _ in range(4)]
     assert [len(faults) for faults in left] == [3, 2, 1, 1]
     assert left[-1] == {"j2"}
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.02], ids=str)
+@pytest.mark.parametrize("servo_id", [1, 4, 7])
+def test_a_dynamixel_that_falls_silent_hides_nobody_however_short_the_period(period_s: float, servo_id: int) -> None:
+    kind = next(kind for kind in KINDS if kind.mapped)
+    arm = Arm(kind)
+    arm.hardware.write(JointCommand(np.zeros(len(IDS)), period_s))  # from here on a read has its share of this
+    arm.period_s = period_s
+    arm.line.faults.silence(servo_id)
+    for _ in range(20):
+        assert arm.cycle().keys() == {f"j{servo_id}"}
