@@ -11,11 +11,11 @@ from drivers.dynamixel1 import tables as dynamixel1
 from drivers.feetech import models as feetech
 from drivers.feetech.bus import FeetechBus
 from drivers.port import Port
+from drivers.read_each import series as read_each
 from drivers.read_each.bus import ReadEachBus
 from drivers.registers import ServoModel
 
 Make = Literal["feetech", "dynamixel"]
-Language = Literal["Feetech STS", "Feetech SCS", "Dynamixel protocol 1.0", "Dynamixel protocol 2.0"]
 
 MODELS: Final[dict[str, ServoModel]] = {**feetech.MODELS, **dynamixel2.MODELS, **dynamixel1.MODELS}
 """Every servo that can be driven, by the name it has in files."""
@@ -26,13 +26,14 @@ def make_of(model: ServoModel) -> Make:
     return "feetech" if model in feetech.MODELS.values() else "dynamixel"
 
 
-def language_of(model: ServoModel) -> Language:
+def language_of(model: ServoModel) -> str:
     """How it speaks: only servos that speak alike can share a line."""
-    if model in feetech.SCS.models:
-        return "Feetech SCS"
+    for series in read_each.SERIES:
+        if model in series.models:
+            return series.name
     if make_of(model) == "feetech":
-        return "Feetech STS"
-    return "Dynamixel protocol 1.0" if model in dynamixel1.MODELS.values() else "Dynamixel protocol 2.0"
+        return f"Feetech {feetech.series_of(model).name.upper()}"
+    return "Dynamixel protocol 2.0"
 
 
 def bus_for(
@@ -48,10 +49,10 @@ def bus_for(
     match languages.pop() if languages else "Feetech STS":
         case "Feetech STS":
             return FeetechBus(port, clock)
-        case "Feetech SCS" | "Dynamixel protocol 1.0":
-            return ReadEachBus(port, clock, models)
         case "Dynamixel protocol 2.0":
             return DynamixelBus(port, clock, models, position_p=position_p)
+        case _:
+            return ReadEachBus(port, clock, models)
 
 
 def _by_language(models: Mapping[int, ServoModel]) -> str:

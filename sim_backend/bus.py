@@ -11,7 +11,8 @@ that).
 from collections.abc import Mapping, Sequence
 
 from drivers.dynamixel1 import tables as dynamixel1
-from drivers.feetech import scs, sts
+from drivers.feetech import models as feetech
+from drivers.feetech import sts
 from drivers.registers import ServoModel
 from sim_backend.dynamixel1_servo import VirtualAxServo, VirtualMxServo
 from sim_backend.instructions import Instruction
@@ -76,14 +77,13 @@ class VirtualBus(ServoLine[VirtualServo]):
 
 def servo_of(model: ServoModel, servo_id: int) -> VirtualServo:
     """A new servo of ``model``, with the table and the habits of its series."""
-    if model in scs.MODELS.values():
-        return VirtualScsServo(model, servo_id)
-    if model not in dynamixel1.MODELS.values():
-        return VirtualServo(model, servo_id)
-    servo = (VirtualMxServo if model == dynamixel1.MX_28 else VirtualAxServo)(model, servo_id)
-    servo.memory.put(dynamixel1.baud_rate, 1)
-    servo.memory.put(dynamixel1.return_delay, 0)
-    return servo
+    if isinstance(model, dynamixel1.Model):
+        servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
+        servo.memory.put(dynamixel1.baud_rate, 1)
+        servo.memory.put(dynamixel1.return_delay, 0)
+        return servo
+    alone = any(model in series.models for series in feetech.SERIES if not series.sync_read)
+    return (VirtualScsServo if alone else VirtualServo)(model, servo_id)
 
 
 def _supply(servos: Sequence[VirtualServo]) -> Supply:

@@ -1,4 +1,4 @@
-"""Virtual AX-12A and MX-28 of protocol 1.0: their tables below the same firmware as the STS servo's.
+"""Virtual AX and MX of protocol 1.0: their tables below the same firmware as the STS servo's.
 
 From the e-manual: the tables and their factory values, the units, the modes that the angle limits
 choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
@@ -8,11 +8,12 @@ switch is written; a packet with a wrong checksum is not answered; a goal outsid
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Final
 
 from drivers.dynamixel1 import tables as dxl
 from drivers.feetech import sts
-from drivers.registers import Register, ServoModel
+from drivers.registers import Register
 from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
 from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants
@@ -21,7 +22,6 @@ from sim_backend.sts_memory import Memory
 from sim_backend.sts_wire import Code, status_packet
 
 INSTRUCTION_ERROR: Final = 1 << 6
-STALL_CURRENT_A: Final = {dxl.AX_12A.name: 1.5, dxl.MX_28.name: 1.4}
 _BASE_BAUD: Final = 2_000_000
 _FAST_BAUDS: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 
@@ -66,9 +66,16 @@ _COMMON_FACTORY: Final[dict[Register, int]] = {
 class Dynamixel1Memory(Memory):
     """A table of protocol 1.0. The STS table's registers are found by name, their values in its units."""
 
-    NAMES: ClassVar[Mapping[str, Register]]
+    FACTORY: ClassVar[Mapping[Register, int]]
     EEPROM_END = dxl.torque_enable.address
     BAUDS = 255
+
+    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+        registers = dxl.registers(model)
+        self._own = {**_OWN, **{register.name: register for register in registers}}
+        self._speed_unit_counts_s = model.speed_unit_counts_s
+        factory = {**_COMMON_FACTORY, **self.FACTORY, dxl.ccw_angle_limit: model.last_count}
+        super().__init__(model, servo_id, registers, factory)
 
     @property
     def baud(self) -> int:
@@ -80,12 +87,12 @@ class Dynamixel1Memory(Memory):
         return self.get(dxl.status_return_level)
 
     def own(self, register: Register) -> Register | None:
-        return self.NAMES.get(register.name)
+        return self._own.get(register.name)
 
     def _scale(self, register: Register) -> float:
         """How many units of the STS table one unit of this one is."""
         if register in (sts.goal_velocity, sts.present_velocity):
-            return dxl.SPEED_UNIT_COUNTS_S[self._model.name]
+            return self._speed_unit_counts_s
         if register in (sts.max_torque, sts.torque_limit, sts.present_load):
             return 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
         return 1.0
@@ -127,13 +134,9 @@ class Dynamixel1Memory(Memory):
 
 
 class AxMemory(Dynamixel1Memory):
-    """An AX-12A: a potentiometer, whose readings end at 0 and 1023."""
+    """An AX: a potentiometer, whose readings end at 0 and 1023. Factory values are the AX-12A's."""
 
-    REGISTERS = dxl.registers(dxl.AX_12A)
-    NAMES: ClassVar[Mapping[str, Register]] = {**_OWN, **{register.name: register for register in REGISTERS}}
     FACTORY: ClassVar[Mapping[Register, int]] = {
-        **_COMMON_FACTORY,
-        dxl.ccw_angle_limit: dxl.AX_POSITIONS - 1,
         dxl.temperature_limit: 70,
         dxl.max_voltage_limit: 140,
         dxl.cw_compliance_margin: 1,
@@ -148,18 +151,14 @@ class AxMemory(Dynamixel1Memory):
 
     def put(self, register: Register, value: int) -> None:
         if register.name == dxl.present_position.name:
-            value = max(0, min(dxl.AX_POSITIONS - 1, value))
+            value = max(0, min(self._model.last_count, value))
         super().put(register, value)
 
 
 class MxMemory(Dynamixel1Memory):
-    """An MX-28: a magnetic encoder, 4096 counts a turn."""
+    """An MX: a magnetic encoder, 4096 counts a turn. Factory values are the MX-28's."""
 
-    REGISTERS = dxl.registers(dxl.MX_28)
-    NAMES: ClassVar[Mapping[str, Register]] = {**_OWN, **{register.name: register for register in REGISTERS}}
     FACTORY: ClassVar[Mapping[Register, int]] = {
-        **_COMMON_FACTORY,
-        dxl.ccw_angle_limit: 4095,
         dxl.temperature_limit: 80,
         dxl.max_voltage_limit: 160,
         dxl.resolution_divider: 1,
@@ -182,17 +181,15 @@ class Dynamixel1Firmware(Firmware):
 
 
 class VirtualAxServo(VirtualServo):
-    """An AX-12A below the wire: no group read."""
+    """An AX below the wire: no group read."""
 
     MEMORY: ClassVar[type[Memory]] = AxMemory
     FIRMWARE = Dynamixel1Firmware
     GROUP_READ: ClassVar[Code | None] = None
     REBOOTS = False
 
-    def __init__(self, model: ServoModel, servo_id: int) -> None:
-        current_a = STALL_CURRENT_A[model.name]
-        motor = MotorConstants(model.stall_torque_nm, model.no_load_speed_rad_s, model.rated_voltage_v, current_a)
-        super().__init__(model, servo_id, motor)
+    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+        super().__init__(model, servo_id, replace(MotorConstants.of(model), stall_current_a=model.stall_current_a))
 
     def set_middle(self) -> None:
         """There is no offset to choose."""
@@ -206,7 +203,7 @@ class VirtualAxServo(VirtualServo):
 
 
 class VirtualMxServo(VirtualAxServo):
-    """An MX-28 with protocol 1.0 firmware below the wire: answers bulk reads."""
+    """An MX with protocol 1.0 firmware below the wire: answers bulk reads."""
 
     MEMORY = MxMemory
     GROUP_READ = Code.BULK_READ

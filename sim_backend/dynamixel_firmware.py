@@ -11,11 +11,10 @@ reboot. Assumed:
 - the position counts on beyond a turn, and goal_position is the present one after power-on.
 """
 
+from dataclasses import replace
 from typing import Final
 
 from drivers.dynamixel import x_series as x
-from drivers.registers import ServoModel
-from sim_backend.dynamixel_models import STALL_CURRENT_A
 from sim_backend.firmware import Firmware, Memory
 from sim_backend.motion_profile import UNLIMITED
 from sim_backend.motor import MotorConstants
@@ -30,10 +29,9 @@ TEMPERATURE: Final = 1 << 2
 OVERLOAD: Final = 1 << 5
 
 
-def motor_of(model: ServoModel) -> MotorConstants:
+def motor_of(model: x.Model) -> MotorConstants:
     """The motor of an X series model; heat as in the STS3215 (assumed)."""
-    current_a = STALL_CURRENT_A[model.name]
-    return MotorConstants(model.stall_torque_nm, model.no_load_speed_rad_s, model.rated_voltage_v, current_a)
+    return replace(MotorConstants.of(model), stall_current_a=model.stall_current_a)
 
 
 class XProtection(Protection):
@@ -61,7 +59,7 @@ class XProtection(Protection):
 class XFirmware(Firmware):
     """The control loop of one X series servo."""
 
-    def __init__(self, memory: Memory, model: ServoModel) -> None:
+    def __init__(self, memory: Memory, model: x.Model) -> None:
         super().__init__(memory, model, motor_of(model))
 
     def new_protection(self) -> Protection:

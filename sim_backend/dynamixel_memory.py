@@ -7,9 +7,9 @@ Of indirect addresses see ``dynamixel_indirect``.
 from typing import Final
 
 from drivers.dynamixel import x_series as x
-from drivers.registers import Access, Register, ServoModel
+from drivers.registers import Access, Register
 from sim_backend.dynamixel_indirect import cells, pointers, resolved, runs, windows_of
-from sim_backend.dynamixel_models import CURRENT_LIMITS, FACTORY, OWN
+from sim_backend.dynamixel_models import FACTORY, factory_of
 
 SIZE: Final = 662
 EEPROM_END: Final = x.torque_enable.address
@@ -21,7 +21,7 @@ DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 class XMemory:
     """The bytes that the wire sees. EEPROM is saved with every write."""
 
-    def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
+    def __init__(self, model: x.Model, servo_id: int, firmware: int | None = None) -> None:
         """``firmware`` is the version, if not the usual one."""
         self._model = model
         version = FACTORY[x.firmware_version] if firmware is None else firmware
@@ -30,7 +30,7 @@ class XMemory:
         self._last_cell = max(self._pointers.values())
         listed = (*x.registers(model), *self._pointers, *cells(self._windows))
         self._registers = {register.address: register for register in listed}
-        self._factory = FACTORY | OWN[model.name] | self._pointers | {x.firmware_version: version}
+        self._factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         self._bytes = bytearray(SIZE)
         self.restore_factory()
         self.put(x.servo_id, servo_id)
@@ -127,5 +127,3 @@ class XMemory:
             if register.persistent:
                 self.put(register, value)
         self.put(x.model_number, self._model.number)
-        if self._model.name in CURRENT_LIMITS:
-            self.put(x.current_limit, CURRENT_LIMITS[self._model.name])

@@ -1,4 +1,4 @@
-"""What differs between the virtual X series models: factory values, motors, firmware. From the e-manual."""
+"""What differs between the virtual X series models: factory values, firmware. From the e-manual."""
 
 from typing import Final
 
@@ -18,7 +18,7 @@ FACTORY: Final[dict[Register, int]] = {
     x.max_position_limit: 4095,
     x.status_return_level: 2,
 }
-"""What all models have; every register that is neither here nor in OWN is 0."""
+"""What all models have; every register that is neither here nor in ``factory_of`` is 0."""
 
 _OWN_REGISTERS: Final = (
     x.temperature_limit,
@@ -46,8 +46,8 @@ _OWN_VALUES: Final = {
     x.XM430_W350.name: (80, 160, 95, 350, 52, 1920, 100, 0, 0, 800),
     x.MX_28_2.name: (80, 160, 95, 380, 52, 1920, 100, 0, 0, 850),
 }
-OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
-CURRENT_LIMITS: Final = {
+_OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
+_CURRENT_LIMITS: Final = {
     x.XL330_M077.name: 1750,
     x.XL330_M288.name: 1750,
     x.XC330_M181.name: 2352,
@@ -57,26 +57,9 @@ CURRENT_LIMITS: Final = {
     x.XM430_W210.name: 1193,
     x.XM430_W350.name: 1193,
 }
-"""By model name, in the model's unit. The others have none."""
+"""By model name, in the model's unit."""
 
-STALL_CURRENT_A: Final = {
-    x.XL330_M077.name: 1.47,
-    x.XL330_M288.name: 1.47,
-    x.XC330_M181.name: 1.8,
-    x.XC330_M288.name: 1.8,
-    x.XC330_T181.name: 0.88,
-    x.XC330_T288.name: 0.88,
-    x.XL430_W250.name: 1.4,
-    x.XC430_W150.name: 1.4,
-    x.XC430_W240.name: 1.4,
-    x.XM430_W210.name: 2.3,
-    x.XM430_W350.name: 2.3,
-    x.MX_28_2.name: 1.4,
-}
-"""At the model's rated voltage."""
-
-_NEVER: Final = 256
-FAST_READ_SINCE: Final = {
+_FAST_READ_SINCE: Final = {
     x.XL330_M077.name: 46,
     x.XL330_M288.name: 46,
     x.XC330_M181.name: 46,
@@ -88,6 +71,25 @@ FAST_READ_SINCE: Final = {
     x.XC430_W240.name: 45,
     x.XM430_W210.name: 45,
     x.XM430_W350.name: 45,
-    x.MX_28_2.name: _NEVER,  # not in the list of "Fast Sync Read"
 }
-"""The firmware version from which on a model knows the fast reads."""
+"""The firmware version from which on a model knows the fast reads: those in the list of "Fast Sync Read"."""
+
+
+def factory_of(model: x.Model) -> dict[Register, int]:
+    """All factory values of a model that are not 0.
+
+    Assumed of one that is not listed: those of the XM430-W350, the voltage limits a third above and a fifth
+    below the rated voltage, and the current limit at what it draws at stall.
+    """
+    rated = model.rated_voltage_v / x.VOLTAGE_UNIT_V
+    limits = {x.max_voltage_limit: round(rated * 4 / 3), x.min_voltage_limit: round(rated * 4 / 5)}
+    own = _OWN.get(model.name, _OWN[x.XM430_W350.name] | limits)
+    if model.current_unit_a is None:
+        return FACTORY | own
+    stall = min(round(model.stall_current_a / model.current_unit_a), x.current_limit.largest)
+    return FACTORY | own | {x.current_limit: _CURRENT_LIMITS.get(model.name, stall)}
+
+
+def reads_fast(model: x.Model, firmware: int) -> bool:
+    """Whether a servo with this firmware version knows the fast reads; one that is not listed never does."""
+    return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]

@@ -11,7 +11,7 @@ from drivers.dynamixel.wire import ALERT
 from drivers.registers import ServoModel
 from sim_backend.dynamixel_firmware import XFirmware
 from sim_backend.dynamixel_memory import ACCESS, EEPROM_END, SIZE, XMemory
-from sim_backend.dynamixel_models import FAST_READ_SINCE
+from sim_backend.dynamixel_models import reads_fast
 from sim_backend.dynamixel_wire import Code, fast_block, status_packet
 from sim_backend.instructions import Instruction
 
@@ -26,9 +26,9 @@ class VirtualXServo:
 
     def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
         """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""
-        self.model = model
-        self.memory = XMemory(model, servo_id, firmware)
-        self.firmware = XFirmware(self.memory, model)
+        self.model = x.MODELS[model.name]
+        self.memory = XMemory(self.model, servo_id, firmware)
+        self.firmware = XFirmware(self.memory, self.model)
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -60,7 +60,7 @@ class VirtualXServo:
     @property
     def reads_fast(self) -> bool:
         """Whether its firmware knows the fast reads."""
-        return self.memory.get(x.firmware_version) >= FAST_READ_SINCE[self.model.name]
+        return reads_fast(self.model, self.memory.get(x.firmware_version))
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""

@@ -1,4 +1,4 @@
-"""One virtual SCS servo: another table below the same firmware, and a potentiometer for a sensor.
+"""One virtual servo of the SCS or a series like it: another table below the same firmware, and a potentiometer.
 
 Factory values are those of Feetech's SCS memory table as far as it gives them, else assumed. Assumed
 besides: the position loop is as stiff as an STS servo's, in newton metres per radian of its full drive.
@@ -7,13 +7,13 @@ besides: the position loop is as stiff as an STS servo's, in newton metres per r
 from typing import ClassVar, Final
 
 from drivers.feetech import scs, sts
-from drivers.registers import Register
+from drivers.feetech.models import series_of
+from drivers.registers import Register, ServoModel
 from sim_backend.firmware import Firmware
 from sim_backend.servo import VirtualServo
 from sim_backend.sts_memory import Memory
 from sim_backend.sts_wire import Code
 
-_OWN: Final = {register.name: register for register in scs.REGISTERS}
 _ABSENT: Final = {
     sts.protection_current.name: sts.protection_current.largest,  # it measures none
 }
@@ -26,7 +26,6 @@ FACTORY: Final[dict[Register, int]] = {
     scs.baud_rate: 0,
     scs.return_delay: 0,
     scs.status_level: 1,
-    scs.max_position: scs.POSITIONS - 1,
     scs.max_temperature: 80,
     scs.max_voltage: 90,
     scs.min_voltage: 40,
@@ -42,34 +41,37 @@ FACTORY: Final[dict[Register, int]] = {
     scs.overload_torque: 80,
     scs.lock: 1,
 }
-"""Every register that is not here is 0."""
+"""Every register that is not here is 0, but for ``max_position``, which is the model's last."""
 
 
 class ScsMemory(Memory):
-    """The SCS table. Registers of the STS table are found by name."""
+    """The table of the model's series. Registers of the STS table are found by name."""
 
-    REGISTERS: ClassVar[tuple[Register, ...]] = scs.REGISTERS
-    FACTORY = FACTORY
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        registers = series_of(model).registers
+        self._own = {register.name: register for register in registers}
+        factory = {**FACTORY, scs.max_position: model.last_count}
+        super().__init__(model, servo_id, registers, {self._own[r.name]: value for r, value in factory.items()})
 
     def own(self, register: Register) -> Register | None:
-        return _OWN.get(register.name)
+        return self._own.get(register.name)
 
     def get(self, register: Register) -> int:
         own = self.own(register)
         if own is not None:
             return super().get(own) * (_TIME_UNITS if register == sts.protection_time else 1)
         if register == sts.torque_limit:
-            return super().get(scs.max_torque)
+            return self.get(sts.max_torque)
         if register == sts.operating_mode:
-            return int(super().get(scs.min_position) == super().get(scs.max_position) == 0)
+            return int(self.get(sts.min_position) == self.get(sts.max_position) == 0)
         return _ABSENT.get(register.name, 0)
 
     def put(self, register: Register, value: int) -> None:
         own = self.own(register)
         if own is None:
             return
-        if own == scs.present_position:
-            value = max(0, min(scs.POSITIONS - 1, value))
+        if own.name == sts.present_position.name:
+            value = max(0, min(self._model.last_count, value))
         super().put(own, value)
 
 
@@ -83,7 +85,7 @@ class ScsFirmware(Firmware):
 
 
 class VirtualScsServo(VirtualServo):
-    """An SCS servo below the wire: no sync read, no homing offset, readings that end at 0 and 1023."""
+    """An SCS servo below the wire: no sync read, no homing offset, readings that end where the sensor does."""
 
     MEMORY = ScsMemory
     FIRMWARE = ScsFirmware

@@ -8,7 +8,7 @@ The lock (register 55), as the table puts it: 0 "save EEPROM changes", 1 "do not
 to EEPROM always takes effect at once; with the lock closed it is gone after power-off.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 from drivers.feetech import sts
@@ -58,21 +58,26 @@ class Memory:
     own words (``own``, ``get``, ``put``).
     """
 
-    REGISTERS: ClassVar[tuple[Register, ...]] = sts.REGISTERS
-    FACTORY: ClassVar[Mapping[Register, int]] = FACTORY
     EEPROM_END: ClassVar[int] = EEPROM_END
     BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
     """As many values as ``baud_rate`` may have."""
 
-    def __init__(self, model: ServoModel, servo_id: int) -> None:
+    def __init__(
+        self,
+        model: ServoModel,
+        servo_id: int,
+        registers: Sequence[Register] = sts.REGISTERS,
+        factory: Mapping[Register, int] = FACTORY,
+    ) -> None:
+        self._factory = factory
         self._writable = frozenset(
             register.address + i
-            for register in self.REGISTERS
+            for register in registers
             if register.access is Access.READ_WRITE
             for i in range(register.size)
         )
         self._id_at, self._baud_at = (
-            next(register.address for register in self.REGISTERS if register.name == name)
+            next(register.address for register in registers if register.name == name)
             for name in (sts.servo_id.name, sts.baud_rate.name)
         )
         self._order = model.byte_order
@@ -134,7 +139,7 @@ class Memory:
         """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""
         self._bytes[self.EEPROM_END :] = bytes(SIZE - self.EEPROM_END)
         self._bytes[: self.EEPROM_END] = self._saved
-        for register, value in self.FACTORY.items():
+        for register, value in self._factory.items():
             if not register.persistent:
                 self.put(register, value)
         self.put(sts.torque_limit, self.get(sts.max_torque))
@@ -143,7 +148,7 @@ class Memory:
         """Instruction 0x06: EEPROM to factory values, saved, except for the ID."""
         servo_id = self.get(sts.servo_id)
         self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
-        for register, value in self.FACTORY.items():
+        for register, value in self._factory.items():
             if register.persistent:
                 self.put(register, value)
         self.put(sts.model_number, self._model.number)

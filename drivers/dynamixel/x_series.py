@@ -7,6 +7,7 @@ registers lie. Numbers are little endian, negative ones two's complement.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 from drivers.registers import Access, Register, ServoModel
@@ -15,6 +16,7 @@ READ: Final = Access.READ
 
 # EEPROM: written only while the torque is off.
 model_number = Register("model_number", 0, 2, READ, persistent=True)
+model_information = Register("model_information", 2, 4, READ, persistent=True)
 firmware_version = Register("firmware_version", 6, 1, READ, persistent=True)
 servo_id = Register("id", 7, 1, persistent=True)
 baud_rate = Register("baud_rate", 8, 1, persistent=True)  # index into BAUD_RATES
@@ -71,11 +73,11 @@ REGISTERS: Final[tuple[Register, ...]] = tuple(
 )
 """What all models have."""
 
-# Not in all of them: XL430, XC430 and MX-28 estimate their load, the others measure the current.
+# Not in all of them: some estimate their load, the others measure the current.
 present_load = Register("present_load", 126, 2, READ, signed=True)  # 0.1 %
-present_current = Register("present_current", 126, 2, READ, signed=True)  # CURRENT_UNIT_A
-current_limit = Register("current_limit", 38, 2, persistent=True)  # CURRENT_UNIT_A
-goal_current = Register("goal_current", 102, 2, signed=True)  # CURRENT_UNIT_A
+present_current = Register("present_current", 126, 2, READ, signed=True)  # the model's unit
+current_limit = Register("current_limit", 38, 2, persistent=True)  # the model's unit
+goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True)  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # MX-28; 214.577 rev/min^2
 
@@ -108,47 +110,66 @@ ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * 4096 / 3600.0
 VOLTAGE_UNIT_V: Final = 0.1
 
 
-def _model(name: str, number: int, volts: float, stall_nm: float, no_load_rpm: float) -> ServoModel:
-    speed = no_load_rpm * 2.0 * math.pi / 60.0
-    return ServoModel(name, number, "little", 4096, volts, stall_nm, speed)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model(ServoModel):
+    """``own``: what its table has beyond ``REGISTERS``. ``stall_current_a`` at the rated voltage, as the torque."""
+
+    own: tuple[Register, ...]
+    current_unit_a: float | None
+    """What one unit of ``present_current`` is; None where it has ``present_load`` instead."""
+    stall_current_a: float
 
 
-XL330_M077 = _model("xl330-m077", 1190, 5.0, 0.215, 383.0)
-XL330_M288 = _model("xl330-m288", 1200, 5.0, 0.52, 103.0)
-XC330_M181 = _model("xc330-m181", 1230, 5.0, 0.60, 129.0)
-XC330_M288 = _model("xc330-m288", 1240, 5.0, 0.93, 81.0)
-XC330_T181 = _model("xc330-t181", 1210, 12.0, 0.80, 113.0)
-XC330_T288 = _model("xc330-t288", 1220, 12.0, 1.0, 71.0)
-XL430_W250 = _model("xl430-w250", 1060, 12.0, 1.5, 61.0)
-XC430_W150 = _model("xc430-w150", 1070, 12.0, 1.6, 106.0)
-XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 70.0)
-XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 77.0)
-XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 46.0)
-MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 55.0)
+def _model(
+    name: str,
+    number: int,
+    volts: float,
+    stall_nm: float,
+    stall_a: float,
+    no_load_rpm: float,
+    current_unit_a: float | None,
+    beyond: tuple[Register, ...] = (),
+) -> Model:
+    """``beyond``: what not all have, other than what stands at 38, 102 and 126."""
+    load = (present_load,) if current_unit_a is None else (current_limit, goal_current, present_current)
+    return Model(
+        name, number, "little", 4096, volts, stall_nm, no_load_rpm * 2.0 * math.pi / 60.0,
+        own=load + beyond, current_unit_a=current_unit_a, stall_current_a=stall_a,
+    )  # fmt: skip
+
+
+def _x330(name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float) -> Model:
+    """An XL330 or XC330."""
+    return _model(name, number, volts, stall_nm, stall_a, no_load_rpm, 0.001, (pwm_slope,))
+
+
+XL330_M077 = _x330("xl330-m077", 1190, 5.0, 0.215, 1.47, 383.0)
+XL330_M288 = _x330("xl330-m288", 1200, 5.0, 0.52, 1.47, 103.0)
+XC330_M181 = _x330("xc330-m181", 1230, 5.0, 0.60, 1.8, 129.0)
+XC330_M288 = _x330("xc330-m288", 1240, 5.0, 0.93, 1.8, 81.0)
+XC330_T181 = _x330("xc330-t181", 1210, 12.0, 0.80, 0.88, 113.0)
+XC330_T288 = _x330("xc330-t288", 1220, 12.0, 1.0, 0.88, 71.0)
+XL430_W250 = _model("xl430-w250", 1060, 12.0, 1.5, 1.4, 61.0, None)
+XC430_W150 = _model("xc430-w150", 1070, 12.0, 1.6, 1.4, 106.0, None)
+XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 1.4, 70.0, None)
+XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 2.3, 77.0, 0.00269)
+XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 2.3, 46.0, 0.00269)
+MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, (acceleration_limit,))
 """An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
 
-X330: Final = (XL330_M077, XL330_M288, XC330_M181, XC330_M288, XC330_T181, XC330_T288)
-"""Their indirect registers are fewer, and lie elsewhere in old firmware."""
-_X430: Final = (XL430_W250, XC430_W150, XC430_W240, XM430_W210, XM430_W350)
-MODELS: Final = {model.name: model for model in (*X330, *_X430, MX_28_2)}
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
 
+X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own)
+"""Their indirect registers are fewer, and lie elsewhere in old firmware."""
 CURRENT_UNIT_A: Final = {
-    **{model.name: 0.001 for model in X330},
-    XM430_W210.name: 0.00269,
-    XM430_W350.name: 0.00269,
+    name: model.current_unit_a for name, model in MODELS.items() if model.current_unit_a is not None
 }
 """Models that measure their current, and in which unit."""
 
 
-def registers(model: ServoModel) -> tuple[Register, ...]:
+def registers(model: Model) -> tuple[Register, ...]:
     """The whole table of a model, by address; the indirect registers left out."""
-    if model.name not in CURRENT_UNIT_A:
-        own: tuple[Register, ...] = (present_load,)
-        own += (acceleration_limit,) if model == MX_28_2 else ()
-    else:
-        own = (current_limit, goal_current, present_current)
-        own += (pwm_slope,) if model in X330 else ()
-    return tuple(sorted(REGISTERS + own, key=lambda register: register.address))
+    return tuple(sorted(REGISTERS + model.own, key=lambda register: register.address))
 
 
 def alarms(hardware_error: int) -> tuple[str, ...]:

@@ -81,6 +81,7 @@ XL320: Final = ServoModel(
     rated_voltage_v=7.4,
     stall_torque_nm=0.39,
     no_load_speed_rad_s=114.0 * 2.0 * math.pi / 60.0,
+    positions=POSITIONS,
 )
 MODELS: Final = {XL320.name: XL320}
 

@@ -6,6 +6,7 @@ endian. Speeds and loads have their direction in bit 10: set is clockwise, towar
 """
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 from drivers.registers import Access, Register, ServoModel
@@ -47,7 +48,7 @@ lock = Register("lock", 47, 1)  # 1: EEPROM is locked until power-off
 punch = Register("punch", 48, 2)
 
 COMMON: Final[tuple[Register, ...]] = tuple(r for r in list(globals().values()) if isinstance(r, Register))
-"""What both models have."""
+"""What all models have."""
 
 # Where they differ: an AX has a compliance where an MX has gains.
 cw_compliance_margin = Register("cw_compliance_margin", 26, 1)  # counts
@@ -91,41 +92,67 @@ AX_POSITIONS: Final = 1024
 """Readings of an AX are below this; they span 300 degrees."""
 ACCELERATION_UNIT_COUNTS_S2: Final = 8.583 * 4096 / 360.0
 """Of an MX."""
-
-AX_12A = ServoModel(
-    name="ax-12a",
-    number=12,
-    byte_order="little",
-    counts_per_turn=round(AX_POSITIONS * 360.0 / 300.0),
-    rated_voltage_v=12.0,
-    stall_torque_nm=1.5,
-    no_load_speed_rad_s=59.0 * 2.0 * math.pi / 60.0,
-    positions=AX_POSITIONS,
-)
-MX_28 = ServoModel(  # protocol 1.0 firmware
-    name="mx-28",
-    number=29,
-    byte_order="little",
-    counts_per_turn=4096,
-    rated_voltage_v=12.0,
-    stall_torque_nm=2.5,
-    no_load_speed_rad_s=55.0 * 2.0 * math.pi / 60.0,
-)
-MODELS: Final = {model.name: model for model in (AX_12A, MX_28)}
-
-SPEED_UNIT_COUNTS_S: Final = {
-    AX_12A.name: 0.111 * AX_12A.counts_per_turn / 60.0,
-    MX_28.name: 0.114 * MX_28.counts_per_turn / 60.0,
-}
-"""One unit of ``moving_speed`` and ``present_speed`` (0.111 and 0.114 turns a minute), by model."""
-POSITIONS: Final = {AX_12A.name: AX_POSITIONS, MX_28.name: 4096}
-"""Positions are below this, by model."""
+RPM: Final = 2.0 * math.pi / 60.0
+"""rad/s in a turn a minute."""
 
 
-def registers(model: ServoModel) -> tuple[Register, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model(ServoModel):
+    """``own``: what its table has beyond ``COMMON``. ``stall_current_a`` at the rated voltage, as the torque."""
+
+    own: tuple[Register, ...]
+    speed_unit_counts_s: float
+    """One unit of ``moving_speed`` and ``present_speed``."""
+    bulk_read: bool
+    """Whether it answers one."""
+    stall_current_a: float
+
+
+def _ax(
+    name: str,
+    number: int,
+    volts: float,
+    stall_nm: float,
+    stall_a: float,
+    no_load_rpm: float,
+    beyond: tuple[Register, ...] = (),
+) -> Model:
+    """A potentiometer and a compliance. ``beyond``: what an AX-12A does not have."""
+    turn = round(AX_POSITIONS * 360.0 / 300.0)
+    return Model(
+        name, number, "little", turn, volts, stall_nm, no_load_rpm * RPM, AX_POSITIONS,
+        own=_AX_ONLY + beyond, speed_unit_counts_s=0.111 * turn / 60.0, bulk_read=False, stall_current_a=stall_a,
+    )  # fmt: skip
+
+
+def _mx(
+    name: str,
+    number: int,
+    volts: float,
+    stall_nm: float,
+    stall_a: float,
+    no_load_rpm: float,
+    beyond: tuple[Register, ...] = (),
+) -> Model:
+    """A magnetic encoder and gains. ``beyond``: what an MX-28 does not have."""
+    return Model(
+        name, number, "little", 4096, volts, stall_nm, no_load_rpm * RPM,
+        own=_MX_ONLY + beyond, speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=stall_a,
+    )  # fmt: skip
+
+
+AX_12A = _ax("ax-12a", 12, 12.0, 1.5, 1.5, 59.0)
+MX_28 = _mx("mx-28", 29, 12.0, 2.5, 1.4, 55.0)  # protocol 1.0 firmware
+
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
+
+SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in MODELS.items()}
+"""By model."""
+
+
+def registers(model: Model) -> tuple[Register, ...]:
     """The whole table of a model, by address."""
-    own = _AX_ONLY if model == AX_12A else _MX_ONLY
-    return tuple(sorted(COMMON + own, key=lambda register: register.address))
+    return tuple(sorted(COMMON + model.own, key=lambda register: register.address))
 
 
 def alarms(error: int) -> tuple[str, ...]:

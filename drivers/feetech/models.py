@@ -52,9 +52,9 @@ SCS: Final = Series(
     lock=Lock(scs.lock),
     models=tuple(scs.MODELS.values()),
 )
-SERIES: Final = (STS, SCS)
+SERIES: Final = tuple(series for series in list(globals().values()) if isinstance(series, Series))
 
-MODELS: Final = {**sts.MODELS, **scs.MODELS}
+MODELS: Final = {model.name: model for series in SERIES for model in series.models}
 """Every Feetech model by name."""
 
 

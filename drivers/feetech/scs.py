@@ -108,4 +108,4 @@ SCS0009 = ServoModel(
     positions=POSITIONS,
 )
 
-MODELS: Final = {model.name: model for model in (SCS15, SCS0009)}
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}

@@ -157,7 +157,7 @@ STS3032 = ServoModel(  # C062, 12 V
     no_load_speed_rad_s=148.0 * RPM,
 )
 
-MODELS: Final = {model.name: model for model in (STS3215, STS3215_C001, STS3250, STS3032)}
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}
 
 
 def alarms(status: int) -> tuple[str, ...]:

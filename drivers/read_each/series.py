@@ -63,11 +63,11 @@ def _size(block: tuple[Register, ...]) -> int:
     return sum(register.size for register in block)
 
 
-def _goal_bytes(positions: int, wanted: ServoGoal, *rest: int, order: ByteOrder) -> bytes:
+def _goal_bytes(last: int, wanted: ServoGoal, *rest: int, order: ByteOrder) -> bytes:
     """Words of a goal block; ValueError where the position or the velocity is none that the servo has."""
     position = wanted.position_counts
-    if not 0 <= position < positions:
-        raise ValueError(f"goal_position takes 0 to {positions - 1}, not {position}: nothing written")
+    if not 0 <= position <= last:
+        raise ValueError(f"goal_position takes 0 to {last}, not {position}: nothing written")
     # Before it is in the servo's units: there a small one may have become 0, which is as fast as it can.
     if wanted.velocity_counts_s < 0:
         raise ValueError(f"a goal's velocity is 0 or more, not {wanted.velocity_counts_s}: nothing written")
@@ -103,7 +103,7 @@ def _scs_state_of(model: ServoModel) -> StateOf:
 def _scs_goal_of(model: ServoModel) -> GoalOf:
     def goal(wanted: ServoGoal) -> bytes:
         speed = min(wanted.velocity_counts_s, scs.goal_velocity.largest)
-        return _goal_bytes(scs.POSITIONS, wanted, 0, speed, order="big")
+        return _goal_bytes(model.last_count, wanted, 0, speed, order="big")
 
     return goal
 
@@ -166,12 +166,12 @@ def _dxl_state_of(model: ServoModel) -> StateOf:
 
 
 def _dxl_goal_of(model: ServoModel) -> GoalOf:
-    unit_counts_s, positions = dxl.SPEED_UNIT_COUNTS_S[model.name], dxl.POSITIONS[model.name]
+    unit_counts_s = dxl.SPEED_UNIT_COUNTS_S[model.name]
 
     def goal(wanted: ServoGoal) -> bytes:
         # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
         speed = min(math.ceil(wanted.velocity_counts_s / unit_counts_s), dxl.LARGEST_SPEED)
-        return _goal_bytes(positions, wanted, speed, order="little")
+        return _goal_bytes(model.last_count, wanted, speed, order="little")
 
     return goal
 
@@ -190,7 +190,7 @@ DYNAMIXEL1: Final = Series(
     byte_order="little",
     sdk=Protocol1PacketHandler,
     models=tuple(dxl.MODELS.values()),
-    bulk_models=(dxl.MX_28,),
+    bulk_models=tuple(model for model in dxl.MODELS.values() if model.bulk_read),
     model_number=dxl.model_number,
     status_level=dxl.status_return_level,
     answers_all=dxl.ANSWERS_ALL,
@@ -211,7 +211,7 @@ DYNAMIXEL1: Final = Series(
     goal_of=_dxl_goal_of,
     misfit=_dxl_misfit,
 )
-SERIES: Final = (SCS, DYNAMIXEL1)
+SERIES: Final = tuple(series for series in list(globals().values()) if isinstance(series, Series))
 
 
 def series_of(models: tuple[ServoModel, ...]) -> Series:

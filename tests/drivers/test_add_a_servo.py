@@ -1,15 +1,132 @@
-"""The code in docs/add-a-servo.md runs as it stands there."""
+"""docs/add-a-servo.md does what it says: its code is put where it says, in a copy of the package."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
-PAGE = Path(__file__).parents[2] / "docs" / "add-a-servo.md"
+import pytest
+
+import drivers.clock
+import drivers.serial_port
+from drivers.feetech import scs
+from drivers.makes import bus_for
+from drivers.read_each import series as read_each
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+
+ROOT = Path(__file__).parents[2]
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "add-a-servo.md").read_text(), flags=re.DOTALL)
+PLACED = [block for block in BLOCKS if block.startswith("# drivers/")]
+RUNNABLE = [block for block in BLOCKS if block not in PLACED]
+ADDED = ("sts3046", "scs20", "xm540-w270", "ax-18a", "mx-64", "scx30")
+TABLE_TESTS = (
+    "tests/drivers/test_every_model.py",
+    "tests/drivers/test_feetech_tables.py",
+    "tests/drivers/test_dynamixel1_tables.py",
+    "tests/drivers/test_dynamixel_tables.py",
+    "tests/drivers/test_dynamixel_models.py",
+    "tests/sim_backend/test_dynamixel1_servo.py",
+    "tests/sim_backend/test_scs_servo.py",
+)
 
 
-def test_the_page_s_code_adds_a_servo() -> None:
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    assert len(blocks) == 3
+def placed(block: str, package: Path) -> None:
+    """Write a block of the page where its first line says."""
+    head, code = block.split("\n", 1)
+    file = package / head.removeprefix("# ").partition(",")[0]
+    if above := re.fullmatch(r".*, above (\w+)", head):
+        text, count = re.subn(rf"^(?={above[1]}: Final)", lambda _: code + "\n", file.read_text(), flags=re.MULTILINE)
+        assert count == 1, head
+    else:
+        text = in_the_place_of_its_own(code, (file.parent / "scs.py").read_text())
+    file.write_text(text)
+
+
+def in_the_place_of_its_own(code: str, text: str) -> str:
+    """A copy of a table with these registers and models instead."""
+    registers, models = code.split("\n\n", 1)
+    for line in registers.splitlines():
+        name = line.partition(" ")[0]
+        text, count = re.subn(rf"^{name} = Register.*$", lambda _, line=line: line, text, flags=re.MULTILINE)
+        assert count == 1, name
+    before, _, rest = text.partition("SCS15 = ServoModel(")
+    return before + models + "\n" + rest[rest.index("MODELS: Final") :]
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package in which the page was followed."""
+    copy = tmp_path_factory.mktemp("package")
+    for folder in ("drivers", "sim_backend", "tests/drivers", "tests/sim_backend"):
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("pyproject.toml", "tests/conftest.py"):
+        shutil.copy(ROOT / file, copy / file)
+    for block in PLACED:
+        placed(block, copy)
+    return copy
+
+
+def run(package: Path, *arguments: str) -> str:
+    """What Python prints there."""
+    done = subprocess.run(
+        (sys.executable, *arguments),
+        cwd=package,
+        env={**os.environ, "PYTHONPATH": str(package)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120.0,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(package: Path) -> None:
+    said = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
+    for name in ADDED:
+        for test in ("it_is_known_by_its_number", "it_is_at_rest_and_well_and_then_where_it_was_told_to_go"):
+            assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in said
+
+
+def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
+    *_, trial = RUNNABLE
+    said = run(package, "-c", trial)
+    assert re.match(r"ServoState\(position_counts=102[345], ", said), said
+
+
+def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None:
+    asked = (
+        "from drivers.makes import MODELS, language_of\n"
+        f"for name in {ADDED!r}: print(name, language_of(MODELS[name]), MODELS[name].last_count, sep=': ')"
+    )
+    assert run(package, "-c", asked).splitlines() == [
+        "sts3046: Feetech STS: 4095",
+        "scs20: Feetech SCS: 1023",
+        "xm540-w270: Dynamixel protocol 2.0: 4095",
+        "ax-18a: Dynamixel protocol 1.0: 1023",
+        "mx-64: Dynamixel protocol 1.0: 4095",
+        "scx30: Feetech SCX: 1023",
+    ]
+
+
+def test_a_series_that_no_bus_can_ask_is_refused_and_not_taken_for_an_sts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(read_each, "SERIES", (read_each.DYNAMIXEL1,))
+    clock = SimulatedClock(0.0)
+    port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS15), clock)
+    with pytest.raises(ValueError, match="scs15 are not of one series that is read one by one"):
+        bus_for({1: scs.SCS15}, port, clock)
+
+
+def test_the_two_bytes_are_the_servo_s_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimulatedClock(0.0)
+    port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS0009), clock)
+    monkeypatch.setattr(drivers.serial_port, "SerialPort", lambda device, baud: port)
+    monkeypatch.setattr(drivers.clock, "MonotonicClock", lambda: clock)
     names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, str(PAGE), "exec"), names)
-    assert names["position"] == 2048
+    exec(compile(RUNNABLE[0], "add-a-servo.md", "exec"), names)
+    assert names["number_bytes"] == (5, 4)

@@ -5,7 +5,8 @@ from itertools import pairwise
 import pytest
 
 from drivers.dynamixel1 import tables as dxl
-from drivers.registers import Access, Register, ServoModel
+from drivers.read_each.series import DYNAMIXEL1
+from drivers.registers import Access, Register
 
 every_model = pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda model: model.name)
 
@@ -22,21 +23,31 @@ ROBOTIS = {
 
 
 @every_model
-def test_names_are_unique_and_nothing_overlaps(model: ServoModel) -> None:
+def test_names_are_unique_and_nothing_overlaps(model: dxl.Model) -> None:
     table = dxl.registers(model)
     assert len({register.name for register in table}) == len(table)
     for before, after in pairwise(table):
         assert before.address + before.size <= after.address, (before.name, after.name)
 
 
-@every_model
-def test_addresses_and_sizes_are_those_of_the_maker_s_own_list(model: ServoModel) -> None:
-    theirs = sorted(tuple(map(int, item.split())) for item in ROBOTIS[model.name].split(", "))
-    assert [(register.address, register.size) for register in dxl.registers(model)] == theirs
+@pytest.mark.parametrize("name", ROBOTIS)
+def test_addresses_and_sizes_are_those_of_the_maker_s_own_list(name: str) -> None:
+    theirs = sorted(tuple(map(int, item.split())) for item in ROBOTIS[name].split(", "))
+    assert [(register.address, register.size) for register in dxl.registers(dxl.MODELS[name])] == theirs
 
 
 @every_model
-def test_a_register_fits_the_table(model: ServoModel) -> None:
+def test_what_follows_from_being_an_ax_or_an_mx(model: dxl.Model) -> None:
+    compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
+    assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
+    assert model.positions == (dxl.AX_POSITIONS if compliance else None)
+    assert model.speed_unit_counts_s == dxl.SPEED_UNIT_COUNTS_S["ax-12a" if compliance else "mx-28"]
+    assert model.byte_order == "little"
+    assert (model in DYNAMIXEL1.bulk_models) == model.bulk_read
+
+
+@every_model
+def test_a_register_fits_the_table(model: dxl.Model) -> None:
     for register in dxl.registers(model):
         assert register.persistent == (register.address < 24)
         state = 36 <= register.address <= 46 or register in (dxl.realtime_tick, dxl.model_number, dxl.firmware_version)

@@ -21,7 +21,6 @@ from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 
 TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
-FILES = {"mx-28-2.0": "mx_28"}
 NAMES = {
     "return_delay": "return_delay_time",
     "secondary_id": "secondary_shadow_id",
@@ -36,13 +35,18 @@ def sdk_table(file: str) -> dict[str, tuple[int, int]]:
     return {re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_"): (int(a), int(size)) for a, size, name in rows}
 
 
+def sdk_name(model: ServoModel) -> str:
+    """Of the SDK's file, which has an MX by the firmware for protocol 2.0."""
+    return model.name.removesuffix("-2.0").replace("-", "_")
+
+
 def registers_of(model: ServoModel) -> tuple[Register, ...]:
-    return xl320.REGISTERS if model is xl320.XL320 else x_series.registers(model)
+    return x_series.registers(model) if isinstance(model, x_series.Model) else xl320.REGISTERS
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 def test_every_address_and_size_is_the_sdks(model: ServoModel) -> None:
-    name = FILES.get(model.name, model.name.replace("-", "_"))
+    name = sdk_name(model)
     numbers = re.findall(
         r"^(\d+)\t(\S+)\.model", (TABLES / "dynamixel.model").read_text(encoding="utf-8"), re.MULTILINE
     )
@@ -51,6 +55,13 @@ def test_every_address_and_size_is_the_sdks(model: ServoModel) -> None:
     for register in registers_of(model):
         said = table.get(register.name) or table[NAMES[register.name]]
         assert (register.address, register.size) == said, register.name
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+def test_no_register_of_the_sdks_is_missing_but_the_indirect_ones(model: ServoModel) -> None:
+    ours = {(register.address, register.size) for register in registers_of(model)}
+    theirs = sdk_table(f"{sdk_name(model)}.model")
+    assert [name for name, place in theirs.items() if place not in ours and not name.startswith("indirect_")] == []
 
 
 def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
@@ -178,6 +189,7 @@ def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: models.Series, ve
 
 
 def test_the_xl320s_settings_goal_limit_and_torque() -> None:
+    assert xl320.XL320.last_count == 1023
     port = Tables({3: xl320.XL320})
     bus = DynamixelBus(port, port.clock, position_p={3: 40})
     bus.identify(3, xl320.XL320)

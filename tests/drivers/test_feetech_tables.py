@@ -87,7 +87,7 @@ def test_a_model_of_another_make_has_no_series() -> None:
 
 def test_a_potentiometer_sees_less_than_a_turn() -> None:
     for model in models.SCS.models:
-        assert model.counts_per_turn > scs.POSITIONS
+        assert model.positions == scs.POSITIONS < model.counts_per_turn
 
 
 # rustypot has tables of its own. Its registers have other names; where they stand is asked of the

@@ -58,7 +58,7 @@ def test_factory_values_are_the_e_manual_s(model: str) -> None:
     bench = Bench(model)
     read = bench.bus.read
     assert read(1, dxl.model_number) == dxl.MODELS[model].number
-    assert (read(1, dxl.cw_angle_limit), read(1, dxl.ccw_angle_limit)) == (0, dxl.POSITIONS[model] - 1)
+    assert (read(1, dxl.cw_angle_limit), read(1, dxl.ccw_angle_limit)) == (0, dxl.MODELS[model].last_count)
     assert (read(1, dxl.max_torque), read(1, dxl.torque_limit), read(1, dxl.shutdown)) == (1023, 1023, 36)
     assert bench.servo.baud == 1_000_000
 

@@ -1,0 +1,103 @@
+"""Every model that can be named, on a virtual line: who it is, its state, its goals. Nothing here names a model."""
+
+import pytest
+
+from drivers.bus import ServoGoal, ServoState
+from drivers.dynamixel import x_series, xl320
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import ServoRefused
+from drivers.feetech import sts
+from drivers.feetech.models import series_of
+from drivers.makes import MODELS, bus_for, language_of
+from drivers.registers import Access, Register, ServoModel
+from sim_backend.bus import VirtualBus, servo_of
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.sts_wire import Code
+
+IDS = (1, 2)
+every_model = pytest.mark.parametrize("model", [m for m in MODELS.values() if m != xl320.XL320], ids=lambda m: m.name)
+"""There is no virtual XL-320."""
+
+
+class Bench:
+    def __init__(self, model: ServoModel) -> None:
+        self.clock = SimulatedClock(10.0)
+        # In proportion, as the largest has fifty times the torque of the smallest.
+        share = model.stall_torque_nm / sts.STS3215.stall_torque_nm
+        plant = BenchPlant(IDS, inertia_kg_m2=share * 0.024, friction_nm=share * 0.06)
+        models = dict.fromkeys(IDS, model)
+        protocol2 = language_of(model) == "Dynamixel protocol 2.0"
+        line = VirtualDynamixelBus.of(plant, models) if protocol2 else VirtualBus.of(plant, models)
+        self.bus = bus_for(models, VirtualPort(line, self.clock), self.clock)
+
+    def run(self, seconds: float) -> dict[int, ServoState]:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        states = self.bus.read_states(IDS, self.clock.now() + 0.05)
+        return {i: state for i, state in states.items() if isinstance(state, ServoState)}
+
+
+def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
+    """All registers of a Feetech or of a Dynamixel of protocol 1.0, and the instruction that asks several at once."""
+    if isinstance(model, dxl.Model):
+        return dxl.registers(model), Code.BULK_READ if model.bulk_read else None
+    series = series_of(model)
+    return series.registers, Code.SYNC_READ if series.sync_read else None
+
+
+@pytest.mark.parametrize(
+    "model", [m for m in MODELS.values() if language_of(m) != "Dynamixel protocol 2.0"], ids=lambda m: m.name
+)
+def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: ServoModel) -> None:
+    servo = servo_of(model, 1)
+    table, group_read = table_of(model)
+    assert group_read == servo.GROUP_READ
+    listed = {place: r for r in table for place in range(r.address, r.address + r.size)}
+    kept = []
+    for place in (place for place in range(128) if listed.get(place) not in (dxl.lock, dxl.servo_id)):
+        before = servo.memory.read(place, 1)[0]
+        servo.memory.write(place, bytes((before ^ 1,)))
+        if servo.memory.read(place, 1)[0] != before:
+            kept.append(place)
+        servo.memory.write(place, bytes((before,)))
+    written = [place for place, r in sorted(listed.items()) if r.access is Access.READ_WRITE]
+    assert kept == [place for place in written if listed[place] not in (dxl.lock, dxl.servo_id)]
+
+
+@every_model
+def test_it_is_known_by_its_number(model: ServoModel) -> None:
+    bench = Bench(model)
+    for servo_id in IDS:
+        bench.bus.identify(servo_id, model)
+    others = [other for other in MODELS.values() if other.number != model.number]
+    stranger = next((other for other in others if language_of(other) == language_of(model)), others[0])
+    with pytest.raises(ServoRefused, match=f"is model {model.number} "):
+        bench.bus.identify(1, stranger)
+
+
+@every_model
+def test_it_is_at_rest_and_well_and_then_where_it_was_told_to_go(model: ServoModel) -> None:
+    bench = Bench(model)
+    for servo_id in IDS:
+        bench.bus.identify(servo_id, model)
+    states = bench.run(0.1)
+    assert set(states) == set(IDS)
+    start = states[1].position_counts
+    assert 0 <= start <= model.last_count
+    assert (states[1].load, states[1].alarms) == (0.0, ())
+    measures = isinstance(model, x_series.Model) and model.current_unit_a is not None
+    assert (states[1].current_a is not None) == measures
+    bench.bus.write_goals(dict.fromkeys(IDS, ServoGoal(start)))
+    for servo_id in IDS:
+        bench.bus.torque_on(servo_id)
+    way = model.counts_per_turn // 12
+    bench.bus.write_goals(dict.fromkeys(IDS, ServoGoal(start - way, way)))
+    halfway, there = bench.run(0.5)[1], bench.run(2.5)
+    assert start - way < halfway.position_counts < start
+    assert halfway.velocity_counts_s < 0
+    for state in there.values():
+        assert state.position_counts == pytest.approx(start - way, abs=max(2, way / 20))
+        assert state.alarms == ()
+        assert 0 <= state.position_counts <= model.last_count
