@@ -34,6 +34,8 @@ class AbsenceWatch:
                 self.misses.pop(servo_id, None)
             else:
                 self.missed(servo_id, now_s)
+                if outcome[servo_id] == "late":  # so it is there, and the next answer may be the one to believe
+                    self._next_s[servo_id] = now_s
         return missing
 
     def missed(self, servo_id: int, now_s: float) -> None:

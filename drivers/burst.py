@@ -64,6 +64,13 @@ class Burst(ABC, Generic[ReplyT]):
             return data
         return data + self._port.read(expected - 1, min(self._clock.now() + expected * self.byte_s + GAP_S, deadline_s))
 
+    def _behind_echo(self, sent: bytes, data: bytes, expected: int, until_s: float) -> bytes:
+        """The answer, of which so many bytes are expected, without our own bytes before it."""
+        if self._echo.present is None and data and sent.startswith(data):
+            # Nobody knew of an echo, and it is so long that there is nothing else yet.
+            data += self._port.read(len(sent) - len(data) + expected, until_s)
+        return self._echo.strip(sent, data)
+
     def _all_well(self, servo_ids: tuple[int, ...], states: Mapping[int, ServoState]) -> Mapping[int, ServoState]:
         if self._echo.present is None:
             self._echo.present = False
@@ -110,14 +117,14 @@ class Burst(ABC, Generic[ReplyT]):
         outcome: dict[int, Outcome] = {}
         belated: list[tuple[int, Missed]] = []
         for reply in hearing.replies:
-            what = self._said(reply) if hearing.fits(reply) else None
-            if what is not None:
-                self._counters.strange += reply.servo_id in outcome
-                outcome[reply.servo_id] = what
-            elif counted_as := self._owed.settle(reply.servo_id, len(reply.data)):
+            if counted_as := self._owed.settle(reply.servo_id, len(reply.data), hearing.fits(reply)):
                 belated.append((reply.servo_id, counted_as))
-            else:
-                self._counters.strange += 1
+                continue
+            what = self._said(reply) if hearing.fits(reply) else None
+            self._counters.strange += what is None or reply.servo_id in outcome
+            if what is not None:
+                outcome[reply.servo_id] = what
+                self._owed.answered((reply.servo_id,))
         corrupt, noise = hearing.spoiled()
         self._counters.noise += noise
         late = {servo_id for servo_id, _ in belated}

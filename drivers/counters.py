@@ -22,7 +22,7 @@ class ServoCounters:
     corrupt: int = 0
     """Asked, and what came had a wrong checksum or no header."""
     late: int = 0
-    """Asked, and what came was the answer to an earlier request."""
+    """Asked, and what came was the answer to an earlier request, or may have been."""
     reset: int = 0
     """Asked, and what came shows that the servo has lost its memory."""
     alarms: int = 0

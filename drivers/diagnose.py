@@ -17,7 +17,7 @@ BAUD_RATES: Final = (
 """What servos are delivered with or set to, the likely ones first."""
 TRIES: Final = 4
 MORE_TRIES: Final = 12
-"""Where all those are silent. Together they last about as long as a reply may be held back (drivers.owed.OWED_S)."""
+"""Where all those are silent. Together they last about as long as a reply may be held back (drivers.owed.HELD_S)."""
 NOWHERE: Final = "does not answer at any baud rate"
 
 
@@ -70,8 +70,9 @@ def _judged(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
     advice = latency_advice(bus.name) or HELD_BACK
     texts: dict[int, str] = {}
     for i in servo_ids:
+        # The first that comes after a long silence counts as late, for it may be.
         # The more late replies, the more of them collide with others' or pass for present ones: the first tries count.
-        if bus.counters.of(i).late > late_before[i] and not {None, "corrupt"} & set(kinds[i][:TRIES]):
+        if bus.counters.of(i).late > late_before[i] + 1 and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
         elif None not in kinds[i]:
             texts[i] = _judge(i, kinds[i])

@@ -8,7 +8,7 @@ from drivers.bus import FaultKind, Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.errors import ServoError, ServoRefused
-from drivers.owed import OWED_S
+from drivers.owed import HELD_S
 from drivers.port import Port
 from drivers.registers import ServoModel
 
@@ -90,6 +90,6 @@ def port_at(port: Port, clock: Clock, baud: int) -> Iterator[None]:
 
 def _let_pass(port: Port, clock: Clock) -> None:
     """Throw away what comes until nothing comes any more, or somebody never stops."""
-    end_s = clock.now() + 4.0 * OWED_S
-    while port.read(_AT_ONCE, min(clock.now() + OWED_S, end_s)) and clock.now() < end_s:
+    end_s = clock.now() + 4.0 * HELD_S
+    while port.read(_AT_ONCE, min(clock.now() + HELD_S, end_s)) and clock.now() < end_s:
         pass

@@ -15,7 +15,7 @@ import scservo_sdk
 from drivers.clock import Clock
 from drivers.echo import Echo
 from drivers.errors import ServoCorrupt, ServoSilent
-from drivers.owed import OWED_S
+from drivers.owed import HELD_S
 from drivers.port import Port
 
 _CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
@@ -76,12 +76,12 @@ class SdkPort:
 
     def owe(self, servo_id: int) -> None:
         """The right answer to the last instruction has not come, and may still."""
-        self._owed_until_s[servo_id] = self._clock.now() + OWED_S
+        self._owed_until_s[servo_id] = self._clock.now() + HELD_S
 
     def _let_pass(self, servo_id: int) -> None:
         """Wait until no reply to a former instruction can come any more; in a cycle there is no time for that."""
         until_s = self._owed_until_s.get(servo_id, -math.inf)
-        if until_s > self.latest_s:
+        if self.latest_s < math.inf and self._clock.now() < until_s:
             raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
         self._owed_until_s.pop(servo_id, None)
         while self._clock.now() < until_s:

@@ -46,7 +46,7 @@ class Lines:
             causes = diagnose(bus, unheard) if unheard else {}
             # Two of one model and one ID have the same number: only their states give them away.
             known = [i for i in self._ids[name] if i not in errors]
-            causes |= self._stateless(bus, bus.read_states(known)) if known else {}
+            causes |= self._stateless(bus, _states(bus, known)) if known else {}
         if len(causes) == len(self._on[name]) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
@@ -73,7 +73,7 @@ class Lines:
         readings = []
         for name, bus in self._buses.items():
             with self._named(name):
-                found = bus.read_states(self._ids[name])
+                found = _states(bus, self._ids[name])
                 causes = self._stateless(bus, found)
                 readings.append({i: _explained(reading, causes.get(i)) for i, reading in found.items()})
         return self._by_joint(readings)
@@ -173,6 +173,18 @@ class Lines:
     def _owner(self, name: str, servo_id: int) -> str:
         joint = next(joint for joint in self._on[name] if joint.servo_id == servo_id)
         return f"{joint.name}, bus {name}"
+
+
+def _states(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, Reading]:
+    """Without a hurry; whoever gave none is asked again."""
+    found: dict[int, Reading] = {}
+    missing = list(servo_ids)
+    for _ in range(ATTEMPTS):
+        found |= bus.read_states(missing)
+        missing = [i for i, reading in found.items() if isinstance(reading, ServoFault)]
+        if not missing:
+            break
+    return found
 
 
 def _explained(reading: Reading, cause: str | None) -> Reading:

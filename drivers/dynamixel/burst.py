@@ -135,7 +135,8 @@ class BurstReader(Burst[wire.Reply]):
         expected = self._echo.expected(sent) + (plan.bytes_from(firm) if firm and tried else plan.reply_size)
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm) and not plan.fast)
         if self._echo.present is not False:
-            data = self._echo.strip(sent, data)
+            until_s = min(self._sent_s + expected * self.byte_s + GAP_S, deadline_s)
+            data = self._behind_echo(sent, data, expected, until_s)
         return self._understand(firm, tried, data, deadline_s)
 
     def _understand(
@@ -143,9 +144,10 @@ class BurstReader(Burst[wire.Reply]):
     ) -> Mapping[int, Outcome]:
         """What the first bytes say, and those that come behind them."""
         plan, self.steady = self._plan, None
-        states = plan.states(data)
+        states = None if self._owed.doubtful(plan.sizes) else plan.states(data)
         if states is not None:
             self.clean = True
+            self._owed.answered(plan.servo_ids)
             if plan.fast:
                 self._broken_in_a_row = 0
             states = self._all_well(plan.servo_ids, states)

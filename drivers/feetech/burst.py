@@ -132,15 +132,16 @@ class BurstReader(Burst[wire.Reply]):
     ) -> Mapping[int, Outcome]:
         """What the first bytes say, and those that come behind them; then ``after`` goes out."""
         servo_ids = firm + tried
-        states = state.burst(data, servo_ids, size)
+        sizes = dict.fromkeys(servo_ids, size)
+        states = None if self._owed.doubtful(sizes) else state.burst(data, servo_ids, size)
         outcome: Mapping[int, Outcome]
         self.steady = None
         if states is None:
-            decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
-            hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
+            hearing = Hearing(sizes, wire.OVERHEAD, wire.ReplyDecoder(size, self._owed.sizes() - {size}))
             outcome = self._listen_on(hearing, firm, tried, data, deadline_s)
         else:
             self.clean = True
+            self._owed.answered(servo_ids)
             outcome = self._all_well(servo_ids, states)
             if not self._owed and self._echo.present is False:
                 self.steady = self._steady_with(servo_ids)

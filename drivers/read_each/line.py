@@ -80,7 +80,7 @@ class Line(Burst[wire.Reply]):
         noise = self._counters.noise
         outcome = self._judge(hearing)
         whole = len(hearing.answered) == len(hearing.replies) == len(servo_ids)
-        self.clean = whole and self._counters.noise == noise
+        self.clean = whole and self._counters.noise == noise and "late" not in outcome.values()
         if self.clean and self._echo.present is None:
             self._echo.present = False
         return outcome
@@ -98,9 +98,10 @@ class Line(Burst[wire.Reply]):
         expected = hearing.lacking(servo_ids)
         due_s = sent_s + expected * self.byte_s
         wait_s = self.patience.wait_s(firm)
-        data = self._port.read(expected + self._echo.expected(sent), min(due_s + wait_s, deadline_s))
+        until_s = min(due_s + wait_s, deadline_s)
+        data = self._port.read(expected + self._echo.expected(sent), until_s)
         if self._echo.present is not False:
-            data = self._echo.strip(sent, data)
+            data = self._behind_echo(sent, data, expected, until_s)
         hearing.feed(data)
         end_s = min(self._clock.now() + FIRST_REPLY_S, deadline_s)  # however much noise there is
         while data and (lacking := hearing.lacking(servo_ids)):
@@ -113,8 +114,10 @@ class Line(Burst[wire.Reply]):
         elif not hearing.answered:
             self.patience.in_vain()
 
-    def _said(self, reply: wire.Reply) -> Outcome:
-        return self._state_of[reply.servo_id](reply.status, reply.data)
+    def _said(self, reply: wire.Reply) -> Outcome | None:
+        """Nothing where the servo's model is not known."""
+        state_of = self._state_of.get(reply.servo_id)
+        return state_of(reply.status, reply.data) if state_of else None
 
     def _count(
         self, outcome: Mapping[int, Outcome], sizes: Mapping[int, int], belated: Sequence[tuple[int, Missed]]

@@ -35,9 +35,11 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
     for servo_id in IDS:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
-        assert account.silent + account.corrupt + account.late == dropped + flipped
+        # Where four in a row were lost, the next answer may be any of theirs: it counts as a late one.
+        doubtful = cycles // 2500
+        assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
         # Where several answer, garbage may lie beside the wrong one of two that are missing.
-        assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05)
+        assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
     assert line.bus.counters.noise == pytest.approx(noise, rel=0.05)

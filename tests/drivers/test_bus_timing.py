@@ -98,6 +98,17 @@ def test_an_adapter_that_echoes_is_understood(kind: Kind) -> None:
 
 
 @every_kind
+def test_an_echo_that_is_longer_than_the_answer_is_learnt(kind: Kind) -> None:
+    line = Line(kind, EchoingPort)
+    for _ in range(5):
+        goals = {1: ServoGoal(kind.table.middle)}
+        readings = line.bus.exchange(goals, (1,), line.clock.now() + kind.table.budget_s)
+        assert isinstance(readings[1], ServoState)
+        line.clock.sleep_until(line.clock.now() + kind.table.period_s)
+    assert line.bus.counters.noise == line.bus.counters.strange == 0
+
+
+@every_kind
 def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     """Two lines on one clock take hardly longer than one: the bytes of the second gather meanwhile."""
     clock = SimulatedClock(50.0)

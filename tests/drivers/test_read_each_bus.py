@@ -384,3 +384,12 @@ def test_every_model_has_a_name_a_make_and_a_language() -> None:
     assert {make_of(model) for model in MODELS.values()} == {"feetech", "dynamixel"}
     assert len({language_of(model) for model in MODELS.values()}) == 4
     assert make_of(MODELS["ax-12a"]) == "dynamixel" and make_of(MODELS["scs15"]) == "feetech"
+
+
+def test_the_reply_of_a_servo_whose_model_is_not_known_is_a_strange_one() -> None:
+    line = Line(KINDS[0])
+    known = {1: line.kind.models[1]}
+    bus = ReadEachBus(line.port, line.clock, known)
+    readings = bus.read_states((1, 2), line.clock.now() + 0.01)
+    assert isinstance(readings[1], ServoState) and isinstance(readings[2], ServoFault)
+    assert bus.counters.strange > 0

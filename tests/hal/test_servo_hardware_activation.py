@@ -181,7 +181,7 @@ def silence_elbow(bench: Bench) -> None:
 
 
 def corrupt_elbow(bench: Bench) -> None:
-    bench.servos.faults.corrupt_next(2)
+    bench.servos.faults.corrupt_next(2, replies=3)  # each time that it is asked
 
 
 def turn_elbow_out(bench: Bench) -> None:

@@ -1,0 +1,134 @@
+"""What every bus makes of an adapter that stalls: old replies come later, all of them, and before the new ones."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.bus import ServoState
+from sim_backend.dynamixel_servo import VirtualXServo
+from sim_backend.line import Reply
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind
+from tests.drivers.ports import WatchedPort
+
+PERIODS_S = (0.005, 0.01, 0.02, 0.05)
+HOLDS_S = (0.02, 0.045, 0.11, 0.3, 1.0)
+BEFORE = 5
+"""Cycles in which all is well."""
+
+
+class Stalling:
+    """A line whose adapter can hold replies back, and whose registers say which question they answer."""
+
+    def __init__(self, kind: Kind, period_s: float) -> None:
+        self.line = Line(kind, WatchedPort)
+        self.period_s = period_s
+        self.truth = Truth(self.line)
+        self.answers: dict[int, int] = {}
+        """The question that each servo has answered last, as far as the wire between servos and adapter goes."""
+        receive = self.line.servos.receive
+
+        def heard(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+            self.truth.number += 1
+            self._publish()
+            replies = receive(data, now_s, baud)
+            self._note([reply.data for reply in replies])
+            return replies
+
+        self.line.servos.receive = heard  # type: ignore[method-assign]
+
+    def _publish(self) -> None:
+        for servo in self.line.servos.servos:
+            if isinstance(servo, VirtualXServo):
+                servo.firmware.publish()
+
+    def _note(self, replies: list[bytes]) -> None:
+        for data in replies:
+            servo_id = data[4 if data[2] == 0xFD else 2]
+            self.answers |= dict.fromkeys((servo_id,) if servo_id in IDS else IDS, self.truth.number)
+
+    def cycle(self) -> set[int]:
+        """Whose state came. Each must be the answer to the last question that the servo was asked."""
+        begin_s = self.line.clock.now()
+        seen = set()
+        for servo_id, reading in self.line.states(begin_s + 0.8 * self.period_s).items():
+            if isinstance(reading, ServoState):
+                seen.add(servo_id)
+                number, self.truth.number = self.truth.number, self.answers[servo_id]
+                assert self.truth.holds(servo_id, reading), (self.answers[servo_id], servo_id, reading)
+                self.truth.number = number
+        self.line.clock.sleep_until(begin_s + self.period_s)
+        return seen
+
+    def stall(self, hold_s: float, cycles: int) -> None:
+        """Replies of so many cycles come so much later, and those behind them wait for them."""
+        self.line.port.hold_s = hold_s
+        for _ in range(cycles):
+            self.cycle()
+        self.line.port.hold_s = 0.0
+        over_s = self.line.clock.now() + hold_s
+        while self.line.clock.now() < over_s:
+            self.cycle()
+
+    def outage(self, duration_s: float) -> None:
+        """For so long nothing is answered."""
+        faults, end_s = self.line.faults, self.line.clock.now() + duration_s
+        for servo_id in IDS:
+            faults.silence(servo_id)
+        while self.line.clock.now() < end_s:
+            self.cycle()
+        for servo_id in IDS:
+            faults.restore(servo_id)
+
+    def comes_back(self) -> None:
+        """Within a second everybody is read, and then always."""
+        end_s = self.line.clock.now() + 1.0
+        missing = set(IDS)
+        while missing and self.line.clock.now() < end_s:
+            missing -= self.cycle()
+        assert not missing
+        for _ in range(BEFORE):
+            self.cycle()
+
+
+@pytest.mark.parametrize("period_s", PERIODS_S)
+@every_kind
+def test_no_old_state_comes_out_of_a_stall_and_the_servos_come_back(kind: Kind, period_s: float) -> None:
+    for hold_s in HOLDS_S:
+        for cycles in (1, 12):
+            stalling = Stalling(kind, period_s)
+            for _ in range(BEFORE):
+                stalling.cycle()
+            stalling.stall(hold_s, cycles)
+            stalling.comes_back()
+
+
+durations_s = st.floats(0.005, 1.0)
+stalls = st.tuples(durations_s, st.integers(1, 15))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(KINDS), st.sampled_from(PERIODS_S), st.lists(stalls | durations_s, min_size=1, max_size=3))
+def test_however_often_it_stalls_and_replies_are_lost(
+    kind: Kind, period_s: float, troubles: list[tuple[float, int] | float]
+) -> None:
+    stalling = Stalling(kind, period_s)
+    for trouble in troubles:
+        if isinstance(trouble, tuple):
+            stalling.stall(*trouble)
+        else:
+            stalling.outage(trouble)
+        for _ in range(BEFORE):
+            stalling.cycle()
+    stalling.comes_back()
+
+
+@every_kind
+def test_a_reply_that_was_lost_casts_no_doubt_once_a_later_one_has_come(kind: Kind) -> None:
+    line = Line(kind)
+    line.faults.silence(7)
+    for _ in range(20):
+        line.faults.corrupt_next(3)
+        for _ in range(3):
+            line.cycle()
+    account = line.account(3)
+    assert (account.corrupt, account.late) == (20, 0)
