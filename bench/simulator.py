@@ -107,6 +107,8 @@ def main() -> None:
     parser.add_argument("--paced", type=int, default=0, metavar="BAUD")
     parser.add_argument("--silence", default="", metavar="ID,FROM,TO")
     arguments = parser.parse_args()
+    if arguments.link.exists() and not arguments.link.is_symlink():
+        parser.error(f"{arguments.link} exists and is no link: choose another path")
     kind = DynamixelServos if arguments.make == "dynamixel" else Servos
     servos = kind(parse_ids(arguments.ids))
     line = Line(arguments.link, servos, arguments.paced)

@@ -6,14 +6,16 @@ from typing import Final, Literal
 from drivers.bus import ServoBus
 from drivers.clock import Clock
 from drivers.dynamixel import models as dynamixel2
+from drivers.dynamixel import x_series
 from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel1 import tables as dynamixel1
 from drivers.feetech import models as feetech
+from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
 from drivers.port import Port
 from drivers.read_each import series as read_each
 from drivers.read_each.bus import ReadEachBus
-from drivers.registers import ServoModel
+from drivers.registers import Register, ServoModel
 
 Make = Literal["feetech", "dynamixel"]
 
@@ -24,6 +26,12 @@ MODELS: Final[dict[str, ServoModel]] = {**feetech.MODELS, **dynamixel2.MODELS, *
 def make_of(model: ServoModel) -> Make:
     """Who makes it."""
     return "feetech" if model in feetech.MODELS.values() else "dynamixel"
+
+
+def model_numbers(model: ServoModel) -> tuple[Register, Register]:
+    """Where a servo has the number of its model, and where it would be if it were of the other make."""
+    here, there = sts.model_number, x_series.model_number
+    return (here, there) if make_of(model) == "feetech" else (there, here)
 
 
 def language_of(model: ServoModel) -> str:

@@ -13,7 +13,7 @@ from controller.kinds import PluginError
 from controller.roster import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
-from servoloop.files import CONTROLLERS, URDF, Files, read_files
+from servoloop.files import CONTROLLERS, URDF, Files, make_folder, read_files, require_writable
 from servoloop.hardware import HardwareKind
 from servoloop.ports import links, parse_ports
 from servoloop.ros import RosError, require_ros
@@ -28,6 +28,9 @@ app = typer.Typer(
 
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
+
+LARGEST_BAUD = 12_000_000
+"""Of the fastest USB adapters."""
 
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
 UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
@@ -83,6 +86,10 @@ def up(
     from servoloop.up import up as run
 
     _log_to_terminal()
+    if ready_file is not None:
+        if ready_file.is_dir():
+            raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
+        require_writable(ready_file.parent)
     files = read_files(urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))
@@ -114,6 +121,10 @@ def emulate(
     from servoloop.signals import Signals
 
     _log_to_terminal()
+    if not link.name:
+        raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
+    if pictures is not None:
+        make_folder(pictures)
     files: Files = read_files(urdf, CONTROLLERS, robot)
     claim_realtime_priority()
     places = " and ".join(str(path) for path in links(link, files.robot.file.lines()).values())
@@ -173,11 +184,15 @@ def demo(
     from servoloop.live import Live
     from servoloop.show import Interrupted
 
+    jobs = [grade for grade in grades.split(",") if grade.strip()]
+    if not jobs:
+        raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
     require_ros()
+    make_folder(out)
     console = Console()
     try:
         with Live(console) as live:
-            report = run([g for g in grades.split(",") if g], repeat, out, robot, live)
+            report = run(jobs, repeat, out, robot, live)
     except Interrupted:
         raise typer.Exit(130) from None
     reports.write_json(report, out / "result.json")
@@ -190,14 +205,16 @@ def bus(
     port: Annotated[str, typer.Option(help="Serial device of the servos.")],
     ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
-    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 1_000_000,
+    baud: Annotated[int, typer.Option(min=1, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
     cycles: Annotated[int, typer.Option(min=1, help="How many cycles to measure.")] = 1000,
     json: Annotated[bool, typer.Option("--json", help="One line of JSON instead of a table.")] = False,
 ) -> None:
     """Read the full state of every servo and write a goal to each, as fast as the line allows.
 
-    The goals are where the servos stand. Faults are counted, not fatal; only a line on which nobody answers ends
-    with 1. Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
+    Nothing moves: the goals are those that the servos hold, or where they stand if their torque is off. But the
+    servos' goal speed and acceleration become 0, which is as fast as they can. Faults are counted, not fatal; it ends
+    with 1 where nobody answers, where a servo is of another model, and where the port is lost.
+    Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console
 

@@ -49,12 +49,11 @@ def environment() -> dict[str, str]:
 
 
 def demo(grades: Sequence[str], repeat: int, out: Path, robot: Path | None, live: Live) -> Report:
-    """Run everything; raises DriverError with a process' last words if one of them fails."""
+    """Run everything; ``out`` is a folder. Raises DriverError with a process' last words if one of them fails."""
     from nodes.pick_client import PickClient
     from nodes.session import client_session
     from nodes.watcher import Watcher
 
-    out.mkdir(parents=True, exist_ok=True)
     os.environ.update(environment())
     link, ready = out / "bus", out / "ready"
     ready.unlink(missing_ok=True)

@@ -1,9 +1,11 @@
 """Where the arm's own files are, and how they are read together."""
 
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from controller.controllers_file import ControllersFile, load_controllers_file
+from drivers.errors import DriverError
 from hal.component import Component
 from hal.description import Description, merged, parse_urdf
 from hal.errors import DescriptionError, RobotFileError
@@ -100,3 +102,21 @@ def _robot(path: Path, description: Description, component: Component) -> Robot:
         return assemble(file, description, component)
     except RobotFileError as error:
         raise RobotFileError("\n".join(f"{path}: {line}" for line in str(error).splitlines())) from error
+
+
+def make_folder(folder: Path) -> None:
+    """For results, where it is not there yet. Raises DriverError where nothing can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DriverError(f"cannot write into {folder}: {error.strerror}") from error
+    require_writable(folder)
+
+
+def require_writable(folder: Path) -> None:
+    """Try it now: to learn at the end of a run that its results have no place is too late. Raises DriverError."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise DriverError(f"cannot write into {folder}: {error.strerror}") from error

@@ -80,10 +80,19 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
     made = [_made(kinds[c.name], c, files, devices, clock, world) for c in components]
     every = [_every(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _interpolation(one) for one in made if isinstance(one, ServoHardware)}
-    feed = world_feed(devices) if servos else None
-    scene = world.scene if world else Scene(WorldFeedClient(feed)) if feed else dict
+    feed = _feed(devices) if servos else None
+    scene = world.scene if world else Scene(feed) if feed else dict
     real = (bool(servos) and feed is None) or any(kinds[c.name] not in tuple(HardwareKind) for c in components)
     return Below(Components(made, clock, every), scene, servos, virtual=not real)
+
+
+def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
+    """The world behind these devices. A real line has none, nor has an emulator that was killed and left its socket."""
+    path = world_feed(devices)
+    try:
+        return WorldFeedClient(path) if path else None
+    except OSError:
+        return None
 
 
 def _every(component: Component, update_rate_hz: int) -> int:

@@ -15,14 +15,17 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
     if list(values) in ([], [VIRTUAL]):
         return None
     if len(names) == 1 and len(values) == 1:
-        return {names[0]: values[0].removeprefix(f"{names[0]}=") if names[0] else values[0]}
+        path = values[0].removeprefix(f"{names[0]}=") if names[0] else values[0]
+        if not Path(path).name:
+            raise DriverError(f"--port takes a device such as /dev/ttyACM0, not {path!r}")
+        return {names[0]: path}
     if len(names) == 1:
         raise DriverError("the robot has one bus: name one --port")
     devices: dict[str, str] = {}
     problems: list[str] = []
     for value in values:
         name, sign, path = value.partition("=")
-        if not sign or not path or name not in names:
+        if not sign or not Path(path).name or name not in names:
             problems.append(f"--port {value} names none of the buses")
         elif name in devices:
             problems.append(f"--port {name}= is there twice")

@@ -98,6 +98,8 @@ def up(
 def _devices(kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files) -> Iterator[Mapping[str, str]]:
     """The devices to open: those that were named, or those of an emulator of our own."""
     kinds = [hardware.choose(kind, component) for component in files.description.components]
+    if HardwareKind.SERVOS not in kinds and ports:
+        raise DriverError("no component is driven by servos: leave out --port, or --hardware")
     if HardwareKind.SERVOS not in kinds or ports is not None:
         yield ports or {}
         return

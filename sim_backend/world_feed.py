@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import PortBusy
+from drivers.errors import PortBusy, PortError
 
 PERIOD_S: Final = 0.05
 SEND_BUFFER_BYTES: Final = 1 << 20
@@ -76,15 +76,19 @@ class WorldFeed:
     """The server side; a context manager. ``tick`` belongs in the emulator's loop, never blocks."""
 
     def __init__(self, path: Path) -> None:
-        """Listen at ``path``. Raises PortBusy if another emulator does."""
+        """Listen at ``path``. Raises PortBusy if another emulator does, PortError where nobody can."""
         self.path = path
-        _remove_remains(path)
         self._clients: list[socket.socket] = []
         self._next_s = 0.0
         self._trace: list[tuple[float, list[float]]] = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
-        self._socket.bind(str(path))
+        try:
+            _remove_remains(path)
+            self._socket.bind(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
         self._socket.listen()
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:

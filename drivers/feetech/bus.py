@@ -24,11 +24,7 @@ from drivers.single_servo import SingleServo
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
-_SETTINGS: Final = (
-    (sts.status_level, 1, "acknowledges no writes"),
-    (sts.operating_mode, 0, "is not in position mode, where a goal is a position"),
-)
-"""What a servo must be set to so that it can be driven, and what is wrong otherwise."""
+_POSITION_MODE: Final = 0
 
 
 class FeetechBus:
@@ -59,12 +55,12 @@ class FeetechBus:
     def identify(self, servo_id: int, model: ServoModel) -> None:
         number = self.read(servo_id, sts.model_number)
         refuse_stranger(servo_id, number, model, sts.MODELS)
-        for register, right, why in _SETTINGS:
-            held = self.read(servo_id, register)
-            if held != right:
-                raise ServoRefused(
-                    servo_id, f"{why}: {register.name} ({register.address}) is {held}, set it to {right}"
-                )
+        mode = self.read(servo_id, sts.operating_mode)
+        if mode != _POSITION_MODE:
+            raise ServoRefused(
+                servo_id,
+                f"is not in position mode: set operating_mode ({sts.operating_mode.address}) to {_POSITION_MODE}",
+            )
 
     def read(self, servo_id: int, register: Register) -> int:
         self._burst.clean = False

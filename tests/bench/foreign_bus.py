@@ -10,6 +10,7 @@ import time
 import tty
 
 IDS = range(1, 8)
+STS_MODEL = (777).to_bytes(2, "little")
 STS_STATE = bytes([0, 8, 0, 0, 0, 0, 120, 30])
 
 
@@ -20,13 +21,13 @@ def sts_packet(servo_id: int, data: bytes) -> bytes:
 
 def sts_replies(packet: bytes) -> list[bytes]:
     code, data = packet[4], packet[5:-1]
+    memory = bytearray(128)
+    memory[3:5], memory[56:64] = STS_MODEL, STS_STATE
+    address, size = data[:2] if len(data) > 1 else (0, 0)
     if code == 0x82:
-        address, size = data[0], data[1]
-        memory = bytearray(128)
-        memory[56:64] = STS_STATE
         return [sts_packet(i, bytes(memory[address : address + size])) for i in data[2:] if i in IDS]
     if code in (1, 2, 3) and packet[2] in IDS:
-        return [sts_packet(packet[2], bytes(data[1]) if code == 2 else b"")]
+        return [sts_packet(packet[2], bytes(memory[address : address + size]) if code == 2 else b"")]
     return []
 
 

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -68,6 +70,33 @@ def test_where_nobody_answers_it_says_so(device: str) -> None:
         bench_bus(device, [20, 21], "sts3215", 1_000_000, 10)
 
 
+@pytest.mark.parametrize("model", ["mx-28", "sts3250"])
+def test_another_model_than_is_there_is_refused(device: str, model: str) -> None:
+    with pytest.raises(DriverError, match="servo 1: is model"):
+        bench_bus(device, [1, 2], model, 1_000_000, 10)
+
+
+def test_more_servos_than_a_packet_holds_are_refused_before_the_run() -> None:
+    with simulator("1-32") as device, pytest.raises(DriverError, match="a packet holds 31 goals, not 32"):
+        bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10)
+
+
+def test_a_rate_that_no_adapter_has_is_refused(device: str) -> None:
+    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--baud", "99999999999"])
+    assert result.exit_code == 2
+    assert "--baud" in result.output
+
+
+def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
+    taken = tmp_path / "bus"
+    taken.write_text("mine")
+    command = [sys.executable, "-m", "bench.simulator", str(taken)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert done.returncode == 2
+    assert f"{taken} exists and is no link" in done.stderr
+    assert taken.read_text() == "mine"
+
+
 @pytest.mark.parametrize("model", ["sts9999", ""])
 def test_a_model_that_it_cannot_measure_is_refused(device: str, model: str) -> None:
     with pytest.raises(DriverError, match="unknown model"):
@@ -84,7 +113,7 @@ def test_ids(text: str, ids: list[int]) -> None:
     assert parse_ids(text) == ids
 
 
-@pytest.mark.parametrize("text", ["", "a", "7-1", "1,1", "254", "-3"])
+@pytest.mark.parametrize("text", ["", "a", "7-1", "1,7-1", "1-", "1,1", "254", "-3", "1-100000000000"])
 def test_ids_that_are_none(text: str) -> None:
     with pytest.raises(DriverError, match="--ids"):
         parse_ids(text)

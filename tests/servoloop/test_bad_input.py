@@ -1,6 +1,7 @@
 """What a user can get wrong on the command line and in the files: each mistake gets a message that says what to do."""
 
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ import pytest
 
 from servoloop import cli
 from servoloop.files import CONFIG, CONTROLLERS, URDF
+from sim_backend.world_feed import feed_path
 
 
 @pytest.fixture
@@ -115,6 +117,48 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
     taken.write_text("mine")
     assert str(taken) in complaint(capsys, monkeypatch, "emulate", str(taken))
     assert taken.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("up", "--port", ""), "--port takes a device such as /dev/ttyACM0, not ''"),
+        (("up", "--port", "/"), "--port takes a device such as /dev/ttyACM0, not '/'"),
+        (("up", "--hardware", "mock", "--port", "/dev/ttyACM77"), "no component is driven by servos: leave out --port"),
+        (("up", "--hardware", "mujoco", "--port", "/dev/ttyACM77"), "leave out --port, or --hardware"),
+        (("up", "--hardware", "mock", "--ready-file", "/nix/nix"), "cannot write into /nix: No such file"),
+        (("up", "--hardware", "mock", "--ready-file", "/"), "--ready-file / is a folder"),
+        (("emulate", ""), "LINK is a free path such as ./bus, not '.'"),
+        (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
+        (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),
+        (("demo", "--grades", ""), "--grades takes grades such as A,B,C, not ''"),
+        (("demo", "--grades", " ,"), "--grades takes grades such as A,B,C, not ' ,'"),
+        (("demo", "--out", "/proc/nix"), "cannot write into /proc/nix: No such file"),
+    ],
+    ids=lambda a: " ".join(a) if isinstance(a, tuple) else "",
+)
+def test_what_cannot_be_is_said_before_anything_is_switched_on(
+    arguments: tuple[str, ...],
+    says: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if arguments[0] == "demo":
+        pytest.importorskip("rclpy")
+    monkeypatch.chdir(tmp_path)
+    assert says in complaint(capsys, monkeypatch, *arguments)
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_remains_of_a_killed_emulator_are_no_world(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / "bus"
+    link.symlink_to("/dev/pts/none")
+    with socket.socket(socket.AF_UNIX) as feed:
+        feed.bind(str(feed_path(link)))
+    assert f"there is no {link}" in complaint(capsys, monkeypatch, "up", "--port", str(link))
 
 
 @pytest.mark.parametrize("verb", ["up", "demo", "pick", "emulate"])

@@ -35,12 +35,19 @@ def test_several_buses_in_any_order() -> None:
         (["arm=/dev/a", "arm=/dev/b", "hand=/dev/c"], "--port arm= is there twice"),
         (["arm=/dev/a", "hand=/dev/a"], "two buses cannot share /dev/a"),
         (["arm=", "hand=/dev/a"], "--port arm= names none"),
+        (["arm=/", "hand=/dev/a"], "--port arm=/ names none"),
     ],
 )
 def test_what_is_missing_unknown_or_double_is_said_with_the_buses(values: list[str], says: str) -> None:
     with pytest.raises(DriverError) as caught:
         parse_ports(values, TWO)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(("value", "bus"), [("", ""), (".", ""), ("/", ""), ("arm=", "arm"), ("", "arm")])
+def test_a_port_without_a_device(value: str, bus: str) -> None:
+    with pytest.raises(DriverError, match="--port takes a device"):
+        parse_ports([value], [bus])
 
 
 def test_two_ports_for_one_bus() -> None:
