@@ -134,6 +134,11 @@ class Burst(ABC, Generic[ReplyT]):
         self._count(outcome, hearing.sizes, belated)
         return outcome
 
+    def give_up(self, sizes: Mapping[int, int]) -> None:
+        """Nobody will wait for these answers (bytes by servo), which are still on their way."""
+        outcome: dict[int, Outcome] = dict.fromkeys(sizes, "silent")
+        self._count(outcome, sizes, ())
+
     @abstractmethod
     def _said(self, reply: ReplyT) -> Outcome | None:
         """What a reply to this question says; None if it is none after all."""

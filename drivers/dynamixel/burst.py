@@ -166,6 +166,10 @@ class BurstReader(Burst[wire.Reply]):
             self.steady = plan
             self.repeat_s = self._repeat_s(fast) if fast else math.inf
 
+    def forsake(self) -> None:
+        """``give_up`` the last question."""
+        self.give_up(self._plan.sizes)
+
     def _fast_or_none(self, servo_ids: tuple[int, ...], now_s: float, until_s: float) -> Plan | None:
         """A fast sync read, unless a reply may still come late: only separate replies can be told apart."""
         if self._owed:

@@ -84,7 +84,12 @@ class DynamixelBus(ServoCalls):
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         asked = tuple(servo_ids)
         turn = self._reader.ask(asked, b"", deadline_s)
-        yield
+        try:
+            yield
+        except GeneratorExit:
+            if turn.firm:
+                self._burst.forsake()
+            raise
         return self._readings(asked, self._reader.hear(turn, deadline_s), deadline_s)
 
     def exchange(

@@ -105,6 +105,10 @@ class BurstReader(Burst[wire.Reply]):
         self.clean = False
         self._port.write(sent)
 
+    def forsake(self, servo_ids: tuple[int, ...]) -> None:
+        """``give_up`` the last question."""
+        self.give_up(dict.fromkeys(servo_ids, self._size))
+
     def _free_size(self, servo_ids: tuple[int, ...], now_s: float) -> int:
         self._owed.forget(now_s)
         return state.STATE_SIZES[self._owed.free(dict.fromkeys(servo_ids, state.STATE_SIZES))]

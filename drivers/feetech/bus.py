@@ -81,7 +81,11 @@ class FeetechBus:
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
         asked = tuple(servo_ids)
         firm, tried = self._ask(asked)
-        yield
+        try:
+            yield
+        except GeneratorExit:
+            self._burst.forsake(firm + tried if firm else ())
+            raise
         return self._hear(asked, firm, tried, deadline_s)
 
     def exchange(

@@ -73,7 +73,11 @@ class Line(Burst[wire.Reply]):
             self._port.discard_input()
         self.clean = False
         self._port.write(sent)
-        yield
+        try:
+            yield
+        except GeneratorExit:
+            self.give_up(dict.fromkeys(servo_ids, size))
+            raise
         decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
         hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
         self._listen(hearing, servo_ids, sent, begin_s + len(sent) * self.byte_s, firm, deadline_s)
@@ -99,6 +103,7 @@ class Line(Burst[wire.Reply]):
         due_s = sent_s + expected * self.byte_s
         wait_s = self.patience.wait_s(firm)
         until_s = min(due_s + wait_s, deadline_s)
+        waited_from_s = max(due_s, self._clock.now())  # another line may have been waited for until now
         data = self._port.read(expected + self._echo.expected(sent), until_s)
         if self._echo.present is not False:
             data = self._behind_echo(sent, data, expected, until_s)
@@ -110,7 +115,7 @@ class Line(Burst[wire.Reply]):
             hearing.feed(data)
         hearing.finish()
         if not hearing.lacking(servo_ids):
-            self.patience.heard(max(0.0, self._clock.now() - due_s))
+            self.patience.heard(max(0.0, self._clock.now() - waited_from_s))
         elif not hearing.answered:
             self.patience.in_vain()
 

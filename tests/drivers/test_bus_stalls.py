@@ -132,3 +132,21 @@ def test_a_reply_that_was_lost_casts_no_doubt_once_a_later_one_has_come(kind: Ki
             line.cycle()
     account = line.account(3)
     assert (account.corrupt, account.late) == (20, 0)
+
+
+@every_kind
+@pytest.mark.parametrize("pause_s", [0.0, 0.0003, 0.002], ids=str)
+def test_the_answers_to_a_question_that_was_given_up_are_nobodys(kind: Kind, pause_s: float) -> None:
+    """As where another line is lost while both are read: the steps are closed, and the replies still come."""
+    stalling = Stalling(kind, 0.02)
+    stalling.cycle()
+    for _ in range(3):
+        steps = stalling.line.bus.state_steps(IDS, stalling.line.clock.now() + 0.01)
+        next(steps)
+        steps.close()
+        stalling.line.clock.sleep_until(stalling.line.clock.now() + pause_s)
+        for _ in range(5):
+            seen = stalling.cycle()
+        assert seen == set(IDS)
+    for account in map(stalling.line.account, IDS):
+        assert min(account.silent, account.late, account.corrupt) >= 0

@@ -121,3 +121,25 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     assert clock.now() - begin_s < alone_s * 1.1
     assert all(isinstance(reading, ServoState) for readings in both for reading in readings.values())
     assert alone_s < FIRST_REPLY_S
+
+
+@every_kind
+def test_the_time_of_another_line_is_not_taken_for_that_of_this_one(kind: Kind) -> None:
+    """A silent servo costs no more beside a line that is read for long before this one is."""
+
+    def cost_s(other_line_s: float) -> float:
+        line = Line(kind)
+        for _ in range(10):
+            steps = line.bus.state_steps(IDS, line.clock.now() + 0.5)
+            try:
+                while True:
+                    next(steps)
+                    line.clock.sleep_until(line.clock.now() + other_line_s)
+            except StopIteration as end:
+                assert all(isinstance(reading, ServoState) for reading in end.value.values())
+        line.faults.silence(4)
+        begin_s = line.clock.now()
+        line.bus.read_states(IDS, begin_s + 0.5)
+        return line.clock.now() - begin_s
+
+    assert cost_s(0.015) <= cost_s(0.0) + 0.0005
