@@ -87,6 +87,33 @@ class ServoBus(Protocol):
         """One register of one servo, acknowledged."""
         ...
 
+    def ping(self, servo_id: int) -> None:
+        """Raise ServoSilent unless it is there."""
+        ...
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        """Who is there, by one question to all. DriverError where the protocol has none: all would answer at once."""
+        ...
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        """``write``, acknowledged, but done only at the next ``action``."""
+        ...
+
+    def action(self) -> None:
+        """Every servo does what ``reg_write`` gave it, all at once. Nobody answers."""
+        ...
+
+    def reboot(self, servo_id: int) -> None:
+        """As if its supply were switched off and on: the torque goes off, and it is deaf for up to a second.
+
+        Raises ServoRefused where its protocol has no such instruction.
+        """
+        ...
+
+    def factory_reset(self, servo_id: int) -> None:
+        """Its settings become the factory's. All keep their ID but those of Dynamixel protocol 1.0, which get ID 1."""
+        ...
+
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """The state of each servo, or its fault, in one exchange.
 

@@ -4,9 +4,17 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
 
-from dynamixel_sdk import INST_PING, INST_READ, INST_WRITE
+from dynamixel_sdk import (
+    BROADCAST_ID,
+    INST_FACTORY_RESET,
+    INST_PING,
+    INST_READ,
+    INST_REBOOT,
+    INST_REG_WRITE,
+    INST_WRITE,
+)
 
-from drivers.errors import ServoCorrupt, ServoRefused
+from drivers.errors import DriverError, ServoCorrupt, ServoRefused
 from drivers.registers import ByteOrder, Register
 from drivers.sdk_port import SdkPort
 
@@ -15,10 +23,17 @@ _OVERHEAD = 2
 
 
 class SingleServo:
-    """Ping, read and write of one servo, acknowledged. Both SDKs have the same calls."""
+    """What one servo is asked and told, acknowledged. Both SDKs have the same calls."""
 
     def __init__(
-        self, sdk: Any, port: SdkPort, byte_order: ByteOrder, refusals: int, alarms: Callable[[int], tuple[str, ...]]
+        self,
+        sdk: Any,
+        port: SdkPort,
+        byte_order: ByteOrder,
+        refusals: int,
+        alarms: Callable[[int], tuple[str, ...]],
+        *,
+        reboots: bool,
     ) -> None:
         """``refusals``: those bits of a reply's error byte that refuse the instruction. The others are alarms,
         which are states and no failure; ``alarms`` has the names of all."""
@@ -27,6 +42,7 @@ class SingleServo:
         self._byte_order = byte_order
         self._refusals = refusals
         self._alarms = alarms
+        self._reboots = reboots
 
     def until(self, servo_id: int, deadline_s: float | None) -> AbstractContextManager[None]:
         """A read that is given up at the deadline, if there is one."""
@@ -46,10 +62,36 @@ class SingleServo:
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """One register."""
+        self._write(INST_WRITE, servo_id, register, value)
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        """One register, at the next ``action``."""
+        self._write(INST_REG_WRITE, servo_id, register, value)
+
+    def _write(self, instruction: int, servo_id: int, register: Register, value: int) -> None:
         # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
         data = register.encode(value, self._byte_order)
-        request = [0, 0, servo_id, 3 + len(data), INST_WRITE, register.address, *data, 0]
+        request = [0, 0, servo_id, 3 + len(data), instruction, register.address, *data, 0]
         self._told(servo_id, request, 0, register.name)
+
+    def action(self) -> None:
+        """Of all servos."""
+        self._sdk.action(self._port, BROADCAST_ID)
+
+    def reboot(self, servo_id: int) -> None:
+        """Nobody answers to that (Feetech's protocol manual); Dynamixel protocol 1.0 has none."""
+        if not self._reboots:
+            raise ServoRefused(servo_id, "cannot be rebooted over the wire: switch its supply off and on")
+        self._sdk.txPacket(self._port, [0, 0, servo_id, 2, INST_REBOOT, 0])
+        self._port.owe(servo_id)  # should one answer after all
+
+    def factory_reset(self, servo_id: int) -> None:
+        """Acknowledged."""
+        self._told(servo_id, [0, 0, servo_id, 2, INST_FACTORY_RESET, 0], 0, "a factory reset")
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        """There is none."""
+        raise DriverError("servos of this protocol would all answer a broadcast ping at once: ping each ID by itself")
 
     def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
         """The reply's data, which must be so many bytes."""

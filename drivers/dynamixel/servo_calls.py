@@ -50,11 +50,31 @@ class Wire:
         request = [0, 0, 0, 0, servo_id, 7, 0, wire.READ, *wire.span(register.address, register.size), 0, 0]
         return register.decode(self._told(servo_id, request, register.size, register.name), ORDER)
 
-    def write(self, servo_id: int, register: Register, value: int) -> None:
+    def broadcast_ping(self) -> tuple[int, ...]:
+        """Who answers, within the SDK's 0.8 s at 1 Mbit/s."""
+        self._before()
+        found, _ = self._sdk.broadcastPing(self._port)
+        return tuple(sorted(found))
+
+    def action(self) -> None:
+        """All servos do what they hold back."""
+        self._before()
+        self._sdk.action(self._port, wire.BROADCAST_ID)
+
+    def reboot(self, servo_id: int) -> None:
+        """Acknowledged, then the servo is deaf for a while."""
+        self._told(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.REBOOT, 0, 0], 0, "a reboot")
+
+    def factory_reset(self, servo_id: int) -> None:
+        """All but ID and baud rate."""
+        request = [0, 0, 0, 0, servo_id, 4, 0, wire.FACTORY_RESET, wire.KEEP_ID_AND_BAUD, 0, 0]
+        self._told(servo_id, request, 0, "a factory reset")
+
+    def write(self, servo_id: int, register: Register, value: int, instruction: int = wire.WRITE) -> None:
         """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
         # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
         data = register.encode(value, ORDER)
-        head = [0, 0, 0, 0, servo_id, *(len(data) + 5).to_bytes(2, ORDER), wire.WRITE]
+        head = [0, 0, 0, 0, servo_id, *(len(data) + 5).to_bytes(2, ORDER), instruction]
         self._told(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
 
     def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
@@ -86,6 +106,30 @@ class ServoCalls:
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """One register of one servo, acknowledged."""
         self._single.write(servo_id, register, value)
+
+    def ping(self, servo_id: int) -> None:
+        """Raise ServoSilent unless it is there."""
+        self._single.number(servo_id)
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        """Who is there."""
+        return self._single.broadcast_ping()
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        """``write`` at the next ``action``."""
+        self._single.write(servo_id, register, value, wire.REG_WRITE)
+
+    def action(self) -> None:
+        """Of all servos."""
+        self._single.action()
+
+    def reboot(self, servo_id: int) -> None:
+        """As if its supply were switched off and on."""
+        self._single.reboot(servo_id)
+
+    def factory_reset(self, servo_id: int) -> None:
+        """All settings but ID and baud rate."""
+        self._single.factory_reset(servo_id)
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""

@@ -38,7 +38,9 @@ class FeetechBus:
         self._burst = BurstReader(port, clock, self._echo, self._counters)
         self._absent = AbsenceWatch()
         # No status bit refuses an instruction: all are alarms.
-        self._single = SingleServo(PacketHandler(0), SdkPort(port, clock, self._echo), _ORDER, 0, sts.alarms)
+        self._single = SingleServo(
+            PacketHandler(0), SdkPort(port, clock, self._echo), _ORDER, 0, sts.alarms, reboots=True
+        )
 
     @property
     def name(self) -> str:
@@ -69,6 +71,27 @@ class FeetechBus:
     def write(self, servo_id: int, register: Register, value: int) -> None:
         self._burst.clean = False
         self._single.write(servo_id, register, value)
+
+    def ping(self, servo_id: int) -> None:
+        self._burst.clean = False
+        self._single.ping(servo_id)
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        return self._single.broadcast_ping()
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        self._burst.clean = False
+        self._single.reg_write(servo_id, register, value)
+
+    def action(self) -> None:
+        self._single.action()
+
+    def reboot(self, servo_id: int) -> None:
+        self._single.reboot(servo_id)
+
+    def factory_reset(self, servo_id: int) -> None:
+        self._burst.clean = False
+        self._single.factory_reset(servo_id)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:

@@ -47,7 +47,9 @@ class ReadEachBus:
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
         self._sdk_port = SdkPort(port, clock, echo)
-        self._single = SingleServo(series.sdk(), self._sdk_port, series.byte_order, series.refusals, series.alarms)
+        self._single = SingleServo(
+            series.sdk(), self._sdk_port, series.byte_order, series.refusals, series.alarms, reboots=series.reboots
+        )
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()
         """Whom the last cycle had no time for: the next begins with them."""
@@ -89,6 +91,27 @@ class ReadEachBus:
     def write(self, servo_id: int, register: Register, value: int) -> None:
         self._line.clean = False
         self._single.write(servo_id, register, value)
+
+    def ping(self, servo_id: int) -> None:
+        self._line.clean = False
+        self._single.ping(servo_id)
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        return self._single.broadcast_ping()
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        self._line.clean = False
+        self._single.reg_write(servo_id, register, value)
+
+    def action(self) -> None:
+        self._single.action()
+
+    def reboot(self, servo_id: int) -> None:
+        self._single.reboot(servo_id)
+
+    def factory_reset(self, servo_id: int) -> None:
+        self._line.clean = False
+        self._single.factory_reset(servo_id)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:

@@ -50,6 +50,8 @@ class Series:
     max_torque: Register
     torque_limit: Register | None
     full_torque: int
+    reboots: bool
+    """Whether the protocol has that instruction."""
     refusals: int
     alarms: Callable[[int], tuple[str, ...]]
     relatives: Mapping[str, ServoModel]
@@ -134,6 +136,7 @@ SCS: Final = Series(
     max_torque=scs.max_torque,
     torque_limit=None,
     full_torque=1000,
+    reboots=True,
     refusals=0,
     alarms=sts.alarms,
     relatives=FEETECH_MODELS,
@@ -204,6 +207,7 @@ DYNAMIXEL1: Final = Series(
     max_torque=dxl.max_torque,
     torque_limit=dxl.torque_limit,
     full_torque=dxl.FULL_TORQUE,
+    reboots=False,
     refusals=dxl.REFUSALS,
     alarms=dxl.alarms,
     relatives={**DYNAMIXEL2_MODELS, **dxl.MODELS},

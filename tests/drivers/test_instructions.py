@@ -1,0 +1,86 @@
+"""Every instruction to a single servo, on every make."""
+
+import pytest
+
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import DriverError, ServoRefused, ServoSilent
+from drivers.feetech import scs, sts
+from drivers.makes import language_of
+from drivers.registers import Register
+from tests.drivers.test_single_calls import Bench, Case, every_case
+
+LASTING: dict[str, tuple[Register, int]] = {
+    "Feetech STS": (sts.max_torque, 500),
+    "Feetech SCS": (scs.max_torque, 500),
+    "Dynamixel protocol 1.0": (dxl.max_torque, 500),
+    "Dynamixel protocol 2.0": (x.pwm_limit, 500),
+}
+GOALS: dict[str, Register] = {
+    "Feetech STS": sts.goal_position,
+    "Feetech SCS": scs.goal_position,
+    "Dynamixel protocol 1.0": dxl.goal_position,
+    "Dynamixel protocol 2.0": x.goal_position,
+}
+DEAF_S = 1.0
+"""No servo reboots for longer."""
+
+
+@every_case
+def test_a_ping_is_answered_or_not(case: Case) -> None:
+    bench = Bench(case)
+    bench.bus.ping(1)
+    bench.servos.faults.silence(1)
+    with pytest.raises(ServoSilent, match="servo 1"):
+        bench.bus.ping(1)
+
+
+@every_case
+def test_a_reg_write_waits_for_the_action(case: Case) -> None:
+    bench = Bench(case)
+    goal = GOALS[language_of(case.model)]
+    before = bench.held(goal)
+    bench.bus.reg_write(1, goal, 700)
+    assert bench.held(goal) == before != 700
+    bench.bus.action()
+    bench.clock.sleep_until(bench.clock.now() + 0.001)
+    assert bench.bus.read(1, goal) == 700
+
+
+@every_case
+def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -> None:
+    bench = Bench(case)
+    bench.bus.torque_on(1)
+    if case.model is dxl.AX_12A:
+        with pytest.raises(ServoRefused, match="servo 1: cannot be rebooted over the wire"):
+            bench.bus.reboot(1)
+        assert bench.bus.torque_is_on(1)
+        return
+    bench.bus.reboot(1)
+    with pytest.raises(ServoSilent):
+        bench.bus.ping(1)
+    bench.clock.sleep_until(bench.clock.now() + DEAF_S)
+    assert not bench.bus.torque_is_on(1)
+
+
+@every_case
+def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
+    bench = Bench(case)
+    register, value = LASTING[language_of(case.model)]
+    factory = bench.held(register)
+    bench.servos.servo(1).memory.put(register, value)
+    bench.bus.factory_reset(1)
+    bench.clock.sleep_until(bench.clock.now() + DEAF_S)
+    assert bench.bus.read(1, register) == factory != value
+
+
+@every_case
+def test_who_is_there_by_one_question(case: Case) -> None:
+    bench = Bench(case)
+    if language_of(case.model) == "Dynamixel protocol 2.0":
+        assert bench.bus.broadcast_ping() == (1,)
+        bench.servos.faults.silence(1)
+        assert bench.bus.broadcast_ping() == ()
+    else:
+        with pytest.raises(DriverError, match="ping each ID by itself"):
+            bench.bus.broadcast_ping()
