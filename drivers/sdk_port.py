@@ -83,7 +83,6 @@ class SdkPort:
         until_s = self._owed_until_s.get(servo_id, -math.inf)
         if self.latest_s < math.inf and self._clock.now() < until_s:
             raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
-        self._owed_until_s.pop(servo_id, None)
         while self._clock.now() < until_s:
             self._port.read(_MANY, until_s)
 

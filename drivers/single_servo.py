@@ -34,15 +34,18 @@ class SingleServo:
         alarms: Callable[[int], tuple[str, ...]],
         *,
         reboots: bool,
+        before: Callable[[], None],
     ) -> None:
         """``refusals``: those bits of a reply's error byte that refuse the instruction. The others are alarms,
-        which are states and no failure; ``alarms`` has the names of all."""
+        which are states and no failure; ``alarms`` has the names of all. ``before`` is called before anything is sent.
+        """
         self._sdk = sdk
         self._port = port
         self._byte_order = byte_order
         self._refusals = refusals
         self._alarms = alarms
         self._reboots = reboots
+        self._before = before
 
     def until(self, servo_id: int, deadline_s: float | None) -> AbstractContextManager[None]:
         """A read that is given up at the deadline, if there is one."""
@@ -52,6 +55,7 @@ class SingleServo:
         """Raise ServoSilent unless it is there."""
         # Not the SDK's ping, which reads the model number too: a servo may answer pings alone.
         request = [0, 0, servo_id, 2, INST_PING, 0]
+        self._before()
         self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
 
     def read(self, servo_id: int, register: Register) -> int:
@@ -76,12 +80,14 @@ class SingleServo:
 
     def action(self) -> None:
         """Of all servos."""
+        self._before()
         self._sdk.action(self._port, BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
         """Nobody answers to that (Feetech's protocol manual); Dynamixel protocol 1.0 has none."""
         if not self._reboots:
             raise ServoRefused(servo_id, "cannot be rebooted over the wire: switch its supply off and on")
+        self._before()
         self._sdk.txPacket(self._port, [0, 0, servo_id, 2, INST_REBOOT, 0])
         self._port.owe(servo_id)  # should one answer after all
 
@@ -95,6 +101,7 @@ class SingleServo:
 
     def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
         """The reply's data, which must be so many bytes."""
+        self._before()
         reply, error = self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
         refused = error & self._refusals
         if refused:
@@ -105,3 +112,42 @@ class SingleServo:
             self._port.owe(servo_id)
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
         return data
+
+
+class SingleCalls:
+    """The calls of a ServoBus to one servo that go straight to the SDK."""
+
+    def __init__(self, single: SingleServo) -> None:
+        self._single = single
+
+    def ping(self, servo_id: int) -> None:
+        """Raise ServoSilent unless it is there."""
+        self._single.ping(servo_id)
+
+    def broadcast_ping(self) -> tuple[int, ...]:
+        """Raise DriverError: there is none."""
+        return self._single.broadcast_ping()
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """One register."""
+        return self._single.read(servo_id, register)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """One register, acknowledged."""
+        self._single.write(servo_id, register, value)
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        """``write`` at the next ``action``."""
+        self._single.reg_write(servo_id, register, value)
+
+    def action(self) -> None:
+        """Of all servos."""
+        self._single.action()
+
+    def reboot(self, servo_id: int) -> None:
+        """As if its supply were switched off and on."""
+        self._single.reboot(servo_id)
+
+    def factory_reset(self, servo_id: int) -> None:
+        """All settings."""
+        self._single.factory_reset(servo_id)

@@ -18,16 +18,16 @@ from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
 from drivers.port import Port
 from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger, tried_with_each
-from drivers.registers import Register, ServoModel
+from drivers.registers import ServoModel
 from drivers.sdk_port import SdkPort
-from drivers.single_servo import SingleServo
+from drivers.single_servo import SingleCalls, SingleServo
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
 _POSITION_MODE: Final = 0
 
 
-class FeetechBus:
+class FeetechBus(SingleCalls):
     """A ServoBus of STS servos (protocol 0, little endian)."""
 
     def __init__(self, port: Port, clock: Clock) -> None:
@@ -38,8 +38,9 @@ class FeetechBus:
         self._burst = BurstReader(port, clock, self._echo, self._counters)
         self._absent = AbsenceWatch()
         # No status bit refuses an instruction: all are alarms.
-        self._single = SingleServo(
-            PacketHandler(0), SdkPort(port, clock, self._echo), _ORDER, 0, sts.alarms, reboots=True
+        sdk_port = SdkPort(port, clock, self._echo)
+        super().__init__(
+            SingleServo(PacketHandler(0), sdk_port, _ORDER, 0, sts.alarms, reboots=True, before=self._disturb)
         )
 
     @property
@@ -64,34 +65,9 @@ class FeetechBus:
                 f"is not in position mode: set operating_mode ({sts.operating_mode.address}) to {_POSITION_MODE}",
             )
 
-    def read(self, servo_id: int, register: Register) -> int:
+    def _disturb(self) -> None:
+        """Something else than a group read goes over the line, and may leave something on it."""
         self._burst.clean = False
-        return self._single.read(servo_id, register)
-
-    def write(self, servo_id: int, register: Register, value: int) -> None:
-        self._burst.clean = False
-        self._single.write(servo_id, register, value)
-
-    def ping(self, servo_id: int) -> None:
-        self._burst.clean = False
-        self._single.ping(servo_id)
-
-    def broadcast_ping(self) -> tuple[int, ...]:
-        return self._single.broadcast_ping()
-
-    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
-        self._burst.clean = False
-        self._single.reg_write(servo_id, register, value)
-
-    def action(self) -> None:
-        self._single.action()
-
-    def reboot(self, servo_id: int) -> None:
-        self._single.reboot(servo_id)
-
-    def factory_reset(self, servo_id: int) -> None:
-        self._burst.clean = False
-        self._single.factory_reset(servo_id)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:

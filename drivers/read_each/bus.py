@@ -20,13 +20,13 @@ from drivers.read_each.series import series_of
 from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of, tried_with_each
 from drivers.registers import Register, ServoModel
 from drivers.sdk_port import SdkPort
-from drivers.single_servo import SingleServo
+from drivers.single_servo import SingleCalls, SingleServo
 from drivers.turns import Steps, finish
 
 LOG = logging.getLogger("servoloop.drivers")
 
 
-class ReadEachBus:
+class ReadEachBus(SingleCalls):
     """A ServoBus of Feetech SCS servos, or of Dynamixels of protocol 1.0 (AX, MX).
 
     Where all are MX, one bulk read asks them all. ``models``: which servo is on the line, by ID;
@@ -47,8 +47,16 @@ class ReadEachBus:
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
         self._sdk_port = SdkPort(port, clock, echo)
-        self._single = SingleServo(
-            series.sdk(), self._sdk_port, series.byte_order, series.refusals, series.alarms, reboots=series.reboots
+        super().__init__(
+            SingleServo(
+                series.sdk(),
+                self._sdk_port,
+                series.byte_order,
+                series.refusals,
+                series.alarms,
+                reboots=series.reboots,
+                before=self._disturb,
+            )
         )
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()
@@ -78,40 +86,17 @@ class ReadEachBus:
         return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        self._line.clean = False
         identify(self._single, self._series, servo_id, model)
 
-    def read(self, servo_id: int, register: Register) -> int:
+    def _disturb(self) -> None:
+        """Something else than a read of the state goes over the line, and may leave something on it."""
         self._line.clean = False
+
+    def read(self, servo_id: int, register: Register) -> int:
         value = self._single.read(servo_id, register)
         on_wire_s = (len(self._line.question((servo_id,), 1)) + wire.OVERHEAD + register.size) * self._line.byte_s
         self._line.patience.heard(max(0.0, self._clock.now() - self._sdk_port.sent_s - on_wire_s))
         return value
-
-    def write(self, servo_id: int, register: Register, value: int) -> None:
-        self._line.clean = False
-        self._single.write(servo_id, register, value)
-
-    def ping(self, servo_id: int) -> None:
-        self._line.clean = False
-        self._single.ping(servo_id)
-
-    def broadcast_ping(self) -> tuple[int, ...]:
-        return self._single.broadcast_ping()
-
-    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
-        self._line.clean = False
-        self._single.reg_write(servo_id, register, value)
-
-    def action(self) -> None:
-        self._single.action()
-
-    def reboot(self, servo_id: int) -> None:
-        self._single.reboot(servo_id)
-
-    def factory_reset(self, servo_id: int) -> None:
-        self._line.clean = False
-        self._single.factory_reset(servo_id)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:
