@@ -32,7 +32,7 @@ def pieces(size: int, seed: int) -> list[bytes]:
 
 def frame_of(reply: wire.Reply) -> bytes:
     """The only bytes from which this reply may have been read, spelled out as the manual does."""
-    body = bytes((reply.servo_id, len(reply.data) + 2, reply.status)) + reply.data
+    body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
     return b"\xff\xff" + body + bytes((255 - sum(body) % 256,))
 
 

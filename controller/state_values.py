@@ -25,6 +25,7 @@ _COUNTERS: Final[dict[str, str]] = {
     "silent": "silent",
     "corrupt": "corrupt",
     "late": "late",
+    "refused": "refused",
     "reset": "reset",
     "alarm_replies": "alarms",
     "retries": "retries",

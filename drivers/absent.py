@@ -7,7 +7,8 @@ often enough to be found within a second of being back.
 from collections.abc import Mapping
 from typing import Final
 
-from drivers.bus import FaultKind, ServoState
+from drivers.bus import ServoFault, ServoState
+from drivers.readings import Outcome
 
 ASKED_ALWAYS: Final = 2
 """Up to this many misses in a row a servo is asked in every cycle: lost replies happen."""
@@ -23,14 +24,14 @@ class AbsenceWatch:
         """Of those only that are missing."""
         self._next_s: dict[int, float] = {}
 
-    def note(self, outcome: Mapping[int, ServoState | FaultKind], now_s: float) -> list[int]:
+    def note(self, outcome: Mapping[int, Outcome], now_s: float) -> list[int]:
         """Remember who answered, whatever it said, and who did not; returns who has given no state."""
         missing = [i for i, what in outcome.items() if what.__class__ is not ServoState]
         if self.misses:
             for servo_id in outcome.keys() - missing:
                 self.misses.pop(servo_id, None)
         for servo_id in missing:
-            if outcome[servo_id] in ("corrupt", "reset"):
+            if outcome[servo_id] in ("corrupt", "reset") or isinstance(outcome[servo_id], ServoFault):
                 self.misses.pop(servo_id, None)
             else:
                 self.missed(servo_id, now_s)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Final, Generic
 
-from drivers.bus import ServoState
+from drivers.bus import ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters, WholeBursts
 from drivers.decoder import ReplyT
@@ -153,8 +153,9 @@ class Burst(ABC, Generic[ReplyT]):
             if isinstance(what, ServoState):
                 account.single_replies += 1
                 account.alarms += bool(what.alarms)
-            elif what == "reset":  # it has answered, and owes nothing
-                account.reset += 1
+            elif what == "reset" or isinstance(what, ServoFault):  # it has answered, and owes nothing
+                account.reset += what == "reset"
+                account.refused += what != "reset"
             else:
                 account.corrupt += what == "corrupt"
                 account.silent += what != "corrupt"

@@ -13,9 +13,9 @@ from drivers.errors import ServoError
 from drivers.registers import Register, ServoModel
 from drivers.turns import Steps
 
-FaultKind = Literal["silent", "corrupt", "late", "reset"]
-"""No reply; one that does not hold together; a stale one, which belongs to an earlier request; one that shows that
-the servo has lost its memory, so its torque and its goal too."""
+FaultKind = Literal["silent", "corrupt", "late", "refused", "reset"]
+"""No reply; one that does not hold together; a stale one, which belongs to an earlier request; one that says that
+the question cannot be answered; one that shows that the servo has lost its memory, so its torque and its goal too."""
 
 
 class ServoState(NamedTuple):
@@ -57,7 +57,8 @@ class ServoGoal:
 class ServoBus(Protocol):
     """One line of servos. One transaction at a time, from one thread.
 
-    Single-servo calls raise ServoError; every call raises PortLost once the line is gone.
+    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. ``identify``, ``goal``,
+    ``torque_is_on`` without a deadline, ``torque_on`` and ``limit_torque`` make up for lost packets (drivers/tries.py).
     """
 
     @property

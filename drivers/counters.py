@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-_KINDS: Final = ("replies", "silent", "corrupt", "late", "reset", "alarms", "retries", "skipped")
+_KINDS: Final = ("replies", "silent", "corrupt", "late", "refused", "reset", "alarms", "retries", "skipped")
 
 
 @dataclass(slots=True)
@@ -15,7 +15,7 @@ class WholeBursts:
 
 @dataclass(slots=True)
 class ServoCounters:
-    """One servo's account. Every reply that was asked for ends in one of the first four or is a good one."""
+    """One servo's account. Every reply that was asked for ends in one of the first five or is a good one."""
 
     silent: int = 0
     """Asked, and nothing came in time."""
@@ -23,6 +23,8 @@ class ServoCounters:
     """Asked, and what came had a wrong checksum or no header."""
     late: int = 0
     """Asked, and what came was the answer to an earlier request, or may have been."""
+    refused: int = 0
+    """Asked, and what came says that the servo cannot or does not want to answer."""
     reset: int = 0
     """Asked, and what came shows that the servo has lost its memory."""
     alarms: int = 0
@@ -83,6 +85,7 @@ class BusCounters:
             "silent": sum(a.silent for a in accounts),
             "corrupt": sum(a.corrupt for a in accounts),
             "late": sum(a.late for a in accounts),
+            "refused": sum(a.refused for a in accounts),
             "reset": sum(a.reset for a in accounts),
             "alarms": sum(a.alarms for a in accounts),
             "retries": sum(a.retries for a in accounts),

@@ -12,6 +12,11 @@ class AnyReply(Protocol):
     def servo_id(self) -> int: ...
 
     @property
+    def error(self) -> int:
+        """The byte in which the servo complains: of itself, or of what it was asked."""
+        ...
+
+    @property
     def data(self) -> bytes: ...
 
     @property
@@ -29,7 +34,8 @@ class Decoder(ABC, Generic[ReplyT]):
 
     The size is known from the request; a frame of another size is passed over, so that noise that
     looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
-    of earlier requests) are found too.
+    of earlier requests) are found too, and those without data that refuse the request.
+    ``refusals``: those bits of the error byte that do.
     ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
     counts the bytes since the last reply that belong to none.
     """
@@ -38,6 +44,7 @@ class Decoder(ABC, Generic[ReplyT]):
 
     data_size: int
     other_sizes: frozenset[int] = frozenset()
+    refusals: int = 0
     corrupt_ids: list[int] = field(default_factory=list)
     garbage: int = 0
     _pending: bytes = b""
@@ -75,6 +82,22 @@ class Decoder(ABC, Generic[ReplyT]):
             self.garbage += 1
             replies += self.feed(rest)
         return replies
+
+    def refuses(self, reply: ReplyT) -> bool:
+        """Whether the reply says that there is no answer."""
+        return bool(reply.error & self.refusals)
+
+    def _may_have(self, data_size: int) -> bool:
+        """Whether a reply with so many bytes of data may be one to find."""
+        return data_size == self.data_size or data_size in self.other_sizes or (data_size == 0 and self.refusals > 0)
+
+    def _found(self, reply: ReplyT, frame_size: int, replies: list[ReplyT]) -> int:
+        """A packet that holds together and may be one to find; how many bytes it took."""
+        if not (reply.data or self.refuses(reply)):  # an acknowledgement, of no question of ours
+            return self._pass(frame_size)
+        replies.append(reply)
+        self.garbage = 0
+        return frame_size
 
     @abstractmethod
     def _take(self, pending: bytes, at: int, replies: list[ReplyT]) -> int | None:

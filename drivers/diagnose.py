@@ -9,6 +9,7 @@ from typing import Final
 from drivers.bus import FaultKind, Reading, ServoBus, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.latency import HELD_BACK, latency_advice
+from drivers.readings import TEXTS
 
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),
@@ -83,6 +84,8 @@ def _judge(servo_id: int, kinds: Sequence[FaultKind | None]) -> str:
     """Two servos with one ID answer at the same moment, and what arrives is a mixture: every time."""
     if "reset" in kinds:
         return f"servo {servo_id}: loses its memory again and again, as in a reboot: check its supply"
+    if "refused" in kinds:
+        return f"servo {servo_id}: {TEXTS['refused']}: is it of the model in the robot file, and its firmware whole?"
     if "silent" not in kinds:
         return (
             f"servo {servo_id}: answers, but never in one piece: do two servos have ID {servo_id}? "

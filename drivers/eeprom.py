@@ -14,15 +14,16 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.bus import ServoBus
-from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoSilent
+from drivers.errors import DriverError, PortLost, ServoError, ServoSilent
 from drivers.registers import Access, Register
+from drivers.tries import tried
 
 LARGEST_ID = 253
 """Of Feetech; Dynamixel allows one less. 254 calls everybody."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 """Settings after which the servo could neither be read back nor locked."""
 TRIES = 3
-"""How often the lock is written (RAM), a register is read and a servo with a new ID is looked for: none of it wears."""
+"""How often the lock is written (RAM) and a servo with a new ID is looked for: none of it wears."""
 SILENCES = 8
 """So many questions to an ID must stay unanswered before it counts as free. On a line that loses 9 % each way one in
 six stays so by chance, and all of them once in a million."""
@@ -97,15 +98,10 @@ class Eeprom:
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
         """The answer; EepromError of ``register`` that tells what ``failed``. One lost packet is not the end."""
-        failure: ServoError | None = None
-        for _ in range(TRIES):
-            try:
-                return question()
-            except ServoError as error:
-                failure = error
-                if not isinstance(error, ServoSilent | ServoCorrupt):
-                    break
-        raise EepromError(self.servo_id, register, f"{failed}: {_why(failure)}") from failure
+        try:
+            return tried(question)
+        except ServoError as error:
+            raise EepromError(self.servo_id, register, f"{failed}: {_why(error)}") from error
 
     def _refuse_taken(self, register: Register, new_id: int) -> None:
         """Two servos with one ID can neither be told apart nor be parted again over the wire."""

@@ -31,8 +31,9 @@ class Hearing(Generic[ReplyT]):
         self.answered.update(reply.servo_id for reply in replies if self.fits(reply))
 
     def fits(self, reply: ReplyT) -> bool:
-        """Whether the reply is one to this question, by its size."""
-        return len(reply.data) == self.sizes.get(reply.servo_id)
+        """Whether the reply is one to this question, by its size; one that refuses it may be of any."""
+        size = self.sizes.get(reply.servo_id)
+        return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 
     def lacking(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes to wait for; 0 when the last of them has answered."""

@@ -1,19 +1,19 @@
 """What every bus says in the same words, and does in the same way, whatever its packets."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final
 
 from drivers.bus import FaultKind, Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
-from drivers.errors import ServoError, ServoRefused
+from drivers.errors import ServoRefused
 from drivers.owed import HELD_S
 from drivers.port import Port
 from drivers.registers import ServoModel
 
-Outcome = ServoState | FaultKind
-"""What became of one question to one servo."""
+Outcome = ServoState | FaultKind | ServoFault
+"""What became of one question to one servo. A fault in words of its own is a refusal: the servo says why."""
 
 RETRIES: Final = 2
 """How often a servo is asked again within one cycle, if there is time."""
@@ -25,6 +25,7 @@ TEXTS: Final[Mapping[FaultKind, str]] = {
     "silent": "does not answer",
     "corrupt": "answered with a wrong checksum",
     "late": "answers too late",
+    "refused": "refuses to be read",
     "reset": "has lost the map of its indirect registers, as after a reboot: no value was made of its answer",
 }
 
@@ -34,13 +35,18 @@ def readings_of(asked: Sequence[int], outcome: Mapping[int, Outcome]) -> dict[in
     readings: dict[int, Reading] = {}
     for servo_id in asked:
         what = outcome.get(servo_id, "silent")
-        readings[servo_id] = what if isinstance(what, ServoState) else fault(servo_id, what, TEXTS[what])
+        readings[servo_id] = fault(servo_id, what, TEXTS[what]) if isinstance(what, str) else what
     return readings
 
 
 def fault(servo_id: int, kind: FaultKind, text: str) -> ServoFault:
     """In one form for all."""
     return ServoFault(kind, f"servo {servo_id} {text}")
+
+
+def refused(servo_id: int, why: str) -> ServoFault:
+    """A reply that says that there is no answer, and why."""
+    return fault(servo_id, "refused", f"{TEXTS['refused']}: {why}")
 
 
 def count_skipped(counters: BusCounters, asked: Sequence[int], outcome: Mapping[int, Outcome]) -> None:
@@ -60,17 +66,6 @@ def refuse_stranger(servo_id: int, number: int, model: ServoModel, models: Mappi
         f"is model {number} ({known}), not {model.number} ({model.name}): "
         "correct the model in the robot file or swap the servo",
     )
-
-
-def tried_with_each(servo_ids: Sequence[int], do: Callable[[int], None]) -> list[ServoError]:
-    """``do`` for every servo, whatever the others answer; what failed."""
-    failed: list[ServoError] = []
-    for servo_id in servo_ids:
-        try:
-            do(servo_id)
-        except ServoError as error:
-            failed.append(error)
-    return failed
 
 
 @contextmanager

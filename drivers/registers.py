@@ -1,5 +1,6 @@
 """Servos as data: a register is one line of a table, a servo model is a table."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
@@ -61,6 +62,11 @@ class Register:
             return raw
         sign = 1 << self.sign_bit
         return -(raw & sign - 1) if raw & sign else raw & sign - 1
+
+
+def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
+    """The bits of one byte that are set, by name; one that the manuals do not name by its number."""
+    return tuple(names.get(bit, f"unknown (bit {bit})") for bit in range(8) if bits >> bit & 1)
 
 
 @dataclass(frozen=True, slots=True)

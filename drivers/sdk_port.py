@@ -1,31 +1,23 @@
 """The makers' packet handlers over our Port.
 
-The SDKs do all single-servo instructions. Their own PortHandlers spin at 100 % CPU while they wait, and
-Feetech's flushes output where it should drop stale input; this one waits on the port and drops the input.
+Their own PortHandlers spin at 100 % CPU while they wait, and Feetech's flushes output where it should drop stale
+input; this one waits on the port and drops the input.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, Final
+from typing import Final
 
 import dynamixel_sdk
 import scservo_sdk
 
 from drivers.clock import Clock
 from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoSilent
-from drivers.owed import HELD_S
 from drivers.port import Port
 
-_CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
+CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """The other numbers are the same in both, or mean no answer."""
-_MANY: Final = 4096
-"""More bytes than can come in that time."""
 _GRACE_S = 0.034
 """What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
-_READ_SIZE: Final = 26
-"""Bytes on the wire for reading one register, request and reply, in the longest of the protocols."""
 
 
 class SdkPort:
@@ -40,51 +32,14 @@ class SdkPort:
         self._deadline_s = 0.0
         self.sent_s = 0.0
         """When the last instruction went out."""
-        self._owed_until_s: dict[int, float] = {}
         self.latest_s = math.inf
         """When to give up whatever the SDK would grant: a cycle has its own deadline."""
 
-    @contextmanager
-    def until(self, servo_id: int, deadline_s: float | None) -> Iterator[None]:
-        """One read that is given up at the deadline, if there is one; ServoSilent at once where there is no time."""
-        if deadline_s is None:
-            yield
-            return
-        if self._clock.now() + _READ_SIZE * 10.0 / self._port.baud >= deadline_s:
-            raise ServoSilent(servo_id, "was not asked: the cycle was over")
-        self.latest_s = deadline_s
-        try:
-            yield
-        finally:
-            self.latest_s = math.inf
-
-    def transact(self, servo_id: int, instruct: Callable[[], tuple[Any, int, int]]) -> tuple[Any, int]:
-        """One instruction by the SDK, which returns the reply, a result code and the reply's error byte.
-
-        Raises ServoSilent or ServoCorrupt. A reply does not say what it answers: while one of this servo may
-        still come, nothing is sent to it.
-        """
-        self._let_pass(servo_id)
-        self.owe(servo_id)  # before it is: an interrupt leaves the reply on its way
-        reply, result, error = instruct()
-        self.owe(servo_id)
+    def judged(self, result: int) -> int:
+        """An SDK's result code, with what it does not know of echoes."""
         if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # perhaps there is no echo any more
             self._echo.present = self._echo.present and None
-        raise_for(servo_id, dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result)
-        del self._owed_until_s[servo_id]
-        return reply, error
-
-    def owe(self, servo_id: int) -> None:
-        """The right answer to the last instruction has not come, and may still."""
-        self._owed_until_s[servo_id] = self._clock.now() + HELD_S
-
-    def _let_pass(self, servo_id: int) -> None:
-        """Wait until no reply to a former instruction can come any more; in a cycle there is no time for that."""
-        until_s = self._owed_until_s.get(servo_id, -math.inf)
-        if self.latest_s < math.inf and self._clock.now() < until_s:
-            raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
-        while self._clock.now() < until_s:
-            self._port.read(_MANY, until_s)
+        return dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result
 
     @property
     def is_using(self) -> bool:
@@ -145,11 +100,3 @@ class SdkPort:
 
     def isPacketTimeout(self) -> bool:
         return self._clock.now() >= self._deadline_s
-
-
-def raise_for(servo_id: int, result: int) -> None:
-    """Turn an SDK's result code into an error."""
-    if result in _CORRUPT:
-        raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
-    if result != dynamixel_sdk.COMM_SUCCESS:
-        raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")

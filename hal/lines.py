@@ -3,19 +3,16 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import TypeVar
 
 from drivers.bus import Reading, ServoBus, ServoFault, ServoGoal
 from drivers.counters import ServoCounters
 from drivers.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
-from drivers.errors import DriverError, PortError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.errors import DriverError, PortError, PortLost, ServoError, ServoRefused
+from drivers.tries import ATTEMPTS
 from drivers.turns import Steps, overlapped
 from hal.errors import PartLost
 from hal.joint import Joint
-
-ATTEMPTS = 3
-"""How often a single transaction is tried: one lost packet must not fail a whole activation."""
 
 Result = TypeVar("Result")
 
@@ -58,7 +55,7 @@ class Lines:
         errors: dict[int, ServoError] = {}
         for joint in self._on[name]:
             try:
-                _tried(partial(bus.identify, joint.servo_id, joint.model))
+                bus.identify(joint.servo_id, joint.model)
             except ServoError as error:
                 errors[joint.servo_id] = error
         return errors
@@ -109,8 +106,7 @@ class Lines:
 
     def torque_is_on(self, joint: Joint, deadline_s: float | None = None) -> bool:
         """Whether the servo drives its motor. By a cycle's deadline there is time for one attempt."""
-        attempts = ATTEMPTS if deadline_s is None else 1
-        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id, deadline_s), attempts)
+        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id, deadline_s))
 
     def limit_torque(self, joint: Joint) -> None:
         """To the joint's share of full drive."""
@@ -120,10 +116,9 @@ class Lines:
         """Drive the motor."""
         self._ask(joint, lambda bus: bus.torque_on(joint.servo_id))
 
-    def _ask(self, joint: Joint, question: Callable[[ServoBus], Result], attempts: int = ATTEMPTS) -> Result:
-        """One of the transactions that may be repeated: done twice, they do what they do once."""
+    def _ask(self, joint: Joint, question: Callable[[ServoBus], Result]) -> Result:
         with self._named(joint.bus):
-            return _tried(partial(question, self._buses[joint.bus]), attempts)
+            return question(self._buses[joint.bus])
 
     def torque_off(self, joints: Sequence[Joint]) -> list[str]:
         """Let go, on every bus whatever becomes of the others; returns what failed."""
@@ -190,13 +185,3 @@ def _states(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, Reading]:
 def _explained(reading: Reading, cause: str | None) -> Reading:
     """A fault with its cause for a text, where there is one."""
     return replace(reading, text=cause) if cause and isinstance(reading, ServoFault) else reading
-
-
-def _tried(question: Callable[[], Result], attempts: int = ATTEMPTS) -> Result:
-    """Its answer, or what the last attempt raised."""
-    for _ in range(attempts - 1):
-        try:
-            return question()
-        except (ServoSilent, ServoCorrupt):
-            continue
-    return question()

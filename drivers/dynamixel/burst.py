@@ -199,8 +199,7 @@ class BurstReader(Burst[wire.Reply]):
         begin = data.find(wire.fast_head(len(plan.servo_ids), size))
         if begin > 0:  # behind noise, so as many bytes of it are still to come
             data += self._port.read(begin, min(self._clock.now() + begin * self.byte_s + GAP_S, deadline_s))
-        states = plan.fast_states(data[begin:]) if begin >= 0 else {}
-        outcome: dict[int, Outcome] = {i: reading or "reset" for i, reading in states.items()}
+        outcome = plan.fast_outcome(data[begin:]) if begin >= 0 else {}
         garbage = len(data) - max(begin, 0) - len(outcome) * piece - wire.FAST_HEAD_SIZE
         for servo_id in plan.servo_ids[len(outcome) :]:
             corrupt = garbage > piece - piece // 2
@@ -210,9 +209,6 @@ class BurstReader(Burst[wire.Reply]):
         self._count(outcome, plan.sizes, ())
         return outcome
 
-    def _said(self, reply: wire.Reply) -> Outcome | None:
-        """An answer that refuses the question is none."""
-        if reply.error & ~wire.ALERT:
-            return None
+    def _said(self, reply: wire.Reply) -> Outcome:
         plan, servo_id = self._plan, reply.servo_id
-        return plan.blocks[servo_id].decode(reply.error, reply.data, plan.units_a[servo_id]) or "reset"
+        return plan.blocks[servo_id].outcome(servo_id, reply.error, reply.data, plan.units_a[servo_id])

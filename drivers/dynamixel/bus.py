@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from drivers.burst import FIRST_REPLY_S
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
@@ -14,13 +15,15 @@ from drivers.dynamixel.mapping import Maps
 from drivers.dynamixel.models import MODELS, SERIES, series_of
 from drivers.dynamixel.reader import StateReader
 from drivers.dynamixel.series import ALARMED
-from drivers.dynamixel.servo_calls import ServoCalls, Wire
+from drivers.dynamixel.servo_calls import ServoCalls, Wire, dialect
 from drivers.dynamixel.servos import Servos
 from drivers.echo import Echo
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
+from drivers.questions import Questions
 from drivers.readings import Outcome, port_at, readings_of, refuse_stranger
 from drivers.registers import ServoModel
+from drivers.tries import tried
 from drivers.turns import Steps, finish
 
 
@@ -46,7 +49,8 @@ class DynamixelBus(ServoCalls):
         self._counters = BusCounters()
         echo, servos = Echo(), Servos(self._models)
         self._burst = BurstReader(port, clock, echo, self._counters, servos)
-        super().__init__(Wire(port, clock, echo, self._disturb), servos, self._burst.send, position_p or {})
+        questions = Questions(port, clock, echo, self._counters, dialect(), self._disturb)
+        super().__init__(Wire(questions), servos, self._burst.send, position_p or {})
         self._maps = Maps(servos, self._single, port, clock)
         self._reader = StateReader(port, clock, self._burst, self._counters)
 
@@ -67,10 +71,10 @@ class DynamixelBus(ServoCalls):
         self._burst.clean = False
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        refuse_stranger(servo_id, self._single.number(servo_id), model, MODELS)
+        refuse_stranger(servo_id, tried(partial(self._single.number, servo_id)), model, MODELS)
         series = series_of(model)
         self._servos.take_for(servo_id, model)
-        misfit = series.misfit(lambda register: self.read(servo_id, register))
+        misfit = series.misfit(partial(self._read_surely, servo_id))
         if misfit:
             raise ServoRefused(servo_id, misfit)
         self._maps.set_up(servo_id, model)
@@ -137,14 +141,11 @@ class DynamixelBus(ServoCalls):
         """With the names of its alarms, asked for while there is time: it is a transaction of its own."""
         if self._clock.now() + FIRST_REPLY_S / 4.0 >= deadline_s:
             return reading
-        self._single.limit(deadline_s)
+        series = self._servos.series(servo_id)
         try:
-            series = self._servos.series(servo_id)
-            alarms = series.alarms(self.read(servo_id, series.hardware_error_status))
+            alarms = series.alarms(self._read_surely(servo_id, series.hardware_error_status, deadline_s))
         except ServoError:
             return reading
-        finally:
-            self._single.limit(math.inf)
         return reading._replace(alarms=alarms or reading.alarms)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:

@@ -48,8 +48,7 @@ MAP: Final = pack(f"<{_SIZE}H", *_PLACES)
 MAP_REGISTER: Final = Register("indirect addresses", POINTERS, len(MAP))
 """All of them as one number: they are written and read back in one piece."""
 
-_UNKNOWN: Final = ("unknown hardware error",)
-_ALARMS: Final = tuple(x.alarms(bits) or _UNKNOWN for bits in range(256))
+_ALARMS: Final = tuple(map(x.alarms, range(256)))
 
 
 def _state(

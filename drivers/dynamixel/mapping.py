@@ -6,9 +6,9 @@ written, read back, and then the cells are read. Only what they show is trusted.
 """
 
 import logging
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from drivers.burst import BITS_PER_BYTE, FIRST_REPLY_S
@@ -19,10 +19,11 @@ from drivers.dynamixel.indirect import MAP, MAP_REGISTER, block_for
 from drivers.dynamixel.series import StateBlock
 from drivers.dynamixel.servo_calls import ORDER, Wire
 from drivers.dynamixel.servos import Servos
-from drivers.errors import ServoError, ServoRefused
+from drivers.errors import ServoError
 from drivers.port import Port
 from drivers.readings import Outcome
 from drivers.registers import Register, ServoModel
+from drivers.tries import tried
 
 LOG = logging.getLogger("servoloop.drivers")
 
@@ -32,8 +33,6 @@ LONGEST_PAUSE_S: Final = 10.0
 whose map never holds costs little."""
 STEPS: Final = 3
 """Transactions that map a servo."""
-TRIES: Final = 3
-"""At set-up, where an answer was lost."""
 MISSES: Final = 5
 """After so many questions in a row without a state the map is doubted: the servo may be another one now."""
 TRANSACTION_SIZE: Final = len(MAP) + 2 * wire.OVERHEAD + 4
@@ -73,16 +72,10 @@ class Maps:
         self._servos.unmap(servo_id)
         for kept in (self._wanted, self._misses, self._vain):
             kept.pop(servo_id, None)
-        why = ""
-        for _ in range(TRIES):
-            try:
-                why = self._map(servo_id, model)
-                break
-            except ServoRefused as error:
-                why = error.text
-                break
-            except ServoError as error:
-                why = error.text
+        try:
+            why = self._map(servo_id, model)
+        except ServoError as error:
+            why = error.text
         if why and servo_id not in self._told:
             self._told.add(servo_id)
             LOG.info("%s: servo %d is read by the direct block: %s %s", self._port.name, servo_id, _TRIED, why)
@@ -90,12 +83,13 @@ class Maps:
     def _map(self, servo_id: int, model: ServoModel) -> str:
         """Write the map, read it back, and look whether the cells show it; what is wrong, if so."""
         # Where the cells lie depends on the firmware in some models only.
-        firmware = self._single.read(servo_id, x_series.firmware_version) if model in x_series.X330 else 0
+        read_version = partial(self._single.read, servo_id, x_series.firmware_version)
+        firmware = tried(read_version) if model in x_series.X330 else 0
         block = block_for(model, firmware)
         if block is None:
             return ""
         for step in range(STEPS):
-            if why := self._step(servo_id, block, step):
+            if why := tried(partial(self._step, servo_id, block, step)):
                 return why
         self._servos.map(servo_id, block)
         return ""
@@ -154,16 +148,13 @@ class Maps:
         needed_s = TRANSACTION_SIZE * BITS_PER_BYTE / self._port.baud + FIRST_REPLY_S / 4.0
         if servo_id is None or now_s + needed_s >= deadline_s:
             return
-        self._single.limit(deadline_s)
-        try:
-            self._go_on(servo_id, self._wanted[servo_id])
-        finally:
-            self._single.limit(math.inf)
+        self._go_on(servo_id, self._wanted[servo_id], deadline_s)
 
-    def _go_on(self, servo_id: int, wanted: _Wanted) -> None:
+    def _go_on(self, servo_id: int, wanted: _Wanted, deadline_s: float) -> None:
         """The next step to the map."""
         try:
-            why = self._step(servo_id, wanted.block, wanted.done)
+            with self._single.until(servo_id, deadline_s):
+                why = self._step(servo_id, wanted.block, wanted.done)
         except ServoError as error:
             why = error.text
         if why:

@@ -8,6 +8,7 @@ from drivers.bus import ServoState
 from drivers.dynamixel import state, wire
 from drivers.dynamixel.series import StateBlock
 from drivers.dynamixel.servos import Servos
+from drivers.readings import Outcome
 
 _Run = tuple[tuple[int, ...], StateBlock, tuple[float | None, ...], int]
 """Servos asked for one block that answer one after the other: IDs, block, units of current, bytes of all replies."""
@@ -46,10 +47,10 @@ class Plan:
             at += length
         return states
 
-    def fast_states(self, data: bytes) -> dict[int, ServoState | None]:
-        """The states in one packet, up to the first servo that cannot be believed; None for one without proof."""
+    def fast_outcome(self, data: bytes) -> dict[int, Outcome]:
+        """What the servos say in one packet, up to the first that cannot be believed."""
         servo_ids, block, units_a, _ = self.runs[0]
-        return state.fast_burst(data, servo_ids, block, units_a)
+        return state.fast_outcome(data, servo_ids, block, units_a)
 
     def bytes_from(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes of these servos' replies."""

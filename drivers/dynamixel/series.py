@@ -6,7 +6,8 @@ from struct import Struct
 from typing import Final
 
 from drivers.bus import ServoGoal, ServoState
-from drivers.dynamixel.wire import ALERT
+from drivers.dynamixel.wire import ALERT, NO_ACCESS, error_text
+from drivers.readings import Outcome, refused
 from drivers.registers import Register, ServoModel
 
 Read = Callable[[Register], int]
@@ -39,6 +40,13 @@ class StateBlock:
         if any(numbers[place] != value for place, value in self.proof):
             return None
         return self.state(unit_a, error, *numbers)
+
+    def outcome(self, servo_id: int, error: int, data: bytes, unit_a: float | None = None) -> Outcome:
+        """What one reply says."""
+        if number := error & ~ALERT:
+            # Nothing where the map's cells should be: it is another servo than the one that was mapped.
+            return "reset" if self.proof and number == NO_ACCESS else refused(servo_id, f"it {error_text(number)}")
+        return self.decode(error, data, unit_a) or "reset"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,90 +6,76 @@ from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
 
-from drivers.clock import Clock
 from drivers.dynamixel import wire
 from drivers.dynamixel.models import SERIES
 from drivers.dynamixel.servos import Servos
-from drivers.echo import Echo
-from drivers.errors import ServoCorrupt, ServoError, ServoRefused
-from drivers.port import Port
-from drivers.readings import tried_with_each
+from drivers.errors import ServoError
+from drivers.questions import Dialect, Questions
 from drivers.registers import Register
-from drivers.sdk_port import SdkPort
+from drivers.tries import SureCalls, tried_with_each
 
 ORDER: Final = "little"
+
+
+def dialect() -> Dialect:
+    """The alert bit is no refusal: alarms are states."""
+    return Dialect(
+        Protocol2PacketHandler(),
+        data_of=lambda reply: bytes(reply[9 : reply[5] + (reply[6] << 8) + 5]),
+        refusals=0xFF & ~wire.ALERT,
+        refusal=wire.error_text,
+    )
 
 
 class Wire:
     """Registers of one servo. Raises ServoError, and PortLost once the line is gone."""
 
-    def __init__(self, port: Port, clock: Clock, echo: Echo, before: Callable[[], None]) -> None:
-        """``before`` is called before anything is sent."""
-        self._port = SdkPort(port, clock, echo)
-        self._sdk = Protocol2PacketHandler()
-        self._before = before
+    def __init__(self, questions: Questions) -> None:
+        self._questions = questions
 
-    def limit(self, latest_s: float) -> None:
-        """Give up at this time, whatever else is granted; infinity for none."""
-        self._port.latest_s = latest_s
-
-    def until(self, servo_id: int, deadline_s: float | None) -> AbstractContextManager[None]:
-        """A read that is given up at the deadline, if there is one."""
-        return self._port.until(servo_id, deadline_s)
+    def until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
+        """What is given up at the deadline; ServoSilent at once where there is no time for it."""
+        return self._questions.until(servo_id, deadline_s)
 
     def number(self, servo_id: int) -> int:
         """The servo's model number, by a ping."""
         # Not the SDK's ping, which ends in an IndexError where a late acknowledgement comes instead.
-        return int.from_bytes(
-            self._told(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.PING, 0, 0], 3, "a ping")[:2], ORDER
-        )
+        said = self._questions.ask(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.PING, 0, 0], 3, "a ping")
+        return int.from_bytes(said[:2], ORDER)
 
     def read(self, servo_id: int, register: Register) -> int:
         """What the register holds."""
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
         request = [0, 0, 0, 0, servo_id, 7, 0, wire.READ, *wire.span(register.address, register.size), 0, 0]
-        return register.decode(self._told(servo_id, request, register.size, register.name), ORDER)
+        return register.decode(self._questions.ask(servo_id, request, register.size, register.name), ORDER)
 
     def broadcast_ping(self) -> tuple[int, ...]:
         """Who answers, within the SDK's 0.8 s at 1 Mbit/s."""
-        self._before()
-        found, _ = self._sdk.broadcastPing(self._port)
+        found, _ = self._questions.say(lambda sdk, port: sdk.broadcastPing(port))
         return tuple(sorted(found))
 
     def action(self) -> None:
         """All servos do what they hold back."""
-        self._before()
-        self._sdk.action(self._port, wire.BROADCAST_ID)
+        self._questions.say(lambda sdk, port: sdk.action(port, wire.BROADCAST_ID))
 
     def reboot(self, servo_id: int) -> None:
         """Acknowledged, then the servo is deaf for a while."""
-        self._told(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.REBOOT, 0, 0], 0, "a reboot")
+        self._questions.ask(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.REBOOT, 0, 0], 0, "a reboot")
 
     def factory_reset(self, servo_id: int) -> None:
         """All but ID and baud rate."""
         request = [0, 0, 0, 0, servo_id, 4, 0, wire.FACTORY_RESET, wire.KEEP_ID_AND_BAUD, 0, 0]
-        self._told(servo_id, request, 0, "a factory reset")
+        self._questions.ask(servo_id, request, 0, "a factory reset")
 
     def write(self, servo_id: int, register: Register, value: int, instruction: int = wire.WRITE) -> None:
         """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
         # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
         data = register.encode(value, ORDER)
         head = [0, 0, 0, 0, servo_id, *(len(data) + 5).to_bytes(2, ORDER), instruction]
-        self._told(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
-
-    def _told(self, servo_id: int, request: list[int], size: int, what: str) -> bytes:
-        """The reply's data, which must be so many bytes."""
-        self._before()
-        reply, error = self._port.transact(servo_id, lambda: self._sdk.txRxPacket(self._port, request))
-        _refuse(servo_id, error)
-        data = bytes(reply[9 : reply[5] + (reply[6] << 8) + 5])
-        if len(data) != size:
-            self._port.owe(servo_id)
-            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
-        return data
+        self._questions.ask(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
 
 
-class ServoCalls:
+class ServoCalls(SureCalls):
     """The single-servo calls of a ServoBus: each servo's goal, torque and limit in the registers that it has for it."""
 
     def __init__(self, single: Wire, servos: Servos, send: Callable[[bytes], None], gains: Mapping[int, int]) -> None:
@@ -98,6 +84,9 @@ class ServoCalls:
         self._servos = servos
         self._send = send
         self._gains = dict(gains)
+
+    def _until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
+        return self._single.until(servo_id, deadline_s)
 
     def read(self, servo_id: int, register: Register) -> int:
         """One register of one servo."""
@@ -133,21 +122,20 @@ class ServoCalls:
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""
-        return self.read(servo_id, self._servos.series(servo_id).goal_position)
+        return self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
 
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
         """Whether the servo drives its motor, if that can be known by the deadline."""
-        with self._single.until(servo_id, deadline_s):
-            return self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
+        return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable, deadline_s) == 1
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor, with the gain that it is to have."""
         series = self._servos.series(servo_id)
         for register, value in series.before_torque:
-            self.write(servo_id, register, value)
+            self._write_surely(servo_id, register, value)
         if servo_id in self._gains:
-            self.write(servo_id, series.position_p, self._gains[servo_id])
-        self.write(servo_id, series.torque_enable, 1)
+            self._write_surely(servo_id, series.position_p, self._gains[servo_id])
+        self._write_surely(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Let go of all; what failed."""
@@ -163,12 +151,5 @@ class ServoCalls:
         """Limit the drive to a share (0 to 1) of full drive until power-off."""
         # Beyond its ceiling the servo would refuse.
         series = self._servos.series(servo_id)
-        limit = self.read(servo_id, series.torque_ceiling)
-        self.write(servo_id, series.torque_limit, min(round(share * series.full_torque), limit))
-
-
-def _refuse(servo_id: int, error: int) -> None:
-    """Raise if the reply has an error number. The alert bit is no failure: alarms are states."""
-    number = error & ~wire.ALERT
-    if number:
-        raise ServoRefused(servo_id, wire.ERRORS.get(number, f"answered error {number}"))
+        limit = self._read_surely(servo_id, series.torque_ceiling)
+        self._write_surely(servo_id, series.torque_limit, min(round(share * series.full_torque), limit))

@@ -14,6 +14,7 @@ from drivers.dynamixel import wire
 from drivers.dynamixel.crc import crc16
 from drivers.dynamixel.models import X
 from drivers.dynamixel.series import Series, StateBlock
+from drivers.readings import Outcome
 
 UnitsA = Iterable[float | None]
 """What one unit of each servo's current is, in the order of the question; None for one that measures none."""
@@ -96,32 +97,30 @@ def fast_whole(
     return dict(zip(servo_ids, map(block.state, units_a, errors, *columns), strict=True))
 
 
-def fast_burst(
+def fast_outcome(
     data: bytes, servo_ids: tuple[int, ...], block: StateBlock, units_a: UnitsA = NO_CURRENT
-) -> dict[int, ServoState | None]:
-    """The states of a fast sync read's one reply, up to the first servo that cannot be believed.
+) -> dict[int, Outcome]:
+    """What a fast sync read's one reply says, up to the first servo that cannot be believed.
 
     Each servo's piece ends in a checksum of all that was sent before, so a piece is as sure as a packet.
-    ``data`` begins with the reply's head. Nothing is stuffed in such a reply. None for a piece that came
-    well and does not prove what it is, or says that such a block cannot be read.
+    ``data`` begins with the reply's head. Nothing is stuffed in such a reply.
     """
-    states: dict[int, ServoState | None] = {}
+    outcome: dict[int, Outcome] = {}
     piece = block.size + wire.FAST_OVERHEAD
     if not data.startswith(wire.fast_head(len(servo_ids), block.size)):
-        return states
+        return outcome
     value, done = 0, 0
     for n, (servo_id, unit_a) in enumerate(zip(servo_ids, units_a, strict=False)):
         at = wire.FAST_HEAD_SIZE + n * piece
         end = at + piece
-        refused = len(data) >= end and data[at] & ~wire.ALERT
-        if len(data) < end or data[at + 1] != servo_id or (refused and not block.proof):
-            return states
+        if len(data) < end or data[at + 1] != servo_id:
+            break
         value = crc16(data[done : end - 2], value)
         if value != int.from_bytes(data[end - 2 : end], "little"):
-            return states
+            break
         done = end - 2
-        states[servo_id] = None if refused else block.decode(data[at], data[at + 2 : end - 2], unit_a)
-    return states
+        outcome[servo_id] = block.outcome(servo_id, data[at], data[at + 2 : done], unit_a)
+    return outcome
 
 
 def goals_packet(goals: Mapping[int, ServoGoal], series: Series = X) -> bytes:

@@ -39,14 +39,15 @@ FAST_OVERHEAD = 4
 
 ALERT = 0x80
 """Bit of the error byte: the servo has a hardware error. It did what it was told all the same."""
-ERRORS = {
+NO_ACCESS = 7
+_ERRORS = {
     1: "could not do it",
     2: "does not know the instruction",
     3: "received a broken packet",
     4: "was given a value out of range",
     5: "was given too few bytes",
     6: "was given a value beyond its limit",
-    7: "has no such register, or it is locked while the torque is on",
+    NO_ACCESS: "has no such register, or it is locked while the torque is on",
 }
 """Meaning of the error byte's other bits, which are one number."""
 
@@ -54,6 +55,11 @@ PATTERN = b"\xff\xff\xfd"
 _STUFFED = b"\xff\xff\xfd\xfd"
 _HEAD = 7
 """Bytes before the instruction."""
+
+
+def error_text(number: int) -> str:
+    """Behind "it" or the servo's name."""
+    return _ERRORS.get(number, f"answered error {number}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +123,8 @@ class ReplyDecoder(Decoder[Reply]):
 
     HEADER = HEADER
 
+    refusals: int = 0xFF & ~ALERT
+
     def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         left = len(pending) - at
         if left > 4 and pending[at + 4] > LARGEST_ID:
@@ -133,16 +141,13 @@ class ReplyDecoder(Decoder[Reply]):
     def _plausible(self, size: int) -> bool:
         """Whether a reply of a right size, stuffed or not, may be so long."""
         data = size - OVERHEAD
-        return any(wanted <= data <= wanted + (wanted + 1) // 3 for wanted in (self.data_size, *self.other_sizes))
+        return any(wanted <= data <= wanted + (wanted + 1) // 3 for wanted in (self.data_size, *self.other_sizes, 0))
 
     def _judge(self, frame: bytes, replies: list[Reply]) -> int:
         if crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
             self.corrupt_ids.append(frame[4])
             return self._pass()
         body = unstuffed(frame[_HEAD:-2])
-        size = len(body) - 2
-        if size != self.data_size and size not in self.other_sizes:
+        if not self._may_have(len(body) - 2):
             return self._pass(len(frame))
-        replies.append(Reply(frame[4], body[1], body[2:], self.garbage))
-        self.garbage = 0
-        return len(frame)
+        return self._found(Reply(frame[4], body[1], body[2:], self.garbage), len(frame), replies)

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.registers import Access, Register, ServoModel
+from drivers.registers import Access, Register, ServoModel, bit_names
 
 READ: Final = Access.READ
 
@@ -174,4 +174,4 @@ def registers(model: Model) -> tuple[Register, ...]:
 
 def alarms(hardware_error: int) -> tuple[str, ...]:
     """Names of the bits that are set in ``hardware_error_status``."""
-    return tuple(name for bit, name in HARDWARE_ERROR_BITS.items() if hardware_error >> bit & 1)
+    return bit_names(hardware_error, HARDWARE_ERROR_BITS)

@@ -8,7 +8,7 @@ SDK (dynamixel_easy_sdk 4.1). Numbers are little endian. Speeds and loads have t
 import math
 from typing import Final
 
-from drivers.registers import Access, Register, ServoModel
+from drivers.registers import Access, Register, ServoModel, bit_names
 
 READ: Final = Access.READ
 
@@ -88,4 +88,4 @@ MODELS: Final = {XL320.name: XL320}
 
 def alarms(hardware_error: int) -> tuple[str, ...]:
     """Names of the bits that are set in ``hardware_error_status``."""
-    return tuple(name for bit, name in HARDWARE_ERROR_BITS.items() if hardware_error >> bit & 1)
+    return bit_names(hardware_error, HARDWARE_ERROR_BITS)

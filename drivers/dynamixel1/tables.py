@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.registers import Access, Register, ServoModel
+from drivers.registers import Access, Register, ServoModel, bit_names
 
 READ: Final = Access.READ
 
@@ -157,4 +157,4 @@ def registers(model: Model) -> tuple[Register, ...]:
 
 def alarms(error: int) -> tuple[str, ...]:
     """Names of the bits that are set in an error byte."""
-    return tuple(name for bit, name in ERROR_BITS.items() if error >> bit & 1)
+    return bit_names(error, ERROR_BITS)

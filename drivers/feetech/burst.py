@@ -160,4 +160,4 @@ class BurstReader(Burst[wire.Reply]):
         return found
 
     def _said(self, reply: wire.Reply) -> Outcome:
-        return state.state(reply.status, reply.data)
+        return state.state(reply.error, reply.data)

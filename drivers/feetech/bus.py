@@ -17,10 +17,11 @@ from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
 from drivers.port import Port
-from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger, tried_with_each
+from drivers.questions import Questions
+from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger
 from drivers.registers import ServoModel
-from drivers.sdk_port import SdkPort
-from drivers.single_servo import SingleCalls, SingleServo
+from drivers.single_servo import SingleCalls, SingleServo, dialect
+from drivers.tries import tried_with_each
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
@@ -38,10 +39,9 @@ class FeetechBus(SingleCalls):
         self._burst = BurstReader(port, clock, self._echo, self._counters)
         self._absent = AbsenceWatch()
         # No status bit refuses an instruction: all are alarms.
-        sdk_port = SdkPort(port, clock, self._echo)
-        super().__init__(
-            SingleServo(PacketHandler(0), sdk_port, _ORDER, 0, sts.alarms, reboots=True, before=self._disturb)
-        )
+        talk = dialect(PacketHandler(0), 0, sts.alarms)
+        questions = Questions(port, clock, self._echo, self._counters, talk, self._disturb)
+        super().__init__(SingleServo(questions, _ORDER, reboots=True))
 
     @property
     def name(self) -> str:
@@ -56,9 +56,9 @@ class FeetechBus(SingleCalls):
         return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        number = self.read(servo_id, sts.model_number)
+        number = self._read_surely(servo_id, sts.model_number)
         refuse_stranger(servo_id, number, model, sts.MODELS)
-        mode = self.read(servo_id, sts.operating_mode)
+        mode = self._read_surely(servo_id, sts.operating_mode)
         if mode != _POSITION_MODE:
             raise ServoRefused(
                 servo_id,
@@ -168,14 +168,13 @@ class FeetechBus(SingleCalls):
         self._burst.send(state.goals_packet(goals))
 
     def goal(self, servo_id: int) -> int:
-        return self.read(servo_id, sts.goal_position)
+        return self._read_surely(servo_id, sts.goal_position)
 
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
-        with self._single.until(servo_id, deadline_s):
-            return self.read(servo_id, sts.torque_enable) == 1
+        return self._read_surely(servo_id, sts.torque_enable, deadline_s) == 1
 
     def torque_on(self, servo_id: int) -> None:
-        self.write(servo_id, sts.torque_enable, 1)
+        self._write_surely(servo_id, sts.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
@@ -185,8 +184,8 @@ class FeetechBus(SingleCalls):
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         # What lasts stays the upper bound.
-        lasting = self.read(servo_id, sts.max_torque)
-        self.write(servo_id, sts.torque_limit, min(round(share / sts.TORQUE_UNIT), lasting))
+        lasting = self._read_surely(servo_id, sts.max_torque)
+        self._write_surely(servo_id, sts.torque_limit, min(round(share / sts.TORQUE_UNIT), lasting))
 
     @contextmanager
     def at_baud(self, baud: int) -> Iterator[ServoBus]:

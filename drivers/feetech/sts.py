@@ -9,7 +9,7 @@ says otherwise.
 import math
 from typing import Final
 
-from drivers.registers import Access, Register, ServoModel
+from drivers.registers import Access, Register, ServoModel, bit_names
 
 READ: Final = Access.READ
 MODEL_ADDRESS: Final = 3
@@ -162,4 +162,4 @@ MODELS: Final = {model.name: model for model in list(globals().values()) if isin
 
 def alarms(status: int) -> tuple[str, ...]:
     """Names of the bits that are set in a status byte."""
-    return tuple(name for bit, name in STATUS_BITS.items() if status >> bit & 1)
+    return bit_names(status, STATUS_BITS)

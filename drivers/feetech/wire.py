@@ -26,7 +26,8 @@ class Reply:
     """A status packet whose checksum is right."""
 
     servo_id: int
-    status: int
+    error: int
+    """The status byte."""
     data: bytes
     garbage: int = field(default=0, compare=False)
     """Bytes before it that belong to no reply."""
@@ -60,7 +61,7 @@ class ReplyDecoder(Decoder[Reply]):
         if left > 2 and pending[at + 2] > _LARGEST_ID:
             return self._pass()
         size = pending[at + 3] - 2 if left > 3 else self.data_size
-        if size != self.data_size and size not in self.other_sizes:
+        if not self._may_have(size):
             return self._pass()
         if left < size + OVERHEAD:
             return None
@@ -68,6 +69,4 @@ class ReplyDecoder(Decoder[Reply]):
         if ~sum(frame[2:-1]) & 0xFF != frame[-1]:
             self.corrupt_ids.append(frame[2])
             return self._pass()
-        replies.append(Reply(frame[2], frame[4], frame[5:-1], self.garbage))
-        self.garbage = 0
-        return len(frame)
+        return self._found(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)

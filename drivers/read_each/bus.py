@@ -14,13 +14,14 @@ from drivers.echo import Echo
 from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import wire
 from drivers.port import Port
+from drivers.questions import Questions
 from drivers.read_each.identify import identify
 from drivers.read_each.line import RETRY_GAP_S, Line
 from drivers.read_each.series import series_of
-from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of, tried_with_each
+from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of
 from drivers.registers import Register, ServoModel
-from drivers.sdk_port import SdkPort
-from drivers.single_servo import SingleCalls, SingleServo
+from drivers.single_servo import SingleCalls, SingleServo, dialect
+from drivers.tries import tried_with_each
 from drivers.turns import Steps, finish
 
 LOG = logging.getLogger("servoloop.drivers")
@@ -46,18 +47,9 @@ class ReadEachBus(SingleCalls):
         self._line = Line(port, clock, echo, self._counters, series, state_of)
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
-        self._sdk_port = SdkPort(port, clock, echo)
-        super().__init__(
-            SingleServo(
-                series.sdk(),
-                self._sdk_port,
-                series.byte_order,
-                series.refusals,
-                series.alarms,
-                reboots=series.reboots,
-                before=self._disturb,
-            )
-        )
+        talk = dialect(series.sdk(), series.refusals, series.alarms)
+        self._questions = Questions(port, clock, echo, self._counters, talk, self._disturb)
+        super().__init__(SingleServo(self._questions, series.byte_order, reboots=series.reboots))
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()
         """Whom the last cycle had no time for: the next begins with them."""
@@ -95,7 +87,7 @@ class ReadEachBus(SingleCalls):
     def read(self, servo_id: int, register: Register) -> int:
         value = self._single.read(servo_id, register)
         on_wire_s = (len(self._line.question((servo_id,), 1)) + wire.OVERHEAD + register.size) * self._line.byte_s
-        self._line.patience.heard(max(0.0, self._clock.now() - self._sdk_port.sent_s - on_wire_s))
+        self._line.patience.heard(max(0.0, self._clock.now() - self._questions.sent_s - on_wire_s))
         return value
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
@@ -189,14 +181,13 @@ class ReadEachBus(SingleCalls):
         return wire.sync_write(self._series.goal_address, self._series.goal_size, data) if data else b""
 
     def goal(self, servo_id: int) -> int:
-        return self.read(servo_id, self._series.goal_position)
+        return self._read_surely(servo_id, self._series.goal_position)
 
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
-        with self._single.until(servo_id, deadline_s):
-            return self.read(servo_id, self._series.torque_enable) == 1
+        return self._read_surely(servo_id, self._series.torque_enable, deadline_s) == 1
 
     def torque_on(self, servo_id: int) -> None:
-        self.write(servo_id, self._series.torque_enable, 1)
+        self._write_surely(servo_id, self._series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
@@ -210,8 +201,8 @@ class ReadEachBus(SingleCalls):
         wanted = round(share * series.full_torque)
         if series.torque_limit is not None:
             # What lasts stays the upper bound.
-            lasting = self.read(servo_id, series.max_torque)
-            self.write(servo_id, series.torque_limit, min(wanted, lasting))
+            lasting = self._read_surely(servo_id, series.max_torque)
+            self._write_surely(servo_id, series.torque_limit, min(wanted, lasting))
         elif share < 1.0:
             raise ServoRefused(
                 servo_id,

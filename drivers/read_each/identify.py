@@ -1,14 +1,12 @@
 """Whether a servo is what the robot file says, and set up so that we can drive it."""
 
-from typing import Final
+from functools import partial
 
 from drivers.errors import ServoRefused, ServoSilent
 from drivers.read_each.series import Series
 from drivers.registers import ServoModel
 from drivers.single_servo import SingleServo
-
-READS: Final = 3
-"""How often one that answers a ping is read before it is said to answer no read."""
+from drivers.tries import tried
 
 
 def identify(single: SingleServo, series: Series, servo_id: int, model: ServoModel) -> None:
@@ -20,20 +18,19 @@ def identify(single: SingleServo, series: Series, servo_id: int, model: ServoMod
             f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
             "correct the model in the robot file or swap the servo",
         )
-    if single.read(servo_id, series.status_level) != series.answers_all:
+    if tried(partial(single.read, servo_id, series.status_level)) != series.answers_all:
         raise ServoRefused(servo_id, f"acknowledges no writes: {_set_level(series)}")
-    misfit = series.misfit(model, lambda register: single.read(servo_id, register))
+    misfit = series.misfit(model, lambda register: tried(partial(single.read, servo_id, register)))
     if misfit:
         raise ServoRefused(servo_id, misfit)
 
 
 def _model_number(single: SingleServo, series: Series, servo_id: int) -> int:
-    for _ in range(READS):  # the answer to one may just have been lost
-        try:
-            return single.read(servo_id, series.model_number)
-        except ServoSilent:
-            # Of one that does not even answer a ping there is no more to learn.
-            single.ping(servo_id)
+    try:
+        return tried(partial(single.read, servo_id, series.model_number))
+    except ServoSilent:
+        # Of one that does not even answer a ping there is no more to learn.
+        single.ping(servo_id)
     raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}")
 
 

@@ -13,7 +13,7 @@ from drivers.owed import Missed
 from drivers.port import Port
 from drivers.read_each.patience import FIRM_S, FIRST_REPLY_S, SPARE_S, Patience
 from drivers.read_each.series import Series, StateOf
-from drivers.readings import Outcome
+from drivers.readings import Outcome, refused
 from drivers.turns import Steps
 
 READ: Final = 0x02
@@ -49,6 +49,7 @@ class Line(Burst[wire.Reply]):
         self._address = series.state_address
         self._state_of = state_of
         self._sizes = series.state_sizes
+        self._refusals, self._alarms = series.refusals, series.alarms
         self._largest = max(series.state_sizes)
         self.patience = Patience()
 
@@ -78,7 +79,7 @@ class Line(Burst[wire.Reply]):
         except GeneratorExit:
             self.give_up(dict.fromkeys(servo_ids, size))
             raise
-        decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size})
+        decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size}, self._refusals)
         hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
         self._listen(hearing, servo_ids, sent, begin_s + len(sent) * self.byte_s, firm, deadline_s)
         noise = self._counters.noise
@@ -121,8 +122,10 @@ class Line(Burst[wire.Reply]):
 
     def _said(self, reply: wire.Reply) -> Outcome | None:
         """Nothing where the servo's model is not known."""
+        if complaints := reply.error & self._refusals:
+            return refused(reply.servo_id, f"it names a {' and '.join(self._alarms(complaints))} error")
         state_of = self._state_of.get(reply.servo_id)
-        return state_of(reply.status, reply.data) if state_of else None
+        return state_of(reply.error, reply.data) if state_of else None
 
     def _count(
         self, outcome: Mapping[int, Outcome], sizes: Mapping[int, int], belated: Sequence[tuple[int, Missed]]

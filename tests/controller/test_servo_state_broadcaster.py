@@ -11,7 +11,9 @@ from hal.types import JointState, ServoHealth
 
 NAN = float("nan")
 JOINTS = ("base", "wrist")
-COUNTERS = ServoCounters(single_replies=9, silent=1, corrupt=2, late=3, reset=7, alarms=4, retries=5, skipped=6)
+COUNTERS = ServoCounters(
+    single_replies=9, silent=1, corrupt=2, late=3, refused=8, reset=7, alarms=4, retries=5, skipped=6
+)
 
 
 def state() -> JointState:
@@ -47,13 +49,14 @@ def test_each_servo_has_all_values_by_name() -> None:
         "silent": 1.0,
         "corrupt": 2.0,
         "late": 3.0,
+        "refused": 8.0,
         "reset": 7.0,
         "alarm_replies": 4.0,
         "retries": 5.0,
         "skipped": 6.0,
     }
     assert dict(zip(controller.interfaces["base"], base, strict=True))["fault"] == 0.0
-    np.testing.assert_equal(np.delete(base, 5), [NAN] * 13)
+    np.testing.assert_equal(np.delete(base, 5), [NAN] * 14)
 
 
 def test_a_servo_without_an_account_of_its_bus_has_no_counters() -> None:

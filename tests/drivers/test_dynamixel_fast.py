@@ -13,6 +13,7 @@ from drivers.dynamixel.bus import DynamixelBus
 from drivers.dynamixel.crc import crc16
 from drivers.dynamixel.models import X
 from drivers.owed import OWED_S
+from drivers.readings import refused
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
@@ -178,16 +179,17 @@ def test_no_flipped_bit_passes_and_every_reply_asked_for_ends_in_one_counter() -
     for bit in range(len(whole) * 8):
         spoiled = bytearray(whole)
         spoiled[bit // 8] ^= 1 << bit % 8
-        found = state.fast_burst(bytes(spoiled), IDS, BLOCK)
+        found = state.fast_outcome(bytes(spoiled), IDS, BLOCK)
         piece = max(0, bit // 8 - wire.FAST_HEAD_SIZE) // (SIZE + wire.FAST_OVERHEAD)
         assert list(found) == list(IDS[:piece])
         assert state.fast_whole(bytes(spoiled), IDS, BLOCK) is None
         line = ready()
+        before = {i: account.replies for i, account in line.bus.counters.servos.items()}
         line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
         assert right(line.cycle())
         assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
-        for account in line.bus.counters.servos.values():
-            asked = 2 + account.retries
+        for servo_id, account in line.bus.counters.servos.items():
+            asked = before[servo_id] + 1 + account.retries
             assert account.replies + account.silent + account.corrupt + account.late == asked
 
 
@@ -238,15 +240,19 @@ def test_the_whole_and_its_pieces_give_the_same_states() -> None:
         states = state.fast_whole(whole, IDS, block, units_a)
         assert states is not None
         assert [reading.current_a for reading in states.values()] == [None, 0.004, None, 8 * 0.00269]
-        assert states == state.fast_burst(whole, IDS, block, units_a)
+        assert states == state.fast_outcome(whole, IDS, block, units_a)
         assert state.fast_whole(whole + b"\0", IDS, block) is state.fast_whole(whole, IDS[::-1], block) is None
         assert state.fast_whole(fast_reply(block.size, error=2), IDS, block) is None
 
 
 def test_alarms_come_with_the_piece() -> None:
-    found = state.fast_burst(fast_reply(error=wire.ALERT), IDS, BLOCK)
-    assert [reading.alarms for reading in found.values() if reading] == [("hardware error",)] * 4
-    assert state.fast_burst(fast_reply(error=2), IDS, BLOCK) == {}
+    found = state.fast_outcome(fast_reply(error=wire.ALERT), IDS, BLOCK)
+    assert [said.alarms for said in found.values() if isinstance(said, ServoState)] == [("hardware error",)] * 4
+
+
+def test_a_refusal_comes_with_the_piece_too() -> None:
+    found = state.fast_outcome(fast_reply(error=2), IDS, BLOCK)
+    assert found == {i: refused(i, "it does not know the instruction") for i in IDS}
 
 
 def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:

@@ -107,7 +107,12 @@ def test_the_goal_block_has_no_gap_and_can_be_written() -> None:
 
 @pytest.mark.parametrize(
     ("bits", "names"),
-    [(0, ()), (0x20, ("overload",)), (0x35, ("voltage", "temperature", "electrical shock", "overload")), (0xC2, ())],
+    [
+        (0, ()),
+        (0x20, ("overload",)),
+        (0x35, ("voltage", "temperature", "electrical shock", "overload")),
+        (0x82, ("unknown (bit 1)", "unknown (bit 7)")),
+    ],
 )
 def test_alarm_names(bits: int, names: tuple[str, ...]) -> None:
     assert x.alarms(bits) == names

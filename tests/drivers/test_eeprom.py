@@ -13,6 +13,7 @@ from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
 from drivers.registers import Register
+from drivers.tries import ATTEMPTS
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -335,4 +336,4 @@ def test_a_silent_servo_is_said_to_be_silent_and_costs_little() -> None:
     with pytest.raises(EepromError, match=r"servo 1: position_p .* cannot be read: it does not answer") as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert isinstance(caught.value.__cause__, ServoSilent)
-    assert len(line.port.packets) <= TRIES + 2
+    assert len(line.port.packets) <= ATTEMPTS + 2

@@ -26,7 +26,7 @@ def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> 
     frames = [wire.packet(i, i, bytes((i * 30 & 255, 0x80 | i, 9, 0x80, 0xF4, 5 + i, 118, 41))) for i in IDS]
     fast = state.burst(b"".join(frames), IDS, state.STATE_SIZE)
     replies = wire.ReplyDecoder(state.STATE_SIZE).feed(b"".join(frames))
-    assert fast == {r.servo_id: state.state(r.status, r.data) for r in replies}
+    assert fast == {r.servo_id: state.state(r.error, r.data) for r in replies}
     spoiled = bytearray(b"".join(frames))
     counts: Counter[bool] = Counter()
     for bit in range(len(spoiled) * 8):

@@ -133,7 +133,7 @@ def test_a_corrupt_reply_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(3)
     with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
-        line.bus.goal(3)
+        line.bus.read(3, series_of((kind.model,)).goal_position)
     assert line.bus.goal(3) == line.held(3, series_of((kind.model,)).goal_position)
 
 
@@ -142,7 +142,7 @@ def test_a_reply_of_another_length_is_no_value(kind: Kind) -> None:
     for data in (b"", b"\x01", b"\x01\x02\x03"):
         bus, _, _ = scripted(kind, wire.packet(1, 0, data))
         with pytest.raises(ServoCorrupt, match=f"answered {len(data)} bytes for goal_position"):
-            bus.goal(1)
+            bus.read(1, series_of((kind.model,)).goal_position)
 
 
 @ax_and_scs
@@ -228,7 +228,7 @@ def test_endless_noise_ends(kind: Kind, noise: bytes) -> None:
     assert not any(isinstance(reading, ServoState) for reading in readings.values())
     assert clock.now() - 5.0 < 0.051
     with pytest.raises(ServoError):
-        bus.goal(1)
+        bus.read(1, series_of((kind.model,)).goal_position)
     assert clock.now() - 5.0 < 0.11
 
 

@@ -137,7 +137,7 @@ def test_the_places_that_move_an_arm_are_those_of_the_memory_table(register: Reg
         (1, ("voltage",)),
         (0x24, ("temperature", "overload")),
         (0x3F, ("voltage", "angle sensor", "temperature", "current", "angle", "overload")),
-        (0xC0, ()),
+        (0xC0, ("unknown (bit 6)", "unknown (bit 7)")),
     ],
 )
 def test_alarm_names(status: int, names: tuple[str, ...]) -> None:

@@ -170,6 +170,29 @@ def test_in_a_cycle_nobody_waits_for_a_late_answer_and_the_next_question_has_its
     pytest.fail("it was never asked again")
 
 
+@every_case
+def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
+    bench = Bench(case)
+    account = bench.bus.counters.of(1)
+    bench.bus.write(1, case.torque, 0)
+    bench.servos.servo(1).firmware.protection.status |= 1 << 5
+    bench.bus.read(1, case.torque)
+    assert (account.replies, account.alarms) == (2, 1)
+    bench.servos.faults.corrupt_next(1)
+    with pytest.raises(ServoCorrupt):
+        bench.bus.read(1, case.torque)
+    assert account.corrupt == 1
+    bench.port.hold_s = HELD_S + LATE_S
+    with pytest.raises(ServoSilent):
+        bench.bus.read(1, case.temperature)
+    assert account.silent == 1
+    bench.port.hold_s = 0.0
+    with pytest.raises(ServoCorrupt, match=f"answered 1 bytes for {case.position.name}"):
+        bench.bus.read(1, case.position)
+    assert account.late == 1
+    assert sum(account.as_dict().values()) == 2 + 1 + 3
+
+
 @pytest.mark.parametrize("case", [case for case in CASES if language_of(case.model) != "Dynamixel protocol 2.0"][1:])
 def test_the_wait_for_a_late_answer_teaches_no_patience(case: Case) -> None:
     bench = Bench(case)

@@ -12,6 +12,7 @@ from drivers.bus import Reading, ServoBus
 from drivers.errors import DriverError, PortLost
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
+from drivers.tries import ATTEMPTS
 from drivers.turns import finish
 from hal.errors import ActivationError
 from hal.joint import Joint
@@ -249,9 +250,9 @@ SINGLE = {
 }
 
 
-@pytest.mark.parametrize("packets", [1, 2])
+@pytest.mark.parametrize("packets", range(1, ATTEMPTS))
 @pytest.mark.parametrize("which", SINGLE)
-def test_one_or_two_lost_packets_do_not_fail_an_activation(which: str, packets: int) -> None:
+def test_a_few_lost_packets_do_not_fail_an_activation(which: str, packets: int) -> None:
     bench = Ports()
     bench.hardware.configure()
     lost = loses(bench, SINGLE[which], packets)
@@ -261,11 +262,11 @@ def test_one_or_two_lost_packets_do_not_fail_an_activation(which: str, packets: 
 
 
 @pytest.mark.parametrize("which", SINGLE)
-def test_three_lost_packets_fail_it_with_no_torque_left(which: str) -> None:
+def test_too_many_lost_packets_fail_it_with_no_torque_left(which: str) -> None:
     bench = Ports()
     bench.hardware.configure()
-    lost = loses(bench, SINGLE[which], 3)
+    lost = loses(bench, SINGLE[which], ATTEMPTS)
     with pytest.raises(DriverError, match="servo 1: does not answer"):
         bench.hardware.activate()
-    assert len(lost) == 3
+    assert len(lost) == ATTEMPTS
     assert bench.torque() == NONE

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.errors import DriverError, PortLost, PortMissing
 from drivers.feetech import sts
+from drivers.tries import ATTEMPTS
 from hal.errors import ActivationError, LifecycleError
 from hal.lifecycle import LifecycleState
 from hal.servo_hardware import ServoHardware
@@ -181,7 +182,7 @@ def silence_elbow(bench: Bench) -> None:
 
 
 def corrupt_elbow(bench: Bench) -> None:
-    bench.servos.faults.corrupt_next(2, replies=3)  # each time that it is asked
+    bench.servos.faults.corrupt_next(2, replies=ATTEMPTS)  # each time that it is asked
 
 
 def turn_elbow_out(bench: Bench) -> None:
