@@ -57,8 +57,9 @@ class ServoGoal:
 class ServoBus(Protocol):
     """One line of servos. One transaction at a time, from one thread.
 
-    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. ``identify``, ``goal``,
-    ``torque_is_on`` without a deadline, ``torque_on`` and ``limit_torque`` make up for lost packets (drivers/tries.py).
+    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
+    for lost packets (drivers/tries.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on`` without a
+    deadline, ``torque_on``, ``limit_torque``.
     """
 
     @property
@@ -143,6 +144,10 @@ class ServoBus(Protocol):
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""
+        ...
+
+    def position_limits(self, servo_id: int) -> tuple[int, int] | None:
+        """The lowest and the highest goal that the servo's settings let it take, in counts; None where it has none."""
         ...
 
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:

@@ -58,6 +58,11 @@ class SureCalls(ABC):
         with self._until(servo_id, deadline_s):
             return self.read(servo_id, register)
 
+    def _limits(self, servo_id: int, registers: tuple[Register, Register]) -> tuple[int, int] | None:
+        """The lowest and the highest goal; both 0 is a servo without such a setting, or a simulator's empty table."""
+        lowest, highest = (self._read_surely(servo_id, register) for register in registers)
+        return (lowest, highest) if (lowest, highest) != (0, 0) else None
+
     def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
         """One register of RAM: written twice, it holds what it holds after once."""
         tried(partial(self.write, servo_id, register, value))

@@ -56,6 +56,7 @@ class Lines:
         for joint in self._on[name]:
             try:
                 bus.identify(joint.servo_id, joint.model)
+                _refuse_short_reach(joint, bus.position_limits(joint.servo_id))
             except ServoError as error:
                 errors[joint.servo_id] = error
         return errors
@@ -180,6 +181,22 @@ def _states(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, Reading]:
         if not missing:
             break
     return found
+
+
+def _refuse_short_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
+    """Beyond its own limits a servo does not go, and does not tell: some stop there, others forget the goal."""
+    if limits is None:
+        return
+    last = joint.model.last_count
+    lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
+    if limits[0] <= lowest and highest <= limits[1]:
+        return
+    lower, upper = sorted(joint.position(counts) for counts in limits)
+    raise ServoRefused(
+        joint.servo_id,
+        f"has position limits of its own, {limits[0]} to {limits[1]} counts, and its joint goes from {lowest} to "
+        f"{highest}: widen them in the servo, or narrow the joint's in the URDF to {lower:.4f} to {upper:.4f}",
+    )
 
 
 def _explained(reading: Reading, cause: str | None) -> Reading:

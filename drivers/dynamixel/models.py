@@ -91,6 +91,7 @@ X: Final = Series(
     goal=_x_goal,
     torque_enable=x_series.torque_enable,
     goal_position=x_series.goal_position,
+    position_limits=(x_series.min_position_limit, x_series.max_position_limit),
     hardware_error_status=x_series.hardware_error_status,
     alarms=x_series.alarms,
     # No ramp of the servo's own: the trajectory above is smooth already, and a ramp would stop the servo
@@ -161,6 +162,7 @@ XL: Final = Series(
     goal=_xl_goal,
     torque_enable=xl320.torque_enable,
     goal_position=xl320.goal_position,
+    position_limits=(xl320.cw_angle_limit, xl320.ccw_angle_limit),
     hardware_error_status=xl320.hardware_error_status,
     alarms=xl320.alarms,
     before_torque=(),

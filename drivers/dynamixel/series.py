@@ -65,6 +65,8 @@ class Series:
     goal: Callable[[ServoGoal], bytes]
     torque_enable: Register
     goal_position: Register
+    position_limits: tuple[Register, Register]
+    """The lowest and the highest goal."""
     hardware_error_status: Register
     alarms: Callable[[int], tuple[str, ...]]
     before_torque: tuple[tuple[Register, int], ...]

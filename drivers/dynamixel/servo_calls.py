@@ -124,6 +124,10 @@ class ServoCalls(SureCalls):
         """The goal position that the servo holds, in counts."""
         return self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
 
+    def position_limits(self, servo_id: int) -> tuple[int, int] | None:
+        """The lowest and the highest goal that its settings let it take, in counts."""
+        return self._limits(servo_id, self._servos.series(servo_id).position_limits)
+
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
         """Whether the servo drives its motor, if that can be known by the deadline."""
         return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable, deadline_s) == 1

@@ -13,19 +13,19 @@ from drivers.bus import Reading, ServoBus, ServoGoal
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
-from drivers.errors import ServoError, ServoRefused
+from drivers.errors import ServoError
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
+from drivers.feetech.identify import identify
 from drivers.port import Port
 from drivers.questions import Questions
-from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of, refuse_stranger
+from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of
 from drivers.registers import ServoModel
 from drivers.single_servo import SingleCalls, SingleServo, dialect
 from drivers.tries import tried_with_each
 from drivers.turns import Steps, finish
 
 _ORDER: Final = "little"
-_POSITION_MODE: Final = 0
 
 
 class FeetechBus(SingleCalls):
@@ -56,14 +56,7 @@ class FeetechBus(SingleCalls):
         return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        number = self._read_surely(servo_id, sts.model_number)
-        refuse_stranger(servo_id, number, model, sts.MODELS)
-        mode = self._read_surely(servo_id, sts.operating_mode)
-        if mode != _POSITION_MODE:
-            raise ServoRefused(
-                servo_id,
-                f"is not in position mode: set operating_mode ({sts.operating_mode.address}) to {_POSITION_MODE}",
-            )
+        identify(self._single, servo_id, model, self.name)
 
     def _disturb(self) -> None:
         """Something else than a group read goes over the line, and may leave something on it."""
@@ -169,6 +162,9 @@ class FeetechBus(SingleCalls):
 
     def goal(self, servo_id: int) -> int:
         return self._read_surely(servo_id, sts.goal_position)
+
+    def position_limits(self, servo_id: int) -> tuple[int, int] | None:
+        return self._limits(servo_id, sts.POSITION_LIMITS)
 
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
         return self._read_surely(servo_id, sts.torque_enable, deadline_s) == 1

@@ -98,6 +98,10 @@ STATE_BLOCK: Final = (
 )
 GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
 
+COUNTS_PER_S_PHASE: Final = 1 << 2
+"""Bit of phase: speeds are in counts/s; without it, in 50 counts/s."""
+POSITION_LIMITS: Final = (min_position, max_position)
+
 BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
 
 STATUS_BITS: Final = {

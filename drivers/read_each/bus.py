@@ -183,6 +183,9 @@ class ReadEachBus(SingleCalls):
     def goal(self, servo_id: int) -> int:
         return self._read_surely(servo_id, self._series.goal_position)
 
+    def position_limits(self, servo_id: int) -> tuple[int, int] | None:
+        return self._limits(servo_id, self._series.position_limits)
+
     def torque_is_on(self, servo_id: int, deadline_s: float | None = None) -> bool:
         return self._read_surely(servo_id, self._series.torque_enable, deadline_s) == 1
 

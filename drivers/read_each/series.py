@@ -43,6 +43,8 @@ class Series:
     """Value of ``status_level`` at which writes are acknowledged."""
     torque_enable: Register
     goal_position: Register
+    position_limits: tuple[Register, Register]
+    """The lowest and the highest goal."""
     state_address: int
     state_sizes: tuple[int, ...]
     goal_address: int
@@ -128,6 +130,7 @@ SCS: Final = Series(
     answers_all=1,
     torque_enable=scs.torque_enable,
     goal_position=scs.goal_position,
+    position_limits=(scs.min_position, scs.max_position),
     state_address=scs.STATE_BLOCK[0].address,
     # The memory table ends at 66, Feetech's header of the series at 70.
     state_sizes=(8, 10, 13, 15),
@@ -199,6 +202,7 @@ DYNAMIXEL1: Final = Series(
     answers_all=dxl.ANSWERS_ALL,
     torque_enable=dxl.torque_enable,
     goal_position=dxl.goal_position,
+    position_limits=(dxl.cw_angle_limit, dxl.ccw_angle_limit),
     state_address=dxl.STATE_BLOCK[0].address,
     # An AX's table ends at 49.
     state_sizes=(8, 10, 13, 14),

@@ -16,6 +16,7 @@ from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from sim_backend.sts_memory import Memory
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 
@@ -223,6 +224,33 @@ def test_a_servo_in_another_mode_is_refused_with_the_setting(mode: int) -> None:
     line.servos.servo(3).memory.put(sts.operating_mode, mode)
     with pytest.raises(ServoRefused, match=r"servo 3: is not in position mode: set operating_mode \(33\) to 0"):
         line.bus.identify(3, sts.STS3215)
+
+
+def test_a_servo_that_acknowledges_no_writes_is_refused_with_the_setting() -> None:
+    line = Line()
+    line.servos.servo(3).memory.put(sts.status_level, 0)
+    with pytest.raises(ServoRefused, match=r"acknowledges no writes: set its status_level \(register 8\) to 1"):
+        line.bus.identify(3, sts.STS3215)
+
+
+def test_one_that_says_so_and_acknowledges_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a simulator with an empty table."""
+    line = Line()
+    line.servos.servo(3).memory.put(sts.status_level, 0)
+    line.servos.servo(3).memory.put(sts.acceleration, 7)
+    monkeypatch.setattr(Memory, "answers", 2)
+    line.bus.identify(3, sts.STS3215)
+    assert line.held(3, sts.acceleration) == 7
+
+
+def test_another_unit_of_speed_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    line = Line()
+    line.bus.identify(3, sts.STS3215)
+    assert not caplog.records
+    line.servos.servo(3).memory.put(sts.phase, 8)
+    line.bus.identify(3, sts.STS3215)
+    assert "servo 3: phase (register 18) is 8" in caplog.text
+    assert "set it to 12" in caplog.text
 
 
 def test_the_lasting_torque_limit_stays_the_upper_bound() -> None:

@@ -1,0 +1,53 @@
+"""A servo that keeps limits of its own, and a joint that goes beyond them."""
+
+import pytest
+
+from drivers.dynamixel import x_series as x
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import DriverError
+from drivers.feetech import scs, sts
+from drivers.registers import Register, ServoModel
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import JointLimits
+from tests.drivers.fault_lines import KINDS, Line
+
+LIMITED = (
+    (sts.STS3215, sts.min_position, sts.max_position),
+    (scs.SCS0009, scs.min_position, scs.max_position),
+    (dxl.AX_12A, dxl.cw_angle_limit, dxl.ccw_angle_limit),
+    (dxl.MX_28, dxl.cw_angle_limit, dxl.ccw_angle_limit),
+    (x.XL430_W250, x.min_position_limit, x.max_position_limit),
+)
+
+
+@pytest.mark.parametrize(("model", "lowest", "highest"), LIMITED, ids=lambda value: getattr(value, "name", ""))
+def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_both(
+    model: ServoModel, lowest: Register, highest: Register
+) -> None:
+    kind = next(kind for kind in KINDS if model in kind.models.values())
+    servo_id = next(i for i, other in kind.models.items() if other is model)
+    limits = JointLimits(-0.5, 0.7, 3.0, 5.0, 50.0)
+    joint = Joint("j", servo_id, model, limits, sign=-1, zero_counts=(model.last_count + 1) // 2)
+    first, last = joint.counts_range()
+
+    def arm_with(low: int, high: int) -> ServoHardware:
+        line = Line(kind)
+        line.servos.servo(servo_id).memory.put(lowest, low)
+        line.servos.servo(servo_id).memory.put(highest, high)
+        return ServoHardware("arm", [joint], lambda: line.bus, line.clock)
+
+    for low, high in ((first + 1, last), (first, last - 1)):
+        with pytest.raises(DriverError, match=f"position limits of its own, {low} to {high} counts") as caught:
+            arm_with(low, high).configure()
+        assert f"its joint goes from {first} to {last}" in str(caught.value)
+        assert f"{joint.position(high):.4f} to {joint.position(low):.4f}" in str(caught.value)
+    arm_with(first, last).configure()
+
+
+def test_a_servo_without_limits_of_its_own_is_taken() -> None:
+    line = Line(KINDS[0])
+    for register in (sts.min_position, sts.max_position):
+        line.servos.servo(1).memory.put(register, 0)
+    joint = Joint("j", 1, sts.STS3215, JointLimits(-3.1, 3.1, 3.0, 5.0, 50.0))
+    ServoHardware("arm", [joint], lambda: line.bus, line.clock).configure()
