@@ -63,10 +63,11 @@ class BurstReader(Burst[wire.Reply]):
         self._port.write(steady.question)
         now_s = self._clock.now()
         patience_s = now_s + steady.patience_s
-        data = self._port.read(steady.layout.size, patience_s if patience_s < deadline_s else deadline_s)
-        if len(data) == steady.layout.size:
+        layout = steady.layout
+        data = self._port.read(layout.size, patience_s if patience_s < deadline_s else deadline_s)
+        if data.startswith(layout.last_head, layout.last_at) and len(data) == layout.size:
             self._port.write(goals)
-            states, alarms = steady.layout.states(data)
+            states, alarms = layout.states(data)
             if states is not None:
                 self.clean = True
                 steady.whole_bursts.count += 1
@@ -118,7 +119,7 @@ class BurstReader(Burst[wire.Reply]):
     ) -> Mapping[int, Outcome]:
         """The state of each servo that was asked, or what kind of fault there was.
 
-        ``after``, a packet that nobody answers, goes out as soon as the replies are there: they are decoded
+        ``after``, a packet that nobody answers, goes out as soon as all replies are there: they are decoded
         while it is on the wire.
         """
         size, sent = self._size, self._sent
@@ -126,10 +127,15 @@ class BurstReader(Burst[wire.Reply]):
         data = self._first_data(expected, self._sent_s, deadline_s, bool(firm))
         if self._echo.present is not False:
             data = self._echo.strip(sent, data)
-        elif after and len(data) == expected:
+        elif after and not tried and self._is_all(data, state.layout(firm, size)):
             self.send(after)
             after = b""
         return self._understand(firm, tried, size, data, after, deadline_s)
+
+    @staticmethod
+    def _is_all(data: bytes, layout: state.BurstLayout) -> bool:
+        """Whether nobody speaks any more. What is sent while somebody does is lost, and the answer too."""
+        return len(data) == layout.size and data.startswith(layout.last_head, layout.last_at)
 
     def _understand(
         self, firm: tuple[int, ...], tried: tuple[int, ...], size: int, data: bytes, after: bytes, deadline_s: float

@@ -73,11 +73,14 @@ class BurstLayout:
     a small table better than a large one.
     """
 
-    __slots__ = ("_replies", "_unpack", "size")
+    __slots__ = ("_replies", "_unpack", "last_at", "last_head", "size")
 
     def __init__(self, servo_ids: tuple[int, ...], data_size: int) -> None:
         frame_size = data_size + wire.OVERHEAD
         self.size = frame_size * len(servo_ids)
+        self.last_at = self.size - frame_size
+        self.last_head = wire.HEADER + bytes(servo_ids[-1:])
+        """Where so many bytes have this there, the last reply is their end: behind garbage its end would be to come."""
         # A whole reply: header, ID and length as one number, status, the block, what is behind it, checksum.
         self._unpack = Struct("<" + f"IB{_STATE}{data_size - STATE_SIZE}xB").unpack
         self._replies = tuple(

@@ -6,27 +6,29 @@ import pytest
 
 from drivers.bus import ServoFault, ServoGoal, ServoState
 from drivers.dynamixel.models import MODELS
-from drivers.feetech.sts import STS3215
+from drivers.feetech.wire import SYNC_WRITE
 from sim_backend.faults import Disturbance
-from tests.drivers.fault_lines import IDS, Kind, Line, Truth, every_kind, every_servo
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
 
-CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "2000"))
+CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "10000"))
 TOO_LOW = 50
 """As max_voltage: 5 V, less than any line here has."""
 
 
-@every_kind
-def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
+@pytest.mark.parametrize(
+    ("kind", "share"),
+    # The quick way of a line on which all is well is taken only where faults are rare.
+    [pytest.param(kind, 1.0, id=kind.name) for kind in KINDS]
+    + [pytest.param(kind, 0.02, id=f"{kind.name}, rarely") for kind in KINDS if kind.with_goals],
+)
+def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
     """Every value is the right one of this very cycle, and the counters say what was done to the line."""
-    cycles = CYCLES * 5 if kind.model is STS3215 else CYCLES
     line = Line(kind)
     truth = Truth(line)
     goals = dict.fromkeys(IDS, ServoGoal(500))  # limp servos do not follow
-    # The quick way of a line on which all is well is taken only where faults are rare.
-    share = 0.02 if kind.with_goals else 1.0
     line.faults.disturbance = done = Disturbance(seed=3, drop=0.05 * share, flip=0.02 * share, noise=0.02 * share)
     states = 0
-    for number in range(cycles):
+    for number in range(CYCLES):
         truth.number = number
         line.goals = goals if number % 2 or kind.with_goals else {}
         for servo_id, reading in line.cycle().items():
@@ -37,14 +39,14 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind) -> None:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
         # Where four in a row were lost, the next answer may be any of theirs: it counts as a late one.
-        doubtful = cycles // 2500
+        doubtful = CYCLES // 2500
         assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
         # Where several answer, garbage may lie beside the wrong one of two that are missing.
         assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
     assert line.bus.counters.noise == pytest.approx(noise, rel=0.05)
-    assert states > 0.99 * cycles * len(IDS)
+    assert states > 0.99 * CYCLES * len(IDS)
 
 
 @every_kind
@@ -144,3 +146,26 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
     names_are_asked_for = kind.model in MODELS.values() and not kind.mapped
     assert line.account(3).alarms == 1 + names_are_asked_for
     assert line.missing() == {}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.with_goals], ids=lambda kind: kind.name)
+def test_no_goal_goes_out_while_an_answer_is_still_on_the_wire(kind: Kind) -> None:
+    """On one wire for both directions they would collide, and nobody acknowledges a goal."""
+    line = Line(kind)
+    line.faults.disturbance = Disturbance(seed=5, drop=0.02, flip=0.02, noise=0.05)
+    write = line.port.write
+    collisions: list[bytes] = []
+
+    def watched(data: bytes) -> None:
+        if line.port._coming and bytes((SYNC_WRITE,)) in data[:8]:
+            collisions.append(data)
+        write(data)
+
+    line.port.write = watched  # type: ignore[method-assign]
+    for number in range(1500):
+        if number % 100 == 0:  # one that comes back is heard behind all others
+            line.faults.silence(4)
+        elif number % 100 == 50:
+            line.faults.restore(4)
+        line.cycle()
+    assert collisions == []
