@@ -23,7 +23,7 @@ from drivers.clock import MonotonicClock
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
 from drivers.serial_port import SerialPort
-from drivers.turns import Steps, finish
+from drivers.turns import Steps, Wait, finish
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits, JointState
@@ -42,7 +42,7 @@ class ApartBus(FeetechBus):
     """Asks and waits in one step: what two ports are without overlapping."""
 
     def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
-        yield
+        yield Wait.LAST
         return finish(super().state_steps(servo_ids, deadline_s))
 
 

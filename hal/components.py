@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from drivers.turns import Steps, finish, overlapped
+from drivers.turns import Steps, Wait, finish, overlapped
 from hal.errors import HalError, PartLost
 from hal.lifecycle import Hardware, InSteps, LifecycleState
 from hal.member import CONFIGURED, Member, absence, members_of
@@ -227,7 +227,7 @@ def _in_steps(hardware: Hardware) -> Callable[[], Steps[JointState]]:
         return hardware.reading
 
     def whole() -> Steps[JointState]:
-        yield  # it may wait: the others' questions come first
+        yield Wait.LAST  # it may wait: the others' questions come first
         return hardware.read()
 
     return whole

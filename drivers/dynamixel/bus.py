@@ -24,7 +24,7 @@ from drivers.questions import Questions
 from drivers.readings import Outcome, port_at, readings_of, refuse_stranger
 from drivers.registers import ServoModel
 from drivers.tries import tried
-from drivers.turns import Steps, finish
+from drivers.turns import Steps, Wait, finish
 
 
 class DynamixelBus(ServoCalls):
@@ -89,7 +89,7 @@ class DynamixelBus(ServoCalls):
         asked = tuple(servo_ids)
         turn = self._reader.ask(asked, b"", deadline_s)
         try:
-            yield
+            yield Wait.LAST
         except GeneratorExit:
             if turn.firm:
                 self._burst.forsake()

@@ -23,7 +23,7 @@ from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_
 from drivers.registers import ServoModel
 from drivers.single_servo import SingleCalls, SingleServo, dialect
 from drivers.tries import tried_with_each
-from drivers.turns import Steps, finish
+from drivers.turns import Steps, Wait, finish
 
 _ORDER: Final = "little"
 
@@ -74,7 +74,7 @@ class FeetechBus(SingleCalls):
         asked = tuple(servo_ids)
         firm, tried = self._ask(asked)
         try:
-            yield
+            yield Wait.LAST
         except GeneratorExit:
             self._burst.forsake(firm + tried if firm else ())
             raise

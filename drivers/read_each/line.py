@@ -14,7 +14,7 @@ from drivers.port import Port
 from drivers.read_each.patience import FIRM_S, FIRST_REPLY_S, SPARE_S, Patience
 from drivers.read_each.series import Series, StateOf
 from drivers.readings import Outcome, refused
-from drivers.turns import Steps
+from drivers.turns import Steps, Wait
 
 READ: Final = 0x02
 BULK_READ: Final = 0x92
@@ -75,7 +75,7 @@ class Line(Burst[wire.Reply]):
         self.clean = False
         self._port.write(sent)
         try:
-            yield
+            yield Wait.NEXT if firm else Wait.DOUBTFUL
         except GeneratorExit:
             self.give_up(dict.fromkeys(servo_ids, size))
             raise

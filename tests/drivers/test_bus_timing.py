@@ -9,8 +9,10 @@ from drivers.bus import ServoFault, ServoGoal, ServoState
 from drivers.turns import finish, overlapped
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
-from tests.drivers.fault_lines import IDS, Kind, Line, Truth, every_kind, every_servo
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
 from tests.drivers.ports import EchoingPort, SlowPort
+
+PLAIN = [kind for kind in KINDS if not kind.with_goals and not kind.mapped]
 
 
 @every_kind
@@ -121,6 +123,27 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     assert clock.now() - begin_s < alone_s * 1.1
     assert all(isinstance(reading, ServoState) for readings in both for reading in readings.values())
     assert alone_s < FIRST_REPLY_S
+
+
+@pytest.mark.parametrize("dead_first", [True, False], ids=["dead first", "dead last"])
+@pytest.mark.parametrize("period_s", [0.02, 0.05])
+@pytest.mark.parametrize("dead", PLAIN, ids=lambda kind: f"{kind.name} dead")
+@pytest.mark.parametrize("alive", PLAIN, ids=lambda kind: kind.name)
+def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: float, dead_first: bool) -> None:
+    clock = SimulatedClock(50.0)
+    lines = {"dead": Line(dead, clock=clock), "alive": Line(alive, clock=clock)}
+    order = sorted(lines, reverse=dead_first)
+    for number in range(60):
+        if number == 3:
+            for servo_id in IDS:
+                lines["dead"].faults.silence(servo_id)
+        begin_s = clock.now()
+        deadline_s = begin_s + period_s / 2.0
+        readings = finish(overlapped([lines[which].bus.state_steps(IDS, deadline_s) for which in order]))
+        of = dict(zip(order, readings, strict=True))
+        assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number
+        assert clock.now() <= deadline_s
+        clock.sleep_until(begin_s + period_s)
 
 
 @every_kind

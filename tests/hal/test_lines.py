@@ -1,7 +1,7 @@
 """Three joints on two ports, with the same IDs on both: what one line suffers, the other does not."""
 
 import math
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import cast
 
@@ -13,7 +13,7 @@ from drivers.errors import DriverError, PortLost
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
 from drivers.tries import ATTEMPTS
-from drivers.turns import finish
+from drivers.turns import Steps, Wait, finish
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -208,9 +208,9 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
         def __init__(self, name: str) -> None:
             self.name = name
 
-        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Generator[None, None, Mapping[int, Reading]]:
+        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
             log.append(f"ask {self.name}")
-            yield
+            yield Wait.LAST
             log.append(f"wait {self.name}")
             return {i: cast(Reading, self.name) for i in servo_ids}
 
