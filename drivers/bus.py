@@ -134,8 +134,8 @@ class ServoBus(Protocol):
         """``read_states`` and ``write_goals`` of one cycle, in the order that is quickest on this line."""
         ...
 
-    def exchange_size(self, servo_ids: Sequence[int]) -> int:
-        """Bytes that an exchange with a goal for each of them puts on the wire, where nothing goes wrong."""
+    def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
+        """Bytes that such an exchange puts on the wire, where nothing goes wrong."""
         ...
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:

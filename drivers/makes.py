@@ -34,6 +34,21 @@ def model_numbers(model: ServoModel) -> tuple[Register, Register]:
     return (here, there) if make_of(model) == "feetech" else (there, here)
 
 
+def table_of(model: ServoModel) -> str:
+    """The name of its control table: models with one differ in their motors, and in registers of no moment here."""
+    if make_of(model) == "feetech":
+        return feetech.series_of(model).name
+    in_protocol_2 = model in dynamixel2.MODELS.values()
+    return dynamixel2.series_of(model).name if in_protocol_2 else language_of(model)
+
+
+def id_register(model: ServoModel) -> Register:
+    """Where a servo has its ID."""
+    if make_of(model) == "feetech":
+        return sts.servo_id
+    return x_series.servo_id if model in x_series.MODELS.values() else dynamixel1.servo_id
+
+
 def language_of(model: ServoModel) -> str:
     """How it speaks: only servos that speak alike can share a line."""
     for series in read_each.SERIES:

@@ -2,7 +2,6 @@
 
 import gc
 import json
-import logging
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,34 +13,31 @@ from rich.table import Table
 
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import DriverError, ServoCorrupt, ServoError, ServoRefused, ServoSilent
-from drivers.makes import MODELS, bus_for, model_numbers
-from drivers.registers import ServoModel
+from drivers.errors import DriverError
+from drivers.makes import MODELS, bus_for
+from drivers.owed import HELD_S
 from drivers.serial_port import SerialPort
+from servoloop.bench_goals import stand_still, who_answers
 from servoloop.realtime import on_one_processor
-
-LOG = logging.getLogger("servoloop")
 
 BUDGET_S: Final = 0.04
 """What a cycle may spend for each servo beside twice its bytes' time on the wire, retries included. An adapter's
 latency timer of 16 ms must fit, and some servos are asked one by one: a slow adapter must be seen as one."""
-TRIES: Final = 3
 LARGEST_ID: Final = 253
-KNOWN: Final = frozenset(model.number for model in MODELS.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """One run. Times in microseconds a cycle, of those cycles in which at least one servo answered."""
+    """One run. A cycle goes from one answer of at least one servo to the next. Times in microseconds."""
 
     hz: float
     p50_us: float
     p99_us: float
     max_us: float
     cpu_us: float
-    """Over all cycles."""
+    """Of processor time, over all exchanges, also those in which nobody answered."""
     wire_us: float
-    """The wire's own time for the bytes of a cycle in which each servo answers and gets a goal."""
+    """The wire's own time for the bytes of a cycle in which each servo answers."""
     ratio: float
     """p50 to wire."""
     faults: dict[str, int]
@@ -75,95 +71,42 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
     try:
         goals = stand_still(bus, servo_ids, MODELS[model])
         with on_one_processor():
-            return measure(bus, clock, servo_ids, goals, cycles, wire_s(bus, servo_ids, baud))
+            return measure(bus, clock, servo_ids, goals, cycles)
     except ValueError as error:  # of the bus, before anything goes out: more servos than a packet holds
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
 
 
-def wire_s(bus: ServoBus, servo_ids: Sequence[int], baud: int) -> float:
+def wire_s(bus: ServoBus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:
     """How long the bytes of one cycle take: the goals, the question, the answers."""
-    return bus.exchange_size(servo_ids) * 10.0 / baud
-
-
-def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
-    """Give each servo the goal that it has already, and return these goals: a measurement moves nothing.
-
-    Raises ServoRefused, before any goal goes out, where a servo is not of this model: what is a goal to one may be a
-    setting to another. One that is in another mode, answers that question in pieces or answers only later is read and
-    gets no goal.
-    """
-    states = _states(bus, servo_ids)
-    goals = {i: goal for i, state in states.items() if (goal := _goal(bus, i, model, state))}
-    bus.write_goals(goals)
-    bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
-    return goals
-
-
-def _states(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
-    """Of all who answer."""
-    states: dict[int, ServoState] = {}
-    for _ in range(TRIES):
-        states |= {i: r for i, r in bus.read_states(servo_ids).items() if isinstance(r, ServoState)}
-        if len(states) == len(servo_ids):
-            return states
-    if not states:
-        raise DriverError(f"no servo answers on {bus.name}: check the servos' power, their IDs and the baud rate")
-    return states
-
-
-def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) -> ServoGoal | None:
-    """None for one that must not have any.
-
-    Of a simulator that answers group reads and no others the user's word is taken: no servo does so.
-    """
-    failure: ServoError | None = None
-    for _ in range(TRIES):
-        try:
-            if not _is_fit(bus, servo_id, model):
-                return None
-            # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
-            return ServoGoal(bus.goal(servo_id) if bus.torque_is_on(servo_id) else state.position_counts)
-        except (ServoSilent, ServoCorrupt) as error:
-            failure = error
-    return ServoGoal(state.position_counts) if isinstance(failure, ServoSilent) else None
-
-
-def _is_fit(bus: ServoBus, servo_id: int, model: ServoModel) -> bool:
-    """Whether it may have goals. A simulator without a table says 0 for its model: there too the user is believed."""
-    try:
-        bus.identify(servo_id, model)
-    except ServoRefused as error:
-        number, elsewhere = (bus.read(servo_id, register) for register in model_numbers(model))
-        if number not in (0, model.number) or (number == 0 and elsewhere in KNOWN):
-            raise
-        if number:
-            LOG.warning("%s. It is read and gets no goal", error)
-        return number == 0
-    return True
+    return bus.exchange_size(goals, servo_ids) * 10.0 / bus.baud
 
 
 def measure(
-    bus: ServoBus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int, on_wire_s: float
+    bus: ServoBus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int
 ) -> Figures:
     """``cycles`` times goals out and states in, one after the other without a pause.
 
-    Raises DriverError where nobody answers in any of them.
+    Raises DriverError where nobody answers in any of them, nor behind them.
     """
-    took_s: list[float] = []
     now, first = clock.now, servo_ids[0]
+    on_wire_s = wire_s(bus, servo_ids, goals)
     budget_s = BUDGET_S * len(servo_ids) + 2.0 * on_wire_s
+    if any(bus.counters.faults().values()):
+        clock.sleep_until(now() + HELD_S)  # what comes late from before the run is none of its
     before = Counter(bus.counters.faults())
+    took_s: list[float] = []
     gc.collect()
     gc.freeze()
-    cpu_s, begin_s = time.process_time(), clock.now()
-    last_s = begin_s
+    cpu_s = time.process_time()
+    begin_s = answered_s = last_s = now()
     for _ in range(cycles):
         readings = bus.exchange(goals, servo_ids, last_s + budget_s)
         now_s = now()
         if readings[first].__class__ is ServoState or _anybody(readings):
-            took_s.append(now_s - last_s)
+            took_s.append(now_s - answered_s)
+            answered_s = now_s
         else:
             # Whoever is known to be silent is not asked in every cycle: such cycles must not race through the run.
             clock.sleep_until(last_s + on_wire_s)
@@ -175,28 +118,31 @@ def measure(
     faults.subtract(before)
     faults["silent"] += faults.pop("skipped")
     if not took_s:
-        raise DriverError(
-            f"{bus.name}: nobody answered in any of {cycles} cycles: check the cable and the servos' power"
-        )
-    return _figures(sorted(took_s), cpu_s / cycles, on_wire_s, dict(faults))
+        who_answers(bus, servo_ids)
+    return _figures(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
 
 
 def _anybody(readings: Mapping[int, Reading]) -> bool:
     return any(isinstance(reading, ServoState) for reading in readings.values())
 
 
-def _figures(took_s: list[float], cpu_s: float, on_wire_s: float, faults: dict[str, int]) -> Figures:
-    count = len(took_s)
-    p50_s, p99_s = took_s[count // 2], took_s[min(count - 1, count * 99 // 100)]
+def _figures(
+    took_s: list[float], all_s: float, since_answer_s: float, cpu_s: float, on_wire_s: float, faults: dict[str, int]
+) -> Figures:
+    """``took_s``: from one cycle with an answer to the next; ``since_answer_s``: what came behind the last of them."""
+    times_s = sorted(took_s) or [all_s]
+    count = len(times_s)
+    p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
     return Figures(
-        hz=round(count / sum(took_s), 2),
+        hz=round(len(took_s) / all_s, 2),
         p50_us=round(p50_s * 1e6, 1),
         p99_us=round(p99_s * 1e6, 1),
-        max_us=round(took_s[-1] * 1e6, 1),
+        max_us=round(max(times_s[-1], since_answer_s) * 1e6, 1),
         cpu_us=round(cpu_s * 1e6, 1),
         wire_us=round(on_wire_s * 1e6, 1),
         ratio=round(p50_s / on_wire_s, 4),
-        faults=faults,
+        # A reply that came even later than was waited for takes back a silence of before the run.
+        faults={kind: max(0, number) for kind, number in faults.items()},
     )
 
 

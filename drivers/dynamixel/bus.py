@@ -103,10 +103,10 @@ class DynamixelBus(ServoCalls):
         outcome = self._reader.exchange(asked, self._goals(goals) if goals else b"", deadline_s)
         return self._readings(asked, outcome, deadline_s)
 
-    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+    def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
         plan = (self._burst.plans.fast(ids) if self._burst.fast else None) or self._burst.plans.plan(ids)
-        return len(self._goals({i: ServoGoal(0) for i in ids})) + len(plan.request) + plan.reply_size
+        return len(self._goals(goals)) + len(plan.request) + plan.reply_size
 
     def _goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
         """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""

@@ -94,10 +94,10 @@ class FeetechBus(SingleCalls):
             return self._made_up(asked, asked, self._burst.recover(steady, deadline_s), deadline_s)
         return states
 
-    def exchange_size(self, servo_ids: Sequence[int]) -> int:
+    def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
         question = wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE)
-        return state.goals_size(len(ids)) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
+        return state.goals_size(len(goals)) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
 
     def _ask(self, asked: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Send the question; who surely answers, and who is only tried."""

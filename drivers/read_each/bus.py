@@ -107,10 +107,8 @@ class ReadEachBus(SingleCalls):
         """The goals go out in one piece with the first question."""
         return finish(self._cycle(tuple(servo_ids), deadline_s, self._goals_packet(goals)))
 
-    def exchange_size(self, servo_ids: Sequence[int]) -> int:
-        ids = tuple(servo_ids)
-        goals = wire.sync_write(self._series.goal_address, self._series.goal_size, {})
-        return len(goals) + (self._series.goal_size + 1) * len(ids) + self._question_and_replies(ids)
+    def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
+        return len(self._goals_packet(goals)) + self._question_and_replies(tuple(servo_ids))
 
     def _question_and_replies(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes on the wire for the states of all."""

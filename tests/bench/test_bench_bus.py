@@ -70,8 +70,8 @@ def test_where_nobody_answers_it_says_so(device: str) -> None:
         bench_bus(device, [20, 21], "sts3215", 1_000_000, 10)
 
 
-@pytest.mark.parametrize("model", ["mx-28", "sts3250"])
-def test_another_model_than_is_there_is_refused(device: str, model: str) -> None:
+@pytest.mark.parametrize("model", ["mx-28", "scs15"])
+def test_another_table_than_is_there_is_refused(device: str, model: str) -> None:
     with pytest.raises(DriverError, match="servo 1: is model"):
         bench_bus(device, [1, 2], model, 1_000_000, 10)
 

@@ -64,7 +64,9 @@ def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
     line = Line(kind)
     line.cycle()
     line.faults.corrupt_next(3)
-    readings = line.states(line.clock.now() + line.bus.exchange_size(IDS) * 10.0 / line.port.baud)
+    readings = line.states(
+        line.clock.now() + line.bus.exchange_size(dict.fromkeys(IDS, ServoGoal(500)), IDS) * 10.0 / line.port.baud
+    )
     assert isinstance(readings[2], ServoState) and isinstance(readings[3], ServoFault)
     assert line.account(3).retries == 0
 

@@ -287,8 +287,9 @@ def test_the_bytes_of_an_exchange_are_those_of_the_wire() -> None:
         return written[-1]
 
     port.read = listen  # type: ignore[method-assign]
-    bus.exchange({i: ServoGoal(0) for i in IDS}, IDS, port.clock.now() + 0.02)
-    assert sum(map(len, written)) == bus.exchange_size(IDS)
+    goals = {i: ServoGoal(0) for i in IDS}
+    bus.exchange(goals, IDS, port.clock.now() + 0.02)
+    assert sum(map(len, written)) == bus.exchange_size(goals, IDS)
 
 
 def test_after_another_rate_nothing_is_left_on_the_line() -> None:
@@ -308,4 +309,4 @@ def test_at_another_rate_servos_are_still_what_they_are() -> None:
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
     bus = DynamixelBus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})
     with bus.at_baud(57_600) as other:
-        assert other.exchange_size([1]) == bus.exchange_size([1])
+        assert other.exchange_size({}, [1]) == bus.exchange_size({}, [1])

@@ -276,9 +276,10 @@ def test_an_exchange_puts_the_promised_bytes_on_the_wire(kind: Kind) -> None:
         write(data)
 
     line.port.write = counting  # type: ignore[method-assign]
-    readings = line.bus.exchange({i: ServoGoal(600) for i in IDS}, IDS, line.clock.now() + 0.02)
+    goals = {i: ServoGoal(600) for i in IDS}
+    readings = line.bus.exchange(goals, IDS, line.clock.now() + 0.02)
     assert all(isinstance(reading, ServoState) for reading in readings.values())
-    assert line.bus.exchange_size(IDS) == sent + 14 * len(IDS)
+    assert line.bus.exchange_size(goals, IDS) == sent + 14 * len(IDS)
     assert [line.bus.goal(i) for i in IDS] == [600] * len(IDS)
 
 

@@ -1,0 +1,115 @@
+"""Goals for a measurement that moves nothing, and only for servos that surely take them for goals."""
+
+import logging
+from collections.abc import Sequence
+from functools import partial
+from typing import Final
+
+from drivers.bus import ServoBus, ServoGoal, ServoState
+from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
+from drivers.makes import MODELS, id_register, model_numbers, table_of
+from drivers.registers import ServoModel
+from drivers.tries import tried
+
+LOG = logging.getLogger("servoloop")
+
+TRIES: Final = 3
+
+
+def _turned(number: int) -> int:
+    """Its two bytes in the other order."""
+    return int.from_bytes(number.to_bytes(2, "little"), "big")
+
+
+_NUMBERS: Final = frozenset(model.number for model in MODELS.values())
+_KNOWN: Final = _NUMBERS | frozenset(map(_turned, _NUMBERS))
+"""Also those of the other byte order, as a servo of another series would seem to say."""
+
+
+def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
+    """Give each servo the goal that it has already, and return these goals.
+
+    What is a goal to one model may be a setting to another: who has another table, is in another mode, stands where
+    no goal can be or answers only later is read and gets none. Raises DriverError where nobody answers, ServoRefused
+    where all have another table.
+    """
+    states = who_answers(bus, servo_ids)
+    goals: dict[int, ServoGoal] = {}
+    strangers: list[ServoRefused] = []
+    for servo_id, state in states.items():
+        try:
+            goal = _goal(bus, servo_id, model, state)
+        except ServoRefused as error:
+            strangers.append(error)
+            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+            continue
+        if goal is not None:
+            goals[servo_id] = goal
+    if len(strangers) == len(states):
+        raise strangers[0]
+    bus.write_goals(goals)
+    bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
+    return goals
+
+
+def who_answers(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
+    """The states of all who do. Raises DriverError where nobody does."""
+    states: dict[int, ServoState] = {}
+    for _ in range(TRIES):
+        states |= {i: r for i, r in bus.read_states(servo_ids).items() if isinstance(r, ServoState)}
+        if len(states) == len(servo_ids):
+            return states
+    if not states:
+        raise DriverError(f"no servo answers on {bus.name}: check the servos' power, their IDs and the baud rate")
+    return states
+
+
+def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) -> ServoGoal | None:
+    """None for one that must not have any. Raises ServoRefused for a stranger."""
+    try:
+        if not _takes_positions(bus, servo_id, model):
+            return None
+        # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
+        counts = bus.goal(servo_id) if bus.torque_is_on(servo_id) else state.position_counts
+    except ServoSilent:
+        # A simulator that answers group reads and no others, for no servo does so: the user's word is taken.
+        counts = state.position_counts
+    except ServoCorrupt as error:
+        LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+        return None
+    if model.positions and not 0 <= counts <= model.last_count:
+        LOG.warning("%s: servo %d stands at %d, where no goal can be. It gets none", bus.name, servo_id, counts)
+        return None
+    return ServoGoal(counts)
+
+
+def _takes_positions(bus: ServoBus, servo_id: int, model: ServoModel) -> bool:
+    try:
+        bus.identify(servo_id, model)
+    except ServoRefused as error:
+        number, elsewhere = (tried(partial(bus.read, servo_id, register)) for register in model_numbers(model))
+        if number == model.number:
+            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+            return False
+        if not _has_the_table(bus, servo_id, model, number, elsewhere):
+            raise
+        if number:
+            LOG.warning("%s: servo %d says model %d: taken for a %s", bus.name, servo_id, number, model.name)
+    return True
+
+
+def _has_the_table(bus: ServoBus, servo_id: int, model: ServoModel, number: int, elsewhere: int) -> bool:
+    """Whether one with another number is likely to have the same registers.
+
+    ``elsewhere``: what stands where the other make has the number. A simulator may have no number (0) or one of its
+    own; then the user is believed, unless the table speaks against it.
+    """
+    if any(number == other.number and table_of(other) == table_of(model) for other in MODELS.values()):
+        return True
+    if elsewhere in _KNOWN or (number in _KNOWN and _turned(number) != model.number):
+        return False
+    if number == 0:
+        return True
+    return tried(partial(bus.read, servo_id, id_register(model))) == servo_id and (
+        0 <= bus.goal(servo_id) <= model.last_count
+    )
