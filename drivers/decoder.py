@@ -94,7 +94,7 @@ class Decoder(ABC, Generic[ReplyT]):
     def _found(self, reply: ReplyT, frame_size: int, replies: list[ReplyT]) -> int:
         """A packet that holds together and may be one to find; how many bytes it took."""
         if not (reply.data or self.refuses(reply)):  # an acknowledgement, of no question of ours
-            return self._pass(frame_size)
+            return self._pass()
         replies.append(reply)
         self.garbage = 0
         return frame_size

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Final
 
 from drivers.bus import ServoBus, ServoGoal, ServoState
+from drivers.diagnose import NOWHERE, diagnose
 from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
 from drivers.makes import MODELS, id_register, model_numbers, table_of
 from drivers.registers import ServoModel
@@ -14,6 +15,7 @@ from drivers.tries import tried
 LOG = logging.getLogger("servoloop")
 
 TRIES: Final = 3
+SEARCHED: Final = 8
 
 
 def _turned(number: int) -> int:
@@ -60,8 +62,15 @@ def who_answers(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoState
         if len(states) == len(servo_ids):
             return states
     if not states:
-        raise DriverError(f"no servo answers on {bus.name}: check the servos' power, their IDs and the baud rate")
+        raise DriverError(_why_nobody(bus, servo_ids))
     return states
+
+
+def _why_nobody(bus: ServoBus, servo_ids: Sequence[int]) -> str:
+    """In words. Of many servos the first few are searched at other rates: at slow ones that takes long."""
+    found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NOWHERE not in text]
+    check = "check the servos' power, their IDs and the baud rate"
+    return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 
 
 def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) -> ServoGoal | None:

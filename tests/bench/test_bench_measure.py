@@ -112,6 +112,16 @@ def test_a_slow_line_is_no_silent_one() -> None:
     assert 1.0 <= figures.ratio < 1.1
 
 
+def test_where_nobody_answers_it_says_at_which_rate_they_do() -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    for servo in line.servos:
+        servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
+    port = VirtualPort(line, clock)
+    with pytest.raises(DriverError, match=r"no servo answers on virtual: servo 1: answers at 500000 baud: set"):
+        stand_still(FeetechBus(port, clock), IDS, sts.STS3215)
+    assert port.baud == 1_000_000
+
+
 # What is written before the run
 
 
