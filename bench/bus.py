@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import clients, dynamixel_clients
+from bench.arguments import positive
 from bench.peers import Client
 from drivers.bus import ServoGoal
 from drivers.dynamixel import wire as dynamixel_wire
@@ -31,6 +32,8 @@ CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]]
     "feetech": clients.CLIENTS,
     "dynamixel": dynamixel_clients.CLIENTS,
 }
+MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
+"""Every client can send their goals in one packet."""
 WARM_UP = 50
 
 Round = tuple[float, float, int]
@@ -124,10 +127,13 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--make", choices=tuple(CLIENTS), default="feetech")
-    parser.add_argument("--cycles", type=int, default=1000)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--servos", type=int, default=7)
+    parser.add_argument("--cycles", type=positive, default=1000)
+    parser.add_argument("--rounds", type=positive, default=5)
+    parser.add_argument("--servos", type=positive, default=7)
     arguments = parser.parse_args()
+    most = MOST_SERVOS[arguments.make]
+    if arguments.servos > most:
+        parser.error(f"--servos takes at most {most} of {arguments.make}, not {arguments.servos}")
     console = Console(width=110)
     sizes = arguments.make, arguments.servos, arguments.cycles, arguments.rounds
     show(console, "no wire time", compare(*sizes), None)

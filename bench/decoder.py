@@ -8,6 +8,7 @@ import argparse
 import random
 import time
 
+from bench.arguments import positive
 from drivers.feetech import wire
 
 DATA_SIZE = 8
@@ -57,7 +58,7 @@ def flood(noise: list[bytes]) -> tuple[int, int]:
 def main() -> None:
     """Print the count and the rate."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--bytes", type=int, default=10_000_000)
+    parser.add_argument("--bytes", type=positive, default=10_000_000)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     noise = pieces(arguments.bytes, arguments.seed)

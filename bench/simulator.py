@@ -10,7 +10,9 @@ import time
 import tty
 from pathlib import Path
 
+from bench.arguments import free_path, positive, silence
 from bench.dynamixel_servos import DynamixelServos
+from drivers.errors import DriverError
 from drivers.feetech import wire
 from servoloop.bench_bus import parse_ids
 
@@ -101,24 +103,27 @@ def _wait_until(due_s: float) -> None:
 def main() -> None:
     """Serve until killed. ``--silence ID,FROM,TO``: it is silent between two times (s) after the start."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("link", type=Path)
+    parser.add_argument("link", type=free_path)
     parser.add_argument("--ids", default="1-7")
     parser.add_argument("--make", choices=("feetech", "dynamixel"), default="feetech")
-    parser.add_argument("--paced", type=int, default=0, metavar="BAUD")
-    parser.add_argument("--silence", default="", metavar="ID,FROM,TO")
+    parser.add_argument("--paced", type=positive, default=0, metavar="BAUD")
+    parser.add_argument("--silence", type=silence, metavar="ID,FROM,TO")
     arguments = parser.parse_args()
-    if arguments.link.exists() and not arguments.link.is_symlink():
-        parser.error(f"{arguments.link} exists and is no link: choose another path")
     kind = DynamixelServos if arguments.make == "dynamixel" else Servos
-    servos = kind(parse_ids(arguments.ids))
-    line = Line(arguments.link, servos, arguments.paced)
+    try:
+        servos = kind(parse_ids(arguments.ids))
+        line = Line(arguments.link, servos, arguments.paced)
+    except DriverError as error:
+        parser.error(str(error))
+    except OSError as error:
+        parser.error(f"{arguments.link} cannot be made: {error.strerror}")
     print("ready", flush=True)
-    servo_id, from_s, to_s = (float(part) for part in (arguments.silence or "0,0,0").split(","))
+    servo_id, from_s, to_s = arguments.silence or (0, 0.0, 0.0)
     begin_s = time.perf_counter()
     while True:
         line.serve_once()
         if arguments.silence:
-            silent = {int(servo_id)} if from_s <= time.perf_counter() - begin_s < to_s else set()
+            silent = {servo_id} if from_s <= time.perf_counter() - begin_s < to_s else set()
             if silent != servos.silent:
                 servos.silence(silent)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench import simulator
+from bench.arguments import free_path, positive
 from controller.loop import ControlLoop
 from controller.manager import ControllerManager
 from drivers.bus import Reading, ServoBus
@@ -128,8 +129,8 @@ def run(devices: Mapping[str, str], make: type[FeetechBus], cycles: int) -> Figu
 def main() -> int:
     """Returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--cycles", type=int, default=1000)
-    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--cycles", type=positive, default=1000)
+    parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
         serve(arguments.serve)

@@ -14,8 +14,9 @@ from drivers.readings import TEXTS
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),
     *(250_000, 128_000, 76_800, 38_400, 9_600),
+    *(400_000, 200_000, 19_200, 2_250_000, 2_500_000, 4_500_000),
 )
-"""What servos are delivered with or set to, the likely ones first."""
+"""What servos are delivered with or can be set to by their tables, the likely ones first."""
 TRIES: Final = 4
 MORE_TRIES: Final = 12
 """Where all those are silent. Together they last about as long as a reply may be held back (drivers.owed.HELD_S)."""

@@ -22,6 +22,8 @@ LARGEST_ID = 253
 """Of Feetech; Dynamixel allows one less. 254 calls everybody."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 """Settings after which the servo could neither be read back nor locked."""
+ANSWERS_NO_READ = {"status_return_level": 0}
+"""At this value a Dynamixel answers a ping and nothing else: it could not be read back either, nor set back."""
 TRIES = 3
 """How often the lock is written (RAM) and a servo with a new ID is looked for: none of it wears."""
 SILENCES = 8
@@ -214,6 +216,10 @@ def _check(register: Register, value: int) -> None:
         raise ValueError(f"{register.name} is not a setting that can be saved: nothing written")
     if register.name in LEAVES_THE_LINE:
         raise ValueError(f"{register.name} takes the servo off this line, out of reach of a check: nothing written")
+    if ANSWERS_NO_READ.get(register.name) == value:
+        raise ValueError(
+            f"{register.name} {value} keeps the servo from answering reads, out of reach of a check: nothing written"
+        )
     if register.name == "id" and value > LARGEST_ID:
         raise ValueError(f"id takes 0 to {LARGEST_ID}, not {value}: nothing written")
     if not register.smallest <= value <= register.largest:

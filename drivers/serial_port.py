@@ -26,6 +26,7 @@ STALLED_S = 1.0
 """How long an adapter may take nothing; the kernel's 4 KB are sent within half of it at 115200 baud."""
 TOLERATED_RATE = 0.02
 """How far the real rate may be from the wanted one: a receiver samples ten bits from one edge."""
+_UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
 """The kernel's own question for the rate as a number (asm-generic/termbits.h); the C library has but names."""
 
@@ -238,7 +239,11 @@ def _denied_text(path: Path) -> str:
         group = grp.getgrgid(group_id).gr_name
     except KeyError:
         group = str(group_id)
-    return (
-        f"no permission to open {path}: it belongs to the group '{group}'. Run "
-        f"'sudo usermod -aG {group} $USER', log out and in again"
-    )
+    owned = f"it belongs to the group '{group}'. "
+    if group == "root":  # whoever joins it may far more than open ports
+        group = "dialout"
+        owned = (
+            f"it belongs to root alone. Give it to the group '{group}' by the line '{_UDEV_RULE}' in "
+            "/etc/udev/rules.d/99-servos.rules, and plug the adapter in again. "
+        )
+    return f"no permission to open {path}: {owned}Run 'sudo usermod -aG {group} $USER', log out and in again"

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from drivers.clock import Clock
+from drivers.counters import BusCounters
 from drivers.errors import DriverError
 from drivers.turns import Steps, Wait, finish, overlapped
 from hal.errors import HalError, PartLost
@@ -155,6 +156,7 @@ class Components:
         faults: dict[str, str] = {}
         health: dict[str, ServoHealth] = {}
         extra: dict[str, float] = {}
+        lines: dict[str, BusCounters] = {}
         for member in self.members:
             part = self._parts.get(member.name)
             if part is not None:
@@ -163,10 +165,11 @@ class Components:
                 effort[member.joints] = part.effort
                 health |= part.health
                 extra |= part.extra
+                lines |= part.lines
                 faults |= part.faults
             if not member.sound:
                 faults |= dict.fromkeys(member.hardware.joints, absence(member))
-        return JointState(stamp_s, position, velocity, effort, faults, health, extra)
+        return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
 
     def write(self, values: FloatArray, period_s: float) -> None:
         """To each that is active its part of ``values`` (m,); a lost one is tried too, it may be lost in part only.

@@ -25,6 +25,8 @@ class Lines:
         self._joints = tuple(joints)
         self._on = {name: [joint for joint in joints if joint.bus == name] for name in buses}
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self._on.items()}
+        self.accounts = {bus.name: bus.counters for bus in buses.values()}
+        """What went wrong so far on each, by its port."""
 
     def label(self, joint: Joint) -> str:
         """What to call a joint in a message."""

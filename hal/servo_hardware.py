@@ -147,7 +147,9 @@ class ServoHardware:
                 )
         if self.state is LifecycleState.ACTIVE:
             self._welcome_one_back(deadline_s)
-        self._last = JointState(self._clock.now(), position, velocity, effort, dict(self._faults), health)
+        self._last = JointState(
+            self._clock.now(), position, velocity, effort, dict(self._faults), health, lines=lines.accounts
+        )
         return self._last
 
     def write(self, command: JointCommand) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.counters import ServoCounters
+from drivers.counters import BusCounters, ServoCounters
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +58,8 @@ class JointState:
     """Joint name → health, where there is a servo to ask."""
     extra: Mapping[str, float] = field(default_factory=dict)
     """State interfaces beyond the three, by their full name (``joint1/acceleration``)."""
+    lines: Mapping[str, BusCounters] = field(default_factory=dict)
+    """Serial port → what went wrong there so far: the bus's own account, which goes on counting."""
 
 
 @dataclass(frozen=True, slots=True)

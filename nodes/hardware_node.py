@@ -44,6 +44,7 @@ class HardwareNodes:
         for member in self._stack.loop.hardware.members:
             message.status.append(_component_status(member))
             message.status += self._servo_statuses(member)
+        message.status += self._line_statuses()
         self._diagnostics.publish(message)
 
     def _loop_status(self) -> DiagnosticStatus:
@@ -90,6 +91,17 @@ class HardwareNodes:
         if joint in state.faults:
             status.level, status.message = DiagnosticStatus.ERROR, state.faults[joint]
         return status
+
+    def _line_statuses(self) -> Iterator[DiagnosticStatus]:
+        """Of each serial line what no servo can be blamed for; whether it is lost, its component says."""
+        for port, counters in self._state.lines.items() if self._state is not None else ():
+            yield DiagnosticStatus(
+                level=DiagnosticStatus.OK,
+                name=f"servoloop: {port}",
+                message="counted since it was opened",
+                hardware_id=port,
+                values=_values(noise=counters.noise, strange=counters.strange),
+            )
 
 
 def _node_name(component: str) -> str:

@@ -7,8 +7,9 @@ import pytest
 
 from drivers.bus import Reading, ServoFault
 from drivers.diagnose import BAUD_RATES, TRIES, diagnose
+from drivers.dynamixel import x_series, xl320
 from drivers.dynamixel1 import tables as dxl
-from drivers.errors import PortLost
+from drivers.errors import PortError, PortLost
 from drivers.feetech import scs, sts
 from drivers.feetech.bus import FeetechBus
 from drivers.latency import latency_advice
@@ -16,6 +17,7 @@ from drivers.makes import bus_for
 from drivers.registers import ServoModel
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.faults import Disturbance
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
@@ -57,6 +59,49 @@ def test_a_servo_at_another_rate_is_found_there(index: int) -> None:
     rate = sts.BAUD_RATES[index]
     assert f"servo 2: answers at {rate} baud" in line.said()[2]
     assert line.port.baud == 1_000_000
+
+
+OF_PROTOCOL_1 = (1_000_000, 500_000, 400_000, 250_000, 200_000, 115_200, 57_600, 19_200, 9_600)
+"""2 Mbit/s by 2, 4, 5, 8, 10, 17, 35, 104 and 208: the last five are told by their usual names."""
+OF_AN_MX = (2_250_000, 2_500_000, 3_000_000)
+"""By its values beyond the formula."""
+
+
+@pytest.mark.parametrize("rates", [sts.BAUD_RATES, x_series.BAUD_RATES, xl320.BAUD_RATES, OF_PROTOCOL_1, OF_AN_MX])
+def test_every_rate_of_every_table_is_searched(rates: tuple[int, ...]) -> None:
+    assert set(rates) - set(BAUD_RATES) == set()
+
+
+@pytest.mark.parametrize(("value", "rate"), [(4, 400_000), (9, 200_000), (250, 2_250_000), (251, 2_500_000)])
+def test_an_mx_at_a_rare_rate_is_found_there(value: int, rate: int) -> None:
+    clock = SimulatedClock(50.0)
+    servos = VirtualBus.of(BenchPlant(IDS), dxl.MX_28)
+    servos.servo(2).memory.put(dxl.baud_rate, value)
+    bus = bus_for(dict.fromkeys(IDS, dxl.MX_28), VirtualPort(servos, clock), clock)
+    assert f"servo 2: answers at {rate} baud" in diagnose(bus, IDS)[2]
+
+
+def test_an_x_series_servo_at_its_highest_rate_is_found_there() -> None:
+    clock = SimulatedClock(50.0)
+    models = dict.fromkeys(IDS, x_series.XM430_W350)
+    servos = VirtualDynamixelBus.of(BenchPlant(IDS), models)
+    servos.servo(2).memory.put(x_series.baud_rate, x_series.BAUD_RATES.index(4_500_000))
+    bus = bus_for(models, VirtualPort(servos, clock), clock)
+    assert "servo 2: answers at 4500000 baud" in diagnose(bus, IDS)[2]
+
+
+def test_a_rate_that_the_adapter_cannot_make_does_not_end_the_search() -> None:
+    line = Line()
+    line.servos.servos[1].memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
+    set_baud = line.port.set_baud
+
+    def only_slow(baud: int) -> None:
+        if baud > 1_000_000:
+            raise PortError(f"no {baud}")
+        set_baud(baud)
+
+    line.port.set_baud = only_slow  # type: ignore[method-assign]
+    assert "servo 2: answers at 38400 baud" in line.said()[2]
 
 
 def test_two_servos_with_one_id_are_suspected() -> None:

@@ -8,10 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.bus import ServoBus
+from drivers.dynamixel import xl320
+from drivers.dynamixel1 import tables as dxl
 from drivers.eeprom import SILENCES, TRIES, Change, EepromError, Lock, eeprom, update
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
+from drivers.makes import bus_for
 from drivers.registers import Register
 from drivers.tries import ATTEMPTS
 from sim_backend.bus import VirtualBus
@@ -114,6 +117,8 @@ def test_a_lock_that_somebody_left_open_is_closed() -> None:
         (sts.goal_position, 1, "goal_position is not a setting"),
         (sts.servo_id, 254, "id takes 0 to 253"),
         (sts.baud_rate, 1, "baud_rate takes the servo off this line"),
+        (dxl.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
+        (xl320.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
     ],
 )
 def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register, value: int, text: str) -> None:
@@ -121,6 +126,19 @@ def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register
     with pytest.raises(ValueError, match=f"{text}.*nothing written"):
         update(line.bus, 1, LOCK, {sts.position_p: 16, register: value})
     assert line.port.packets == []
+
+
+@pytest.mark.parametrize("model", [dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
+def test_a_servo_may_be_told_to_acknowledge_no_writes_and_then_to_do_so_again(model: dxl.Model) -> None:
+    clock = SimulatedClock(10.0)
+    servos = VirtualBus.of(BenchPlant((1, 2)), model)
+    bus = bus_for(dict.fromkeys((1, 2), model), VirtualPort(servos, clock), clock)
+    level = dxl.status_return_level
+    with pytest.raises(ValueError, match="nothing written"), eeprom(bus, 1, None) as memory:
+        memory.write(level, 0)
+    assert update(bus, 1, None, {level: 1}) == (Change(level, 2, 1),)
+    assert update(bus, 1, None, {level: 2}) == (Change(level, 1, 2),)
+    assert servos.servo(1).memory.get(level) == 2
 
 
 def test_a_servo_under_torque_is_left_alone() -> None:

@@ -272,6 +272,18 @@ def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.Monke
     )
 
 
+def test_nobody_is_told_to_join_the_group_root(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+    refuse(monkeypatch, with_errno(13))
+    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "root"}))
+    with pytest.raises(PortDenied) as caught:
+        SerialPort(terminal.device)
+    assert str(caught.value) == (
+        f"no permission to open {terminal.device}: it belongs to root alone. Give it to the group 'dialout' by the "
+        """line 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"' in /etc/udev/rules.d/99-servos.rules, """
+        "and plug the adapter in again. Run 'sudo usermod -aG dialout $USER', log out and in again"
+    )
+
+
 def test_a_group_without_a_name_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     def nameless(number: int) -> object:
         raise KeyError(number)

@@ -9,19 +9,23 @@ import numpy as np
 import pytest
 
 from drivers.bus import Reading, ServoBus
+from drivers.counters import BusCounters
 from drivers.errors import DriverError, PortLost
 from drivers.feetech import sts
 from drivers.feetech.bus import FeetechBus
 from drivers.tries import ATTEMPTS
 from drivers.turns import Steps, Wait, finish
+from hal.components import Components
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.lines import Lines
+from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
 from hal.types import JointCommand
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.faults import Disturbance
 from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
@@ -81,6 +85,20 @@ def test_states_and_goals_find_their_joints_though_ids_repeat() -> None:
     np.testing.assert_allclose(bench.hardware.read().position, [0.0, FINGER.position(1500), 0.0])
     bench.hardware.write(JointCommand(at(0.1, 0.02, 0.05), PERIOD_S))
     assert bench.goals() == [j.counts(p) for j, p in ((SHOULDER, 0.1), (FINGER, 0.02), (ELBOW, 0.05))]
+
+
+@pytest.mark.parametrize("others", [(), ("wheel",)])
+def test_each_lines_noise_is_told(others: tuple[str, ...]) -> None:
+    """Also where the lines are those of one component of several."""
+    bench = Ports()
+    mocks = [MockHardware(name, (name,), bench.clock) for name in others]
+    components = Components([*mocks, bench.hardware], bench.clock)
+    components.configure()
+    bench.servos["hand"].faults.disturbance = Disturbance(seed=1, noise=1.0)
+    for _ in range(3):
+        components.read()
+    lines = components.read().lines
+    assert {name: line.noise > 0 for name, line in lines.items()} == {"/dev/arm": False, "/dev/hand": True}
 
 
 def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None:
@@ -207,6 +225,7 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
     class Line:
         def __init__(self, name: str) -> None:
             self.name = name
+            self.counters = BusCounters()
 
         def state_steps(self, servo_ids: list[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
             log.append(f"ask {self.name}")

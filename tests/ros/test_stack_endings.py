@@ -145,4 +145,5 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
         silent, sound = (counts[f"servoloop: joint{i} (servo {i})"] for i in (4, 3))
         assert int(silent["silent"]) >= 3
         assert int(sound["replies"]) > int(silent["replies"]) > 0 == int(sound["corrupt"])
+        assert set(counts[f"servoloop: {link}"]) == {"noise", "strange"}
         assert "joint4: servo 4 does not answer" in stack.words
