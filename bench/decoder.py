@@ -1,72 +1,166 @@
-"""Ten million random bytes in random pieces through the decoder: ``python -m bench.decoder [--bytes 10000000]``.
+"""Ten million random bytes in random pieces through each decoder: ``python -m bench.decoder [--bytes 10000000]``.
 
-Half of them are rich in what headers are made of. It neither raises nor accepts a frame whose checksum is
-wrong, keeps little, and finds the next good frame. Ends with 1 where that is not so.
+A third of them are rich in what headers are made of, and a third are replies, headers, and replies that break off
+or have a wrong bit. A decoder neither raises nor accepts a frame whose checksum is wrong, keeps little, and finds
+the next good frame. Ends with 1 where that is not so.
 """
 
 import argparse
 import random
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from bench.arguments import positive
-from drivers.feetech import wire
+from drivers.decoder import AnyReply, Decoder
+from drivers.dynamixel import wire as protocol2
+from drivers.feetech import wire as feetech
 
 DATA_SIZE = 8
+CONTENT = bytes(range(DATA_SIZE))
 LONGEST_PIECE = 400
-TRICKY = bytes((0xFF, 0xFF, 0xFF, DATA_SIZE + 2, 1, 0, 0xFE, 7))
-GOOD = wire.packet(5, 0, bytes(range(DATA_SIZE)))
-SILENCE = bytes(DATA_SIZE + wire.OVERHEAD)
+LONGEST_FRAME = 22
+"""Bytes; one of protocol 2.0, stuffed."""
+SILENCE = bytes(LONGEST_FRAME)
+PROBED = 100
+"""After so many pieces there come, byte by byte, silence, a frame that breaks off and a good one right behind it."""
 
 
-def pieces(size: int, seed: int) -> list[bytes]:
-    """About ``size`` random bytes in pieces of random length; every second one is tricky."""
+@dataclass(frozen=True)
+class Kind:
+    """A decoder, and what it is flooded with."""
+
+    decoder: Callable[[], Decoder[Any]]
+    frame: Callable[[int, int, bytes], bytes]
+    """A good reply of ID, error and data."""
+    stands: Callable[[bytes, AnyReply], bool]
+    """Whether a reply stands in these bytes with its checksum. Nothing of the driver's judges that."""
+    tricky: bytes
+    """Eight bytes that frames are made of."""
+
+
+def stands_in_feetech(seen: bytes, reply: AnyReply) -> bool:
+    """The only bytes from which it may have been read, spelled out as the manual does."""
+    body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
+    return b"\xff\xff" + body + bytes((255 - sum(body) % 256,)) in seen
+
+
+def crc_bit_by_bit(data: bytes) -> int:
+    """CRC-16, polynomial 0x8005, from zero, as the e-manual has it."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ 0x18005 if crc & 0x8000 else crc << 1
+    return crc
+
+
+def stands_in_protocol2(seen: bytes, reply: AnyReply) -> bool:
+    """Stuffed in whatever way: each packet in these bytes is read."""
+    head = b"\xff\xff\xfd\x00" + bytes((reply.servo_id,))
+    says = bytes((0x55, reply.error)) + reply.data
+    at = seen.find(head)
+    while at >= 0:
+        end = at + 7 + int.from_bytes(seen[at + 5 : at + 7], "little")
+        packet = seen[at:end]
+        body = packet[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+        if end <= len(seen) and body == says and crc_bit_by_bit(packet[:-2]) == int.from_bytes(packet[-2:], "little"):
+            return True
+        at = seen.find(head, at + 1)
+    return False
+
+
+def protocol2_frame(servo_id: int, error: int, data: bytes) -> bytes:
+    """A status packet."""
+    return protocol2.packet(servo_id, protocol2.STATUS, bytes((error,)) + data)
+
+
+KINDS = {
+    "Feetech and protocol 1.0": Kind(
+        lambda: feetech.ReplyDecoder(DATA_SIZE),
+        feetech.packet,
+        stands_in_feetech,
+        bytes((0xFF, 0xFF, 0xFF, DATA_SIZE + 2, 1, 0, 0xFE, 7)),
+    ),
+    "protocol 2.0": Kind(
+        lambda: protocol2.ReplyDecoder(DATA_SIZE),
+        protocol2_frame,
+        stands_in_protocol2,
+        bytes((0xFF, 0xFF, 0xFD, 0xFD, 0, 0x55, DATA_SIZE + 4, 1)),
+    ),
+}
+
+
+def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
+    """A good reply, one that breaks off (perhaps behind its header), one with a wrong bit, or a few bytes."""
+    content = chance.randbytes(chance.choice((DATA_SIZE, DATA_SIZE, DATA_SIZE, 0))).translate(table)
+    frame = kind.frame(chance.randrange(253), chance.randrange(256), content)
+    match chance.randrange(4):
+        case 0:
+            return frame
+        case 1:
+            return frame[: chance.randrange(len(frame))]
+        case 2:
+            bit = 1 << chance.randrange(len(frame) * 8)
+            return (int.from_bytes(frame, "big") ^ bit).to_bytes(len(frame), "big")
+    return chance.randbytes(chance.randrange(4)).translate(table)
+
+
+def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
+    """About ``size`` bytes in pieces of random length: by turns random, tricky and made of scraps."""
     chance = random.Random(seed)
-    table = bytes(TRICKY[i % len(TRICKY)] for i in range(256))
+    table = bytes(kind.tricky[i % len(kind.tricky)] for i in range(256))
+    scraps = b"".join(scrap(kind, chance, table) for _ in range(20_000))
     made: list[bytes] = []
     total = 0
     while total < size:
-        piece = chance.randbytes(chance.randint(1, LONGEST_PIECE))
-        made.append(piece.translate(table) if len(made) % 2 else piece)
-        total += len(piece)
+        length = chance.randint(1, LONGEST_PIECE)
+        at = chance.randrange(len(scraps) - length)
+        turn = len(made) % 3
+        piece = scraps[at : at + length] if turn == 2 else chance.randbytes(length)
+        made.append(piece.translate(table) if turn == 1 else piece)
+        total += length
     return made
 
 
-def frame_of(reply: wire.Reply) -> bytes:
-    """The only bytes from which this reply may have been read, spelled out as the manual does."""
-    body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
-    return b"\xff\xff" + body + bytes((255 - sum(body) % 256,))
-
-
-def flood(noise: list[bytes]) -> tuple[int, int]:
+def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
     """How many frames were believed, and how many of them do not stand in the stream with their checksum."""
-    decoder = wire.ReplyDecoder(DATA_SIZE)
+    decoder = kind.decoder()
+    probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)
     believed = wrong = 0
     before = b""
-    for piece in noise:
-        seen = before + piece
-        for reply in decoder.feed(piece):
-            believed += 1
-            wrong += frame_of(reply) not in seen
-        assert decoder.waiting < DATA_SIZE + wire.OVERHEAD, "bytes are hoarded"
+    for number, noisy in enumerate(noise, 1):
+        probing = number % PROBED == 0 or number == len(noise)
+        parts = [noisy, *(probe[at : at + 1] for at in range(len(probe)))] if probing else [noisy]
+        seen = before + b"".join(parts)
+        replies = [reply for part in parts for reply in decoder.feed(part)]
+        believed += len(replies)
+        wrong += sum(not kind.stands(seen, reply) for reply in replies)
+        assert decoder.waiting < LONGEST_FRAME, "bytes are hoarded"
+        found = replies and (replies[-1].servo_id, replies[-1].data) == (5, CONTENT)
+        assert found or not probing, "the next good frame was not found"
         decoder.corrupt_ids.clear()
-        before = seen[-(DATA_SIZE + wire.OVERHEAD) :]
-    found = decoder.feed(SILENCE + GOOD)
-    assert found and found[-1].data == bytes(range(DATA_SIZE)), "the next good frame was not found"
+        before = seen[-LONGEST_FRAME:]
     return believed, wrong
 
 
 def main() -> None:
-    """Print the count and the rate."""
+    """Print the counts and the rates."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--bytes", type=positive, default=10_000_000)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    noise = pieces(arguments.bytes, arguments.seed)
-    begin_s = time.perf_counter()
-    believed, wrong = flood(noise)
-    took_s = time.perf_counter() - begin_s
-    print(f"{arguments.bytes} bytes in {len(noise)} pieces, {took_s:.1f} s: {believed} frames, {wrong} of them wrong")
-    raise SystemExit(1 if wrong else 0)
+    all_wrong = 0
+    for name, kind in KINDS.items():
+        noise = pieces(kind, arguments.bytes, arguments.seed)
+        begin_s = time.perf_counter()
+        believed, wrong = flood(kind, noise)
+        took_s = time.perf_counter() - begin_s
+        counts = f"{believed} frames, {wrong} of them wrong"
+        print(f"{name}: {arguments.bytes} bytes in {len(noise)} pieces, {took_s:.1f} s: {counts}")
+        all_wrong += wrong
+    raise SystemExit(1 if all_wrong else 0)
 
 
 if __name__ == "__main__":

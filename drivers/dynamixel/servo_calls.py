@@ -70,7 +70,8 @@ class Wire:
     def write(self, servo_id: int, register: Register, value: int, instruction: int = wire.WRITE) -> None:
         """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
         # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
-        data = register.encode(value, ORDER)
+        # Stuffed here, for the SDK computes that and then sends the packet without it.
+        data = wire.stuffed(register.encode(value, ORDER))
         head = [0, 0, 0, 0, servo_id, *(len(data) + 5).to_bytes(2, ORDER), instruction]
         self._questions.ask(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
 

@@ -75,9 +75,14 @@ class Reply:
 
 def packet(servo_id: int, instruction: int, parameters: bytes) -> bytes:
     """An instruction packet, stuffed, with its checksum."""
-    body = (bytes((instruction,)) + parameters).replace(PATTERN, _STUFFED)
+    body = stuffed(bytes((instruction,)) + parameters)
     head = HEADER + bytes((servo_id,)) + (len(body) + 2).to_bytes(2, "little")
     return head + body + crc16(head + body).to_bytes(2, "little")
+
+
+def stuffed(body: bytes) -> bytes:
+    """What stands between a packet's length and its checksum, with the stuffing."""
+    return body.replace(PATTERN, _STUFFED)
 
 
 def unstuffed(body: bytes) -> bytes:

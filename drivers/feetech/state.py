@@ -179,6 +179,8 @@ def goals_packet(goals: Mapping[int, ServoGoal]) -> bytes:
 
 def _number(servo_id: int, goal: ServoGoal) -> int:
     """A goal that may have signs, or the complaint that it does not fit."""
+    if goal.velocity_counts_s < 0:  # the register has a sign, which means nothing in position mode
+        raise ValueError(f"a goal's velocity is 0 or more, not {goal.velocity_counts_s}: nothing written")
     position = _raw(sts.goal_position, goal.position_counts)
     velocity = _raw(sts.goal_velocity, goal.velocity_counts_s)
     return servo_id | position << _POSITION_AT | velocity << _VELOCITY_AT

@@ -174,8 +174,10 @@ def test_who_stands_where_no_goal_can_be_gets_none(model: str, caplog: pytest.Lo
     position = scs.present_position if model == "scs0009" else dxl.present_position
     beyond = (1500).to_bytes(2, MODELS[model].byte_order)
     read = line.servo(3).read
-    line.servo(3).read = lambda at, size: (  # type: ignore[method-assign]
-        beyond + read(at, size)[2:] if at == position.address else read(at, size)
+    line.servo(3).read = (
+        lambda at, size: (  # type: ignore[method-assign]
+            beyond + read(at, size)[2:] if at == position.address else read(at, size)
+        )
     )
     assert set(stand_still(bus, IDS, MODELS[model])) == set(IDS) - {3}
     assert "servo 3 stands at 1500, where no goal can be" in caplog.text

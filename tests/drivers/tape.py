@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from sim_backend.clock import SimulatedClock
+
 
 class Tape:
     """What the SDK and we take for a port: keeps what is sent, never answers."""
@@ -27,3 +29,26 @@ class Tape:
 
     def read(self, size: int, deadline_s: float) -> bytes:
         return b""
+
+
+class SilentTape(Tape):
+    """Where answers are waited for: our wait is over at once, and so is the SDKs'."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.clock = SimulatedClock()
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self.clock.sleep_until(deadline_s)
+        return b""
+
+    def readPort(self, length: int) -> bytes:
+        return b""
+
+    def isPacketTimeout(self) -> bool:
+        return True
+
+    def setPacketTimeoutMillis(self, msec: float) -> None: ...
+
+    def getBaudRate(self) -> int:
+        return self.baud

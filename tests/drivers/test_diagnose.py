@@ -224,11 +224,41 @@ def test_an_alarmed_servo_is_no_fault_of_the_line() -> None:
     assert all(not isinstance(r, ServoFault) and "voltage" in r.alarms for r in readings.values())
 
 
-def test_a_bad_line_is_called_bad() -> None:
+SEEDS = range(20)
+
+
+def disturbed(seed: int, drop: float, flip: float) -> tuple[dict[int, str], Disturbance]:
+    """What is said of a line that loses and garbles so much, and what it did."""
     line = Line()
-    line.servos.faults.disturbance = Disturbance(seed=3, flip=0.6)
-    said = line.said()
-    assert all("now and then" in text or "never in one piece" in text for text in said.values())
+    line.servos.faults.disturbance = done = Disturbance(seed, drop=drop, flip=flip)
+    return line.said(), done
+
+
+@pytest.mark.parametrize(("drop", "flip"), [(0.09, 0.0), (0.0, 0.09), (0.045, 0.045), (0.5, 0.0)])
+def test_of_a_bad_line_nothing_is_said_where_each_servo_comes_through_now_and_then(drop: float, flip: float) -> None:
+    """What the caller says then: ``now_and_then``."""
+    found = [disturbed(seed, drop, flip) for seed in SEEDS]
+    assert [said for said, _ in found] == [{}] * len(SEEDS)
+    # Of 16 replies a line.
+    share = sum(done.done.total() for _, done in found) / (len(SEEDS) * TRIES * len(IDS))
+    assert share == pytest.approx(drop + flip, abs=0.08)
+
+
+def test_where_every_second_reply_is_garbled_those_are_named_that_never_came_through() -> None:
+    found = [disturbed(seed, 0.0, 0.5) for seed in SEEDS]
+    never = [{i for i in IDS if done.done["flip", i] == TRIES} for _, done in found]
+    assert [said.keys() for said, _ in found] == never
+    assert any(never)
+    assert all(f"servo {i}: answers, but never in one piece" in said[i] for said, _ in found for i in said)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_line_that_loses_one_half_and_garbles_the_other_is_called_bad(seed: int) -> None:
+    said, _ = disturbed(seed, 0.5, 0.5)
+    assert said.keys() == set(IDS)
+    for servo_id, text in said.items():
+        assert text.startswith(f"servo {servo_id}: answers") and "check the cable's plugs" in text
+        assert "never in one piece" in text or "now and then, and broken" in text
 
 
 def test_a_slow_latency_timer_is_named_with_the_remedy(tmp_path: Path) -> None:

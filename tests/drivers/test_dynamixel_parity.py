@@ -13,7 +13,7 @@ from drivers.dynamixel.models import MODELS, X, series_of
 from drivers.dynamixel.plan import fast_plan_for
 from drivers.registers import ServoModel
 from sim_backend.clock import SimulatedClock
-from tests.drivers.tape import Tape
+from tests.drivers.tape import SilentTape, Tape
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
@@ -105,3 +105,19 @@ def test_a_sync_write_for_each_series(models: dict[int, ServoModel], data: st.Da
     tape = Tape()
     DynamixelBus(tape, SimulatedClock(), models).write_goals(goals)
     assert tape.sent == theirs or tape.sent.count(wire.PATTERN) > tape.sent.count(wire.HEADER)
+
+
+@given(lines)
+def test_torque_off_of_each_series_and_then_of_each_servo(models: dict[int, ServoModel]) -> None:
+    """Nothing in it needs stuffing."""
+    address = {i: 24 if model is xl320.XL320 else 64 for i, model in models.items()}
+    ours, theirs = SilentTape(), SilentTape()
+    assert len(DynamixelBus(ours, ours.clock, models).torque_off(tuple(models))) == len(models)
+    for place in (64, 24):
+        group = sdk.GroupSyncWrite(theirs, sdk.PacketHandler(2.0), place, 1)
+        for servo_id in models:
+            assert address[servo_id] != place or group.addParam(servo_id, [0])
+        group.txPacket()
+    for servo_id in models:
+        sdk.PacketHandler(2.0).write1ByteTxOnly(theirs, servo_id, address[servo_id], 0)
+    assert ours.sent == theirs.sent

@@ -52,7 +52,7 @@ def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.
     )
 
 
-@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, signed_words), max_size=12))
+@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, st.integers(0, 0x7FFF)), max_size=12))
 def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, int]]) -> None:
     said = {}
     for servo_id, (position, velocity) in numbers.items():
@@ -63,9 +63,14 @@ def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, i
     assert len(packet) == state.goals_size(len(numbers))
 
 
-@pytest.mark.parametrize("wrong", [0x8000, -0x8000, 1 << 32, -(1 << 48)])
-@pytest.mark.parametrize("where", ["position", "velocity"])
-def test_a_goal_that_does_not_fit_is_refused_among_others(wrong: int, where: str) -> None:
-    goals = {1: ServoGoal(5, 5), 2: ServoGoal(wrong) if where == "position" else ServoGoal(0, wrong), 3: ServoGoal(-5)}
-    with pytest.raises(ValueError, match=f"goal_{where}"):
-        state.goals_packet(goals)
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        *((ServoGoal(wrong), "goal_position takes") for wrong in (0x8000, -0x8000, 1 << 32, -(1 << 48))),
+        *((ServoGoal(0, wrong), "goal_velocity takes") for wrong in (0x8000, 1 << 32)),
+        *((ServoGoal(0, wrong), "velocity is 0 or more") for wrong in (-1, -0x8000, -(1 << 48))),
+    ],
+)
+def test_a_goal_that_does_not_fit_is_refused_among_others(wrong: ServoGoal, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        state.goals_packet({1: ServoGoal(5, 5), 2: wrong, 3: ServoGoal(-5)})

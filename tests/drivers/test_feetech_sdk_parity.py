@@ -4,19 +4,21 @@ import importlib
 from collections.abc import Sequence
 from typing import Any
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.bus import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.feetech import sts, wire
 from drivers.feetech.bus import FeetechBus
-from tests.drivers.tape import Tape
+from tests.drivers.tape import SilentTape, Tape
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
+positions = st.integers(0, 4095) | st.integers(-32767, 32767)
+"""Within a turn, or of several turns, which has negative ones too."""
 
 
 def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
@@ -48,7 +50,9 @@ def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.Data
     assert wire.sync_write(address, size, contents) == sdk_sync_write(address, size, contents)
 
 
-@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 4095), st.integers(0, 32767)), min_size=1))
+@example({1: (-1, 0)})
+@example({1: (-32767, 32767)})
+@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(positions, st.integers(0, 32767)), min_size=1))
 def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
     if len(goals) > 24:  # the SDK's longest packet
         goals = dict(list(goals.items())[:24])
@@ -56,7 +60,10 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
     bus = FeetechBus(tape, MonotonicClock())
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
     low, high = sdk.SCS_LOBYTE, sdk.SCS_HIBYTE
-    contents = {i: bytes((0, low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}
+    contents = {}
+    for i, (position, velocity) in goals.items():
+        raw = sdk.SCS_TOSCS(position, 15)
+        contents[i] = bytes((0, low(raw), high(raw), 0, 0, low(velocity), high(velocity)))
     assert tape.sent == sdk_sync_write(sts.acceleration.address, 7, contents)
 
 
@@ -65,3 +72,13 @@ def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
     tape = Tape()
     FeetechBus(tape, MonotonicClock()).read_states(servo_ids)
     assert tape.sent == sdk_sync_read(servo_ids, sts.present_position.address, 8)
+
+
+@given(ids)
+def test_torque_off_is_what_the_sdk_would_write(servo_ids: list[int]) -> None:
+    """All at once, then each by itself, whoever answers."""
+    ours, theirs = SilentTape(), SilentTape()
+    assert len(FeetechBus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
+    for servo_id in servo_ids:
+        sdk.PacketHandler(0).write1ByteTxOnly(theirs, servo_id, 40, 0)
+    assert ours.sent == sdk_sync_write(40, 1, dict.fromkeys(servo_ids, b"\0")) + theirs.sent

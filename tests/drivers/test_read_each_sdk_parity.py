@@ -67,18 +67,19 @@ def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None
 
 
 @pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda m: m.name)
-@given(goals=st.dictionaries(st.integers(0, 0xFD), st.tuples(st.integers(0, 1023), st.integers(0, 9000)), min_size=1))
-def test_dynamixel_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None:
-    goals = dict(list(goals.items())[:20])
+@given(data=st.data())
+def test_dynamixel_goals(model: ServoModel, data: st.DataObject) -> None:
+    rpm, last = {"ax-12a": (0.111, 1023), "mx-28": (0.114, 4095)}[model.name]
+    wanted = st.tuples(st.integers(0, last), st.integers(0, 9000))
+    goals = data.draw(st.dictionaries(st.integers(0, 0xFD), wanted, min_size=1, max_size=20))
     bus, tape = bus_of(dict.fromkeys(goals, model))
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
     low, high = dynamixel.DXL_LOBYTE, dynamixel.DXL_HIBYTE
-    rpm = {"ax-12a": 0.111, "mx-28": 0.114}[model.name]
-    data = {}
+    contents = {}
     for servo_id, (position, velocity) in goals.items():
         speed = min(1023, math.ceil(velocity / (rpm * model.counts_per_turn / 60.0)))
-        data[servo_id] = bytes((low(position), high(position), low(speed), high(speed)))
-    assert tape.sent == sdk_sync_write("dynamixel 1", dxl.goal_position.address, 4, data)
+        contents[servo_id] = bytes((low(position), high(position), low(speed), high(speed)))
+    assert tape.sent == sdk_sync_write("dynamixel 1", dxl.goal_position.address, 4, contents)
 
 
 @every_sdk

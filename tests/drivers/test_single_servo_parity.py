@@ -1,0 +1,180 @@
+"""Each instruction to a single servo, for every model: byte for byte what the maker's SDK would send.
+
+scservo_sdk has neither reboot nor factory reset: there the packet is written out, by Feetech's protocol manual.
+"""
+
+import importlib
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus import ServoBus
+from drivers.dynamixel import wire, x_series, xl320
+from drivers.dynamixel1 import tables as dxl
+from drivers.errors import DriverError, ServoRefused, ServoSilent
+from drivers.feetech import models as feetech_models
+from drivers.makes import MODELS, bus_for, language_of, make_of
+from drivers.registers import Access, Register, ServoModel
+from tests.drivers.tape import SilentTape
+
+# By name, because they have no types.
+feetech: Any = importlib.import_module("scservo_sdk")
+dynamixel: Any = importlib.import_module("dynamixel_sdk")
+
+HANDLERS: dict[str, Callable[[], Any]] = {
+    # These set the order of words for the whole process.
+    "Feetech STS": lambda: feetech.PacketHandler(0),
+    "Feetech SCS": lambda: feetech.PacketHandler(1),
+    "Dynamixel protocol 1.0": dynamixel.Protocol1PacketHandler,
+    "Dynamixel protocol 2.0": dynamixel.Protocol2PacketHandler,
+}
+BROADCAST = 0xFE
+ids = st.integers(0, wire.LARGEST_ID)
+every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def words_of_the_sdk() -> Iterator[None]:
+    yield
+    feetech.SCS_SETEND(0)
+
+
+def table_of(model: ServoModel) -> tuple[Register, ...]:
+    """All registers of a model."""
+    match model:
+        case dxl.Model():
+            return dxl.registers(model)
+        case x_series.Model():
+            return x_series.registers(model)
+        case xl320.XL320:
+            return xl320.REGISTERS
+    return feetech_models.series_of(model).registers
+
+
+def ours(model: ServoModel, servo_id: int, tell: Callable[[ServoBus], object]) -> bytes:
+    """What our bus sends. Nobody answers."""
+    feetech.SCS_SETEND(0)
+    tape = SilentTape()
+    with suppress(ServoSilent):
+        tell(bus_for({servo_id: model}, tape, tape.clock))
+    return tape.sent
+
+
+def theirs(model: ServoModel, tell: Callable[[Any, SilentTape], object]) -> bytes:
+    """What the SDK sends."""
+    tape = SilentTape()
+    tell(HANDLERS[language_of(model)](), tape)
+    return tape.sent
+
+
+def contents(model: ServoModel, register: Register, value: int) -> list[int]:
+    """A value's bytes by the SDK's own macros, signs too."""
+    if make_of(model) == "feetech":
+        raw = value if register.sign_bit is None else feetech.SCS_TOSCS(value, register.sign_bit)
+        return [raw] if register.size == 1 else [feetech.SCS_LOBYTE(raw), feetech.SCS_HIBYTE(raw)]
+    words = [dynamixel.DXL_LOWORD(value), dynamixel.DXL_HIWORD(value)]
+    return [byte for word in words for byte in (dynamixel.DXL_LOBYTE(word), dynamixel.DXL_HIBYTE(word))][
+        : register.size
+    ]
+
+
+def same(sent: bytes, sdk_sent: bytes, content: list[int]) -> bool:
+    """The SDK computes the stuffing and then sends the packet without it: those are passed over."""
+    return wire.PATTERN in bytes(content) or sent == sdk_sent != b""
+
+
+@every_model
+@given(servo_id=ids, data=st.data())
+def test_read(model: ServoModel, servo_id: int, data: st.DataObject) -> None:
+    register = data.draw(st.sampled_from(table_of(model)))
+    packet = theirs(model, lambda sdk, tape: sdk.readTx(tape, servo_id, register.address, register.size))
+    assert ours(model, servo_id, lambda bus: bus.read(servo_id, register)) == packet != b""
+
+
+@every_model
+@pytest.mark.parametrize(("call", "sdk_call"), [("write", "writeTxOnly"), ("reg_write", "regWriteTxOnly")])
+@given(servo_id=ids, data=st.data())
+def test_write_and_reg_write(model: ServoModel, call: str, sdk_call: str, servo_id: int, data: st.DataObject) -> None:
+    register = data.draw(st.sampled_from([r for r in table_of(model) if r.access is Access.READ_WRITE]))
+    value = data.draw(st.integers(register.smallest, register.largest))
+    content: list[int] = []
+
+    def write(sdk: Any, tape: SilentTape) -> None:
+        content.extend(contents(model, register, value))
+        getattr(sdk, sdk_call)(tape, servo_id, register.address, register.size, content)
+
+    packet = theirs(model, write)
+    assert same(ours(model, servo_id, lambda bus: getattr(bus, call)(servo_id, register, value)), packet, content)
+
+
+@pytest.mark.parametrize(("call", "code"), [("write", wire.WRITE), ("reg_write", wire.REG_WRITE)])
+@pytest.mark.parametrize("value", [-131073, -257])
+def test_what_the_sdk_forgets_to_stuff_is_stuffed(call: str, code: int, value: int) -> None:
+    """A header within a packet: -131073 holds one, -257 does not."""
+    register = x_series.homing_offset
+    content = register.address.to_bytes(2, "little") + register.encode(value, "little")
+    sent = ours(x_series.XL430_W250, 3, lambda bus: getattr(bus, call)(3, register, value))
+    assert sent == wire.packet(3, code, content)
+
+
+@every_model
+@given(servo_id=ids)
+def test_ping(model: ServoModel, servo_id: int) -> None:
+    packet = theirs(model, lambda sdk, tape: sdk.ping(tape, servo_id))
+    assert ours(model, servo_id, lambda bus: bus.ping(servo_id)) == packet != b""
+
+
+@every_model
+def test_action(model: ServoModel) -> None:
+    packet = theirs(model, lambda sdk, tape: sdk.action(tape, BROADCAST))
+    assert ours(model, 1, lambda bus: bus.action()) == packet != b""
+
+
+@every_model
+def test_broadcast_ping(model: ServoModel) -> None:
+    """Protocol 2.0 alone has it; in dynamixel_sdk's protocol 1.0 it is not available, and scservo_sdk lacks it."""
+    if language_of(model) == "Dynamixel protocol 2.0":
+        packet = theirs(model, lambda sdk, tape: sdk.broadcastPing(tape))
+        assert ours(model, 1, lambda bus: bus.broadcast_ping()) == packet != b""
+        return
+    tape = SilentTape()
+    with pytest.raises(DriverError, match="ping each ID"):
+        bus_for({1: model}, tape, tape.clock).broadcast_ping()
+    assert tape.sent == b""
+
+
+def by_the_manual(servo_id: int, instruction: int) -> bytes:
+    """A packet of Feetech's without parameters."""
+    return bytes((0xFF, 0xFF, servo_id, 2, instruction, 255 - (servo_id + 2 + instruction) % 256))
+
+
+@every_model
+@given(servo_id=ids)
+def test_reboot(model: ServoModel, servo_id: int) -> None:
+    """scservo_sdk has none; protocol 1.0 has none, which dynamixel_sdk says by sending nothing."""
+    if language_of(model) == "Dynamixel protocol 1.0":
+        with pytest.raises(ServoRefused, match="cannot be rebooted"):
+            ours(model, servo_id, lambda bus: bus.reboot(servo_id))
+        assert theirs(model, lambda sdk, tape: sdk.reboot(tape, servo_id)) == b""
+        return
+    if make_of(model) == "feetech":
+        packet = by_the_manual(servo_id, 8)
+    else:
+        packet = theirs(model, lambda sdk, tape: sdk.reboot(tape, servo_id))
+    assert ours(model, servo_id, lambda bus: bus.reboot(servo_id)) == packet != b""
+
+
+@every_model
+@given(servo_id=ids)
+def test_factory_reset(model: ServoModel, servo_id: int) -> None:
+    """scservo_sdk has none. In protocol 2.0 ID and baud rate are kept: option 2."""
+    if make_of(model) == "feetech":
+        packet = by_the_manual(servo_id, 6)
+    else:
+        option = (2,) if language_of(model) == "Dynamixel protocol 2.0" else ()
+        packet = theirs(model, lambda sdk, tape: sdk.factoryReset(tape, servo_id, *option))
+    assert ours(model, servo_id, lambda bus: bus.factory_reset(servo_id)) == packet != b""
