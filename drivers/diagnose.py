@@ -72,9 +72,11 @@ def _judged(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
     advice = latency_advice(bus.name) or HELD_BACK
     texts: dict[int, str] = {}
     for i in servo_ids:
-        # The first that comes after a long silence counts as late, for it may be.
+        # The first that comes after a long silence counts as late, for it may be; of a line that loses half of them
+        # there are several such, and more that come in time between them.
         # The more late replies, the more of them collide with others' or pass for present ones: the first tries count.
-        if bus.counters.of(i).late > late_before[i] + 1 and not {None, "corrupt"} & set(kinds[i][:TRIES]):
+        late = bus.counters.of(i).late - late_before[i]
+        if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
         elif None not in kinds[i]:
             texts[i] = _judge(i, kinds[i])

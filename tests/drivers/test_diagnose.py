@@ -261,6 +261,10 @@ def test_a_line_that_loses_one_half_and_garbles_the_other_is_called_bad(seed: in
         assert "never in one piece" in text or "now and then, and broken" in text
 
 
+def test_a_line_that_loses_every_second_reply_is_not_called_slow() -> None:
+    assert not [text for seed in range(60) for text in disturbed(seed, 0.5, 0.0)[0].values() if "too late" in text]
+
+
 def test_a_slow_latency_timer_is_named_with_the_remedy(tmp_path: Path) -> None:
     timer = tmp_path / "ttyUSB7" / "device" / "latency_timer"
     timer.parent.mkdir(parents=True)
