@@ -19,7 +19,7 @@ BAUD_RATES: Final = (
 """What servos are delivered with or can be set to by their tables, the likely ones first."""
 TRIES: Final = 4
 MORE_TRIES: Final = 12
-"""Where all those are silent. Together they last about as long as a reply may be held back (drivers.owed.HELD_S)."""
+"""Where none of those gave a present answer. Together they last about as long as a reply may be held back (drivers.owed.HELD_S)."""
 NOWHERE: Final = "does not answer at any baud rate"
 
 
@@ -65,9 +65,9 @@ def _judged(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     tries = [bus.read_states(servo_ids) for _ in range(TRIES)]
     kinds = {i: [_kind(reading[i]) for reading in tries] for i in servo_ids}
-    silent = [i for i in servo_ids if set(kinds[i]) == {"silent"}]
-    for _ in range(MORE_TRIES if silent else 0):
-        for i, reading in bus.read_states(silent).items():
+    unclear = [i for i in servo_ids if set(kinds[i]) <= {"silent", "late"}]
+    for _ in range(MORE_TRIES if unclear else 0):
+        for i, reading in bus.read_states(unclear).items():
             kinds[i].append(_kind(reading))
     advice = latency_advice(bus.name) or HELD_BACK
     texts: dict[int, str] = {}

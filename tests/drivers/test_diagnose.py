@@ -134,7 +134,7 @@ class Held:
         return diagnose(self.bus, servo_ids)
 
 
-@pytest.mark.parametrize("hold_ms", [25, 30, 40, 60, 120, 150, 200, 240])
+@pytest.mark.parametrize("hold_ms", [25, 30, 40, 60, 70, 80, 90, 120, 150, 200, 240])
 @pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
 @pytest.mark.parametrize("servo_ids", [(1,), (1, 2, 3)])
 def test_an_adapter_that_holds_good_replies_back_is_named(
