@@ -153,12 +153,12 @@ class Burst(ABC, Generic[ReplyT]):
             if isinstance(what, ServoState):
                 account.single_replies += 1
                 account.alarms += bool(what.alarms)
-            elif what == "reset" or isinstance(what, ServoFault):  # it has answered, and owes nothing
-                account.reset += what == "reset"
-                account.refused += what != "reset"
+            elif what == "reset":  # it has answered, and owes nothing
+                account.reset += 1
             else:
-                account.corrupt += what == "corrupt"
-                account.silent += what != "corrupt"
-                self._owed.owe(servo_id, sizes[servo_id], now_s, "corrupt" if what == "corrupt" else "silent")
+                missed: Missed = "corrupt" if what == "corrupt" else "silent"
+                missed = "refused" if isinstance(what, ServoFault) else missed
+                account.missed(missed)
+                self._owed.owe(servo_id, sizes[servo_id], now_s, missed)
         for servo_id, counted in belated:
             self._counters.of(servo_id).came_late(counted)

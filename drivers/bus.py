@@ -59,7 +59,7 @@ class ServoBus(Protocol):
 
     Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
     for lost packets (drivers/tries.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on`` without a
-    deadline, ``torque_on``, ``limit_torque``.
+    deadline, ``limit_torque``.
     """
 
     @property
@@ -78,7 +78,14 @@ class ServoBus(Protocol):
         ...
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoSilent or ServoRefused unless the servo is there and of this model."""
+        """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
+        ...
+
+    def check_settings(self, servo_id: int, model: ServoModel) -> None:
+        """Raise ServoRefused unless it is set up to be driven, as a servo with this model's table is.
+
+        ServoSilent or ServoCorrupt where that cannot be found out.
+        """
         ...
 
     def read(self, servo_id: int, register: Register) -> int:
@@ -155,7 +162,10 @@ class ServoBus(Protocol):
         ...
 
     def torque_on(self, servo_id: int) -> None:
-        """Drive the motor. The caller has written the goal before."""
+        """Drive the motor. The caller has written the goal before.
+
+        Told once: of a servo that does not acknowledge it nobody knows whether it was reset, and has its goal still.
+        """
         ...
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:

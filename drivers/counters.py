@@ -43,10 +43,17 @@ class ServoCounters:
         """Good ones."""
         return self.single_replies + sum(bursts.count for bursts in self.whole_bursts)
 
+    def missed(self, counted_as: str) -> None:
+        """A question ended without a value."""
+        self.silent += counted_as == "silent"
+        self.corrupt += counted_as == "corrupt"
+        self.refused += counted_as == "refused"
+
     def came_late(self, counted_as: str) -> None:
-        """A reply that was given up as ``silent`` or ``corrupt`` came after all."""
+        """A reply that was given up as ``silent``, ``corrupt`` or ``refused`` came after all."""
         self.silent -= counted_as == "silent"
         self.corrupt -= counted_as == "corrupt"
+        self.refused -= counted_as == "refused"
         self.late += 1
 
     def as_dict(self) -> dict[str, int]:

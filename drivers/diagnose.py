@@ -9,7 +9,6 @@ from typing import Final
 from drivers.bus import FaultKind, Reading, ServoBus, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.latency import HELD_BACK, latency_advice
-from drivers.readings import TEXTS
 
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),
@@ -19,7 +18,8 @@ BAUD_RATES: Final = (
 """What servos are delivered with or can be set to by their tables, the likely ones first."""
 TRIES: Final = 4
 MORE_TRIES: Final = 12
-"""Where none of those gave a present answer. Together they last about as long as a reply may be held back (drivers.owed.HELD_S)."""
+"""Where none of those gave a present answer. Together they last about as long as a reply may be held back
+(drivers.owed.HELD_S)."""
 NOWHERE: Final = "does not answer at any baud rate"
 
 
@@ -55,6 +55,9 @@ def now_and_then(servo_id: int) -> str:
 _REMEDY: Final = "set the servo to the bus's baud rate, or correct baud in the robot file"
 
 
+_REFUSES: Final = "is it of the model in the robot file, and its firmware whole?"
+
+
 def _kind(reading: Reading) -> FaultKind | None:
     return reading.kind if isinstance(reading, ServoFault) else None
 
@@ -65,6 +68,8 @@ def _judged(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     tries = [bus.read_states(servo_ids) for _ in range(TRIES)]
     kinds = {i: [_kind(reading[i]) for reading in tries] for i in servo_ids}
+    said = [(i, reading[i]) for reading in tries for i in servo_ids]
+    refusals = {i: what.text for i, what in said if isinstance(what, ServoFault) and what.kind == "refused"}
     unclear = [i for i in servo_ids if set(kinds[i]) <= {"silent", "late"}]
     for _ in range(MORE_TRIES if unclear else 0):
         for i, reading in bus.read_states(unclear).items():
@@ -79,7 +84,7 @@ def _judged(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, str]:
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
         elif None not in kinds[i]:
-            texts[i] = _judge(i, kinds[i])
+            texts[i] = f"{refusals[i]}: {_REFUSES}" if i in refusals else _judge(i, kinds[i])
     return texts
 
 
@@ -87,8 +92,6 @@ def _judge(servo_id: int, kinds: Sequence[FaultKind | None]) -> str:
     """Two servos with one ID answer at the same moment, and what arrives is a mixture: every time."""
     if "reset" in kinds:
         return f"servo {servo_id}: loses its memory again and again, as in a reboot: check its supply"
-    if "refused" in kinds:
-        return f"servo {servo_id}: {TEXTS['refused']}: is it of the model in the robot file, and its firmware whole?"
     if "silent" not in kinds:
         return (
             f"servo {servo_id}: answers, but never in one piece: do two servos have ID {servo_id}? "

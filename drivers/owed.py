@@ -22,7 +22,7 @@ HELD_S: Final = 0.25
 OVERTAKEN_S: Final = HELD_S
 """The same where a later question has been answered: then it should not come at all."""
 
-Missed = Literal["silent", "corrupt"]
+Missed = Literal["silent", "corrupt", "refused"]
 """As what a missing reply was counted."""
 
 
@@ -46,7 +46,8 @@ class _Owed(NamedTuple):
 class OwedReplies:
     """Replies that were asked for and have not come.
 
-    A corrupt one is owed too: the garbage may have been somebody else's, and its own answer yet to come.
+    A corrupt one is owed too: the garbage may have been somebody else's, and its own answer yet to come. So is one in
+    whose place a refusal came: that has no length, and may have been the answer to an earlier question.
     """
 
     def __init__(self) -> None:

@@ -33,6 +33,8 @@ class Dialect:
     failure."""
     refusal: Callable[[int], str]
     """What they say, behind the servo's name."""
+    came_broken: Callable[[int], bool]
+    """Whether they say that the instruction came broken: that is the line's fault, and it may be given again."""
 
 
 class Questions:
@@ -94,7 +96,8 @@ class Questions:
         if refused := error & self._dialect.refusals:
             account.refused += 1
             del self._owed_until_s[servo_id]
-            raise ServoRefused(servo_id, self._dialect.refusal(refused))
+            error_of = ServoCorrupt if self._dialect.came_broken(refused) else ServoRefused
+            raise error_of(servo_id, self._dialect.refusal(refused))
         if size is not None and len(data) != size:
             account.late += 1
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")

@@ -1,7 +1,6 @@
 """Single-servo instructions of Feetech's protocols and Dynamixel protocol 1.0, by the makers' SDKs."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 from dynamixel_sdk import (
@@ -20,13 +19,17 @@ from drivers.registers import ByteOrder, Register
 from drivers.tries import SureCalls
 
 
-def dialect(sdk: Any, refusals: int, alarms: Callable[[int], tuple[str, ...]]) -> Dialect:
-    """The same for all of these protocols but for what refuses an instruction; ``alarms`` names the error bits."""
+def dialect(sdk: Any, refusals: int, alarms: Callable[[int], tuple[str, ...]], broken: int) -> Dialect:
+    """The same for all of these protocols but for what refuses an instruction; ``alarms`` names the error bits.
+
+    ``broken``: the bit that says that the instruction's checksum was wrong, 0 where there is none.
+    """
     return Dialect(
         sdk,
         data_of=lambda reply: bytes(reply[5 : reply[3] + 3]),
         refusals=refusals,
         refusal=lambda error: f"refused the instruction ({' and '.join(alarms(error))} error)",
+        came_broken=lambda error: bool(error & broken),
     )
 
 
@@ -38,10 +41,7 @@ class SingleServo:
         self._questions = questions
         self._byte_order = byte_order
         self._reboots = reboots
-
-    def until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
-        """What is given up at the deadline; ServoSilent at once where there is no time for it."""
-        return self._questions.until(servo_id, deadline_s)
+        self.until = questions.until
 
     def ping(self, servo_id: int) -> None:
         """Raise ServoSilent unless it is there."""
@@ -93,10 +93,8 @@ class SingleCalls(SureCalls):
     """The calls of a ServoBus to one servo that go straight to the SDK."""
 
     def __init__(self, single: SingleServo) -> None:
+        super().__init__(single.until)
         self._single = single
-
-    def _until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
-        return self._single.until(servo_id, deadline_s)
 
     def ping(self, servo_id: int) -> None:
         """Raise ServoSilent unless it is there."""

@@ -39,6 +39,10 @@ def tried_with_each(servo_ids: Sequence[int], do: Callable[[int], None]) -> list
 class SureCalls(ABC):
     """For a bus's set-up, and for what it asks within a cycle by a deadline."""
 
+    def __init__(self, until: Callable[[int, float], AbstractContextManager[None]]) -> None:
+        """``until``: that of ``drivers.questions.Questions``."""
+        self._until = until
+
     @abstractmethod
     def read(self, servo_id: int, register: Register) -> int:
         """One register, asked for once."""
@@ -46,10 +50,6 @@ class SureCalls(ABC):
     @abstractmethod
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """One register, acknowledged, told once."""
-
-    @abstractmethod
-    def _until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
-        """What is given up at the deadline; ServoSilent at once where there is no time for it."""
 
     def _read_surely(self, servo_id: int, register: Register, deadline_s: float | None = None) -> int:
         """One register; with a deadline, once."""

@@ -2,7 +2,7 @@
 
 A transaction is a generator: it writes its question, yields, and only then waits for the answer. While one
 line is waited for, the bytes of the others gather in the kernel. So whose answer is all that there is to come
-can be waited for last, and a line on which the next question depends on the answer has the first turn.
+can wait, and a line on which the next question depends on the answer has the first turn.
 """
 
 from collections.abc import Generator, Sequence
@@ -17,14 +17,14 @@ class Wait(IntEnum):
 
     NEXT = 0
     """An answer that will come, before the next question can be asked."""
-    DOUBTFUL = 1
-    """The same of one who may be silent."""
-    LAST = 2
+    LAST = 1
     """All that there is to come. A dead line takes its whole time here, and the others' bytes wait meanwhile."""
+    DOUBTFUL = 2
+    """An answer of one who may be silent, or has just been."""
 
 
-Steps = Generator[Wait, None, Result]
-"""Yields before each wait for the line what it is for; returns its result."""
+Steps = Generator[Wait | None, None, Result]
+"""Yields before each wait for the line what it is for (None is ``LAST``); returns its result."""
 
 
 def finish(steps: Steps[Result]) -> Result:
@@ -49,7 +49,8 @@ def overlapped(transactions: Sequence[Steps[Result]]) -> Steps[list[Result]]:
             foremost = min(waits.values())
             for index in [index for index, wait in waits.items() if wait is foremost]:
                 try:
-                    waits[index] = next(transactions[index])
+                    said = next(transactions[index])
+                    waits[index] = Wait.LAST if said is None else said
                 except StopIteration as end:
                     results[index] = end.value
                     del waits[index]

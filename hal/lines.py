@@ -1,5 +1,6 @@
 """The buses of one robot, spoken to by joint: servo IDs repeat from bus to bus, joint names do not."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -193,11 +194,20 @@ def _refuse_short_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
     if limits[0] <= lowest and highest <= limits[1]:
         return
-    lower, upper = sorted(joint.position(counts) for counts in limits)
     raise ServoRefused(
         joint.servo_id,
         f"has position limits of its own, {limits[0]} to {limits[1]} counts, and its joint goes from {lowest} to "
-        f"{highest}: widen them in the servo, or narrow the joint's in the URDF to {lower:.4f} to {upper:.4f}",
+        f"{highest}: widen them in the servo, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+    )
+
+
+def _advice(joint: Joint, lowest: int, highest: int) -> str:
+    """What the joint's limits may be, in joint units to six digits, rounded inwards."""
+    if lowest >= highest:
+        return "correct zero_counts: the two have nothing in common"
+    lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
+    return (
+        f"narrow the joint's in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"
     )
 
 

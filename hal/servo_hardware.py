@@ -8,7 +8,8 @@ import numpy as np
 
 from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
 from drivers.clock import Clock
-from drivers.errors import ServoError
+from drivers.errors import ServoCorrupt, ServoError, ServoSilent
+from drivers.tries import ATTEMPTS
 from drivers.turns import Steps, finish
 from hal.errors import ActivationError
 from hal.joint import Joint
@@ -92,10 +93,9 @@ class ServoHardware:
         try:
             for joint in self._joints:
                 lines.limit_torque(joint)
-            lines.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
-            self._confirm_goals(lines)
+            self._hold_goals(lines)
             for joint in self._joints:
-                lines.torque_on(joint)
+                self._torque_on(lines, joint)
         except BaseException:
             for problem in lines.torque_off(limp):
                 LOG.error("torque may still be on: %s", problem)
@@ -213,14 +213,37 @@ class ServoHardware:
             )
         return state.position_counts
 
-    def _confirm_goals(self, lines: Lines) -> None:
-        """A sync write is no acknowledgement: ask each servo whether it has its goal."""
+    def _hold_goals(self, lines: Lines) -> None:
+        """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""
+        goals = {name: ServoGoal(counts) for name, counts in self._goals.items()}
+        for _ in range(ATTEMPTS - 1):
+            lines.write_goals(goals)
+            if all(lines.goal(joint) == self._goals[joint.name] for joint in self._joints):
+                return
+        lines.write_goals(goals)
         for joint in self._joints:
-            held, wanted = lines.goal(joint), self._goals[joint.name]
-            if held != wanted:
-                raise ActivationError(
-                    f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable"
-                )
+            self._confirm_goal(lines, joint)
+
+    def _confirm_goal(self, lines: Lines, joint: Joint) -> None:
+        held, wanted = lines.goal(joint), self._goals[joint.name]
+        if held != wanted:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable and the supply"
+            )
+
+    def _torque_on(self, lines: Lines, joint: Joint) -> None:
+        """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
+
+        Its limit is RAM as well, and goes with the goal.
+        """
+        for _ in range(ATTEMPTS - 1):
+            try:
+                lines.torque_on(joint)
+                return
+            except (ServoSilent, ServoCorrupt):
+                self._confirm_goal(lines, joint)
+                lines.limit_torque(joint)
+        lines.torque_on(joint)
 
     def _called(self, joint: Joint) -> str:
         return f"{self._opened('name a joint').label(joint)} (servo {joint.servo_id})"

@@ -62,7 +62,8 @@ def parse_ids(text: str) -> list[int]:
 
 
 def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int) -> Figures:
-    """Open the port, run and close it. Raises DriverError where nobody answers, or another model than ``model``."""
+    """Open the port, run and close it. Raises DriverError where nobody answers, or only servos with another
+    table than ``model``."""
     if model not in MODELS:
         raise DriverError(f"unknown model {model}: known are {', '.join(sorted(MODELS))}")
     clock = MonotonicClock()
@@ -72,7 +73,7 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
         goals = stand_still(bus, servo_ids, MODELS[model])
         with on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
-    except ValueError as error:  # of the bus, before anything goes out: more servos than a packet holds
+    except ValueError as error:  # of the bus, before any goal goes out: more servos than a packet holds
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()

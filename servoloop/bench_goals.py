@@ -7,9 +7,9 @@ from typing import Final
 
 from drivers.bus import ServoBus, ServoGoal, ServoState
 from drivers.diagnose import NOWHERE, diagnose
-from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
+from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
 from drivers.makes import MODELS, id_register, model_numbers, table_of
-from drivers.registers import ServoModel
+from drivers.registers import Register, ServoModel
 from drivers.tries import tried
 
 LOG = logging.getLogger("servoloop")
@@ -44,12 +44,14 @@ def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> d
         except ServoRefused as error:
             strangers.append(error)
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-            continue
-        if goal is not None:
-            goals[servo_id] = goal
+        except ServoError as error:
+            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+        else:
+            goals |= {servo_id: goal} if goal else {}
     if len(strangers) == len(states):
         raise strangers[0]
-    bus.write_goals(goals)
+    if goals:
+        bus.write_goals(goals)
     bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
     return goals
 
@@ -74,48 +76,51 @@ def _why_nobody(bus: ServoBus, servo_ids: Sequence[int]) -> str:
 
 
 def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) -> ServoGoal | None:
-    """None for one that must not have any. Raises ServoRefused for a stranger."""
+    """None for one that must not have any. Raises ServoRefused for one with another table, ServoError otherwise."""
+    here, elsewhere = model_numbers(model)
     try:
-        if not _takes_positions(bus, servo_id, model):
-            return None
-        # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
-        counts = bus.goal(servo_id) if bus.torque_is_on(servo_id) else state.position_counts
+        number = tried(partial(bus.read, servo_id, here))
     except ServoSilent:
         # A simulator that answers group reads and no others, for no servo does so: the user's word is taken.
-        counts = state.position_counts
-    except ServoCorrupt as error:
-        LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-        return None
+        return ServoGoal(state.position_counts)
+    try:
+        bus.identify(servo_id, model)
+    except ServoRefused as error:
+        if number != model.number and not _has_the_table(bus, servo_id, model, number, elsewhere):
+            raise
+        if not _is_fit(bus, servo_id, model, number, error):
+            return None
+    # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
+    counts = bus.goal(servo_id) if bus.torque_is_on(servo_id) else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
         LOG.warning("%s: servo %d stands at %d, where no goal can be. It gets none", bus.name, servo_id, counts)
         return None
     return ServoGoal(counts)
 
 
-def _takes_positions(bus: ServoBus, servo_id: int, model: ServoModel) -> bool:
+def _is_fit(bus: ServoBus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
+    """Whether one that ``identify`` refused takes goals for goals: of another motor, or a simulator."""
+    if number == 0:  # so its settings may all be 0
+        return True
     try:
-        bus.identify(servo_id, model)
+        bus.check_settings(servo_id, model)
     except ServoRefused as error:
-        number, elsewhere = (tried(partial(bus.read, servo_id, register)) for register in model_numbers(model))
-        if number == model.number:
-            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-            return False
-        if not _has_the_table(bus, servo_id, model, number, elsewhere):
-            raise
-        if number:
-            LOG.warning("%s: servo %d says model %d: taken for a %s", bus.name, servo_id, number, model.name)
+        LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+        return False
+    LOG.warning("%s: %s. It is taken for one all the same", bus.name, refused)
     return True
 
 
-def _has_the_table(bus: ServoBus, servo_id: int, model: ServoModel, number: int, elsewhere: int) -> bool:
+def _has_the_table(bus: ServoBus, servo_id: int, model: ServoModel, number: int, elsewhere: Register) -> bool:
     """Whether one with another number is likely to have the same registers.
 
-    ``elsewhere``: what stands where the other make has the number. A simulator may have no number (0) or one of its
-    own; then the user is believed, unless the table speaks against it.
+    ``elsewhere``: where the other make has the number. A simulator may have no number (0) or one of its own; then the
+    user is believed, unless the table speaks against it.
     """
     if any(number == other.number and table_of(other) == table_of(model) for other in MODELS.values()):
         return True
-    if elsewhere in _KNOWN or (number in _KNOWN and _turned(number) != model.number):
+    of_the_other_make = tried(partial(bus.read, servo_id, elsewhere)) in _KNOWN
+    if of_the_other_make or (number in _KNOWN and _turned(number) != model.number):
         return False
     if number == 0:
         return True

@@ -213,7 +213,7 @@ def bus(
 
     Nothing moves: the goals are those that the servos hold, or where they stand if their torque is off. But the
     servos' goal speed and acceleration become 0, which is as fast as they can. Faults are counted, not fatal; it ends
-    with 1 where nobody answers, where a servo is of another model, and where the port is lost.
+    with 1 where nobody answers, where all servos have another table than the model, and where the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console

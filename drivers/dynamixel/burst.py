@@ -186,7 +186,7 @@ class BurstReader(Burst[wire.Reply]):
     def _hear_broken(self, plan: Plan, data: bytes, deadline_s: float) -> Mapping[int, Outcome]:
         """What can be believed of a fast sync read's packet; no more of these after too many that were broken."""
         outcome = self._judge_fast(plan, data, deadline_s)
-        self._broken_in_a_row += "reset" not in outcome.values()
+        self._broken_in_a_row += bool({"silent", "corrupt"} & set(outcome.values()))
         if self._broken_in_a_row == FAST_TRIES:
             self.fast = False
             LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", self._port.name, FAST_TRIES)

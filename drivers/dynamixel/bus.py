@@ -72,12 +72,14 @@ class DynamixelBus(ServoCalls):
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         refuse_stranger(servo_id, tried(partial(self._single.number, servo_id)), model, MODELS)
-        series = series_of(model)
         self._servos.take_for(servo_id, model)
-        misfit = series.misfit(partial(self._read_surely, servo_id))
+        self.check_settings(servo_id, model)
+        self._maps.set_up(servo_id, model)
+
+    def check_settings(self, servo_id: int, model: ServoModel) -> None:
+        misfit = series_of(model).misfit(partial(self._read_surely, servo_id))
         if misfit:
             raise ServoRefused(servo_id, misfit)
-        self._maps.set_up(servo_id, model)
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         if deadline_s is not None:

@@ -1,7 +1,6 @@
 """What one servo is asked and told by itself: through the SDK's packet handler, acknowledged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from typing import Final
 
 from dynamixel_sdk import Protocol2PacketHandler
@@ -24,6 +23,7 @@ def dialect() -> Dialect:
         data_of=lambda reply: bytes(reply[9 : reply[5] + (reply[6] << 8) + 5]),
         refusals=0xFF & ~wire.ALERT,
         refusal=wire.error_text,
+        came_broken=lambda number: number == wire.CAME_BROKEN,
     )
 
 
@@ -32,10 +32,7 @@ class Wire:
 
     def __init__(self, questions: Questions) -> None:
         self._questions = questions
-
-    def until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
-        """What is given up at the deadline; ServoSilent at once where there is no time for it."""
-        return self._questions.until(servo_id, deadline_s)
+        self.until = questions.until
 
     def number(self, servo_id: int) -> int:
         """The servo's model number, by a ping."""
@@ -81,13 +78,11 @@ class ServoCalls(SureCalls):
 
     def __init__(self, single: Wire, servos: Servos, send: Callable[[bytes], None], gains: Mapping[int, int]) -> None:
         """``send`` takes a packet that nobody answers; ``gains`` are position P gains by ID."""
+        super().__init__(single.until)
         self._single = single
         self._servos = servos
         self._send = send
         self._gains = dict(gains)
-
-    def _until(self, servo_id: int, deadline_s: float) -> AbstractContextManager[None]:
-        return self._single.until(servo_id, deadline_s)
 
     def read(self, servo_id: int, register: Register) -> int:
         """One register of one servo."""
@@ -140,7 +135,7 @@ class ServoCalls(SureCalls):
             self._write_surely(servo_id, register, value)
         if servo_id in self._gains:
             self._write_surely(servo_id, series.position_p, self._gains[servo_id])
-        self._write_surely(servo_id, series.torque_enable, 1)
+        self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Let go of all; what failed."""

@@ -39,11 +39,11 @@ FAST_OVERHEAD = 4
 
 ALERT = 0x80
 """Bit of the error byte: the servo has a hardware error. It did what it was told all the same."""
-NO_ACCESS = 7
+CAME_BROKEN, NO_ACCESS = 3, 7
 _ERRORS = {
     1: "could not do it",
     2: "does not know the instruction",
-    3: "received a broken packet",
+    CAME_BROKEN: "received a broken packet",
     4: "was given a value out of range",
     5: "was given too few bytes",
     6: "was given a value beyond its limit",

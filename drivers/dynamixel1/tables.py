@@ -80,6 +80,8 @@ ERROR_BITS: Final = {
 }
 """Meaning of the bits of a reply's error byte. Those of ``REFUSALS`` speak of the instruction, not of the servo."""
 REFUSALS: Final = 1 << 3 | 1 << 4 | 1 << 6
+CAME_BROKEN: Final = 1 << 4
+"""That of them which is the line's fault."""
 
 ANSWERS_ALL: Final = 2
 """Value of ``status_return_level`` at which writes are acknowledged."""

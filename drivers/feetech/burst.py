@@ -74,6 +74,7 @@ class BurstReader(Burst[wire.Reply]):
                 if alarms:
                     self._count_alarms(states)
                 return states
+            self._busy_until_s = self._clock.now() + len(goals) * self.byte_s
             goals = b""
         self._left = now_s + steady.sent_s, data, goals
         return None

@@ -16,7 +16,7 @@ from drivers.echo import Echo
 from drivers.errors import ServoError
 from drivers.feetech import state, sts, wire
 from drivers.feetech.burst import BurstReader
-from drivers.feetech.identify import identify
+from drivers.feetech.identify import check_settings, identify
 from drivers.port import Port
 from drivers.questions import Questions
 from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of
@@ -39,7 +39,7 @@ class FeetechBus(SingleCalls):
         self._burst = BurstReader(port, clock, self._echo, self._counters)
         self._absent = AbsenceWatch()
         # No status bit refuses an instruction: all are alarms.
-        talk = dialect(PacketHandler(0), 0, sts.alarms)
+        talk = dialect(PacketHandler(0), 0, sts.alarms, 0)
         questions = Questions(port, clock, self._echo, self._counters, talk, self._disturb)
         super().__init__(SingleServo(questions, _ORDER, reboots=True))
 
@@ -56,7 +56,11 @@ class FeetechBus(SingleCalls):
         return self._counters
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        identify(self._single, servo_id, model, self.name)
+        identify(self._single, servo_id, model)
+        self.check_settings(servo_id, model)
+
+    def check_settings(self, servo_id: int, model: ServoModel) -> None:
+        check_settings(self._single, servo_id, self.name)
 
     def _disturb(self) -> None:
         """Something else than a group read goes over the line, and may leave something on it."""
@@ -83,7 +87,7 @@ class FeetechBus(SingleCalls):
     def exchange(
         self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
     ) -> Mapping[int, Reading]:
-        packet = state.goals_packet(goals)
+        packet = state.goals_packet(goals) if goals else b""
         asked = tuple(servo_ids)
         steady = self._burst.steady
         if steady is None or steady.servo_ids != asked or not self._burst.clean:
@@ -97,7 +101,11 @@ class FeetechBus(SingleCalls):
     def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
         ids = tuple(servo_ids)
         question = wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE)
-        return state.goals_size(len(goals)) + len(question) + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
+        return (
+            (state.goals_size(len(goals)) if goals else 0)
+            + len(question)
+            + (state.STATE_SIZE + wire.OVERHEAD) * len(ids)
+        )
 
     def _ask(self, asked: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Send the question; who surely answers, and who is only tried."""
@@ -170,7 +178,7 @@ class FeetechBus(SingleCalls):
         return self._read_surely(servo_id, sts.torque_enable, deadline_s) == 1
 
     def torque_on(self, servo_id: int) -> None:
-        self._write_surely(servo_id, sts.torque_enable, 1)
+        self.write(servo_id, sts.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.

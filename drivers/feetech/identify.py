@@ -16,13 +16,17 @@ LOG = logging.getLogger("servoloop.drivers")
 _POSITION_MODE: Final = 0
 
 
-def identify(single: SingleServo, servo_id: int, model: ServoModel, port_name: str) -> None:
+def identify(single: SingleServo, servo_id: int, model: ServoModel) -> None:
     """Raise ServoSilent or ServoRefused with a text that says what to do."""
+    refuse_stranger(servo_id, tried(partial(single.read, servo_id, sts.model_number)), model, sts.MODELS)
+
+
+def check_settings(single: SingleServo, servo_id: int, port_name: str) -> None:
+    """Raise ServoRefused where goals are not what we take them for, or writes are not acknowledged."""
 
     def read(register: Register) -> int:
         return tried(partial(single.read, servo_id, register))
 
-    refuse_stranger(servo_id, read(sts.model_number), model, sts.MODELS)
     if read(sts.operating_mode) != _POSITION_MODE:
         mode = sts.operating_mode
         raise ServoRefused(servo_id, f"is not in position mode: set {mode.name} ({mode.address}) to {_POSITION_MODE}")

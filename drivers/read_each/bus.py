@@ -15,7 +15,7 @@ from drivers.errors import ServoError, ServoRefused
 from drivers.feetech import wire
 from drivers.port import Port
 from drivers.questions import Questions
-from drivers.read_each.identify import identify
+from drivers.read_each.identify import check_settings, identify
 from drivers.read_each.line import RETRY_GAP_S, Line
 from drivers.read_each.series import series_of
 from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of
@@ -47,7 +47,7 @@ class ReadEachBus(SingleCalls):
         self._line = Line(port, clock, echo, self._counters, series, state_of)
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
-        talk = dialect(series.sdk(), series.refusals, series.alarms)
+        talk = dialect(series.sdk(), series.refusals, series.alarms, series.came_broken)
         self._questions = Questions(port, clock, echo, self._counters, talk, self._disturb)
         super().__init__(SingleServo(self._questions, series.byte_order, reboots=series.reboots))
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
@@ -79,6 +79,10 @@ class ReadEachBus(SingleCalls):
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         identify(self._single, self._series, servo_id, model)
+        self.check_settings(servo_id, model)
+
+    def check_settings(self, servo_id: int, model: ServoModel) -> None:
+        check_settings(self._single, self._series, servo_id, model)
 
     def _disturb(self) -> None:
         """Something else than a read of the state goes over the line, and may leave something on it."""
@@ -188,7 +192,7 @@ class ReadEachBus(SingleCalls):
         return self._read_surely(servo_id, self._series.torque_enable, deadline_s) == 1
 
     def torque_on(self, servo_id: int) -> None:
-        self._write_surely(servo_id, self._series.torque_enable, 1)
+        self.write(servo_id, self._series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.

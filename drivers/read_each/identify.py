@@ -18,6 +18,10 @@ def identify(single: SingleServo, series: Series, servo_id: int, model: ServoMod
             f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
             "correct the model in the robot file or swap the servo",
         )
+
+
+def check_settings(single: SingleServo, series: Series, servo_id: int, model: ServoModel) -> None:
+    """Raise ServoRefused where goals are not what we take them for, or writes are not acknowledged."""
     if tried(partial(single.read, servo_id, series.status_level)) != series.answers_all:
         raise ServoRefused(servo_id, f"acknowledges no writes: {_set_level(series)}")
     misfit = series.misfit(model, lambda register: tried(partial(single.read, servo_id, register)))

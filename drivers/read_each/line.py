@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from drivers.burst import Burst
+from drivers.bus import ServoState
 from drivers.clock import Clock
 from drivers.counters import BusCounters
 from drivers.echo import Echo
@@ -85,7 +86,8 @@ class Line(Burst[wire.Reply]):
         noise = self._counters.noise
         outcome = self._judge(hearing)
         whole = len(hearing.answered) == len(hearing.replies) == len(servo_ids)
-        self.clean = whole and self._counters.noise == noise and "late" not in outcome.values()
+        all_states = all(isinstance(what, ServoState) for what in outcome.values())
+        self.clean = whole and all_states and self._counters.noise == noise
         if self.clean and self._echo.present is None:
             self._echo.present = False
         return outcome

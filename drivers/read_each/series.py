@@ -55,6 +55,8 @@ class Series:
     reboots: bool
     """Whether the protocol has that instruction."""
     refusals: int
+    came_broken: int
+    """That of them which says that the instruction's checksum was wrong; 0 where there is none."""
     alarms: Callable[[int], tuple[str, ...]]
     relatives: Mapping[str, ServoModel]
     """All models of the make, to name one that is found."""
@@ -141,6 +143,7 @@ SCS: Final = Series(
     full_torque=1000,
     reboots=True,
     refusals=0,
+    came_broken=0,
     alarms=sts.alarms,
     relatives=FEETECH_MODELS,
     state_of=_scs_state_of,
@@ -213,6 +216,7 @@ DYNAMIXEL1: Final = Series(
     full_torque=dxl.FULL_TORQUE,
     reboots=False,
     refusals=dxl.REFUSALS,
+    came_broken=dxl.CAME_BROKEN,
     alarms=dxl.alarms,
     relatives={**DYNAMIXEL2_MODELS, **dxl.MODELS},
     state_of=_dxl_state_of,

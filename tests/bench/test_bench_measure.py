@@ -163,7 +163,34 @@ def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, cap
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
-    assert f"servo 7 says model {number}: taken for a sts3215" in caplog.text
+    assert f"servo 7: is model {number}" in caplog.text
+    assert "It is taken for one all the same" in caplog.text
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+@pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY])
+def test_one_with_the_table_that_is_in_another_mode_gets_no_goal(number: int, mode: int) -> None:
+    """In mode 3 a goal is a way to go."""
+    line, clock = servos(), SimulatedClock(0.0)
+    line.servo(7).memory.put(sts.model_number, number)
+    line.servo(7).memory.put(sts.operating_mode, mode)
+    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
+
+
+@pytest.mark.parametrize("at_its_number", [True, False])
+def test_one_that_falls_silent_while_it_is_asked_what_it_is_gets_no_goal(at_its_number: bool) -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    line.servo(7).memory.put(sts.operating_mode, 3)
+    last = sts.model_number if at_its_number else sts.operating_mode
+    read = line.servo(7).read
+
+    def once(at: int, size: int) -> bytes:
+        if at == last.address:
+            line.faults.silence(7)
+        return read(at, size)
+
+    line.servo(7).read = once  # type: ignore[method-assign]
+    assert 7 not in stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)
 
 
 @pytest.mark.parametrize("model", ["scs0009", "ax-12a"])

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.burst import FIRST_REPLY_S
 from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.turns import finish, overlapped
+from drivers.turns import Steps, Wait, finish, overlapped
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
@@ -166,3 +166,18 @@ def test_the_time_of_another_line_is_not_taken_for_that_of_this_one(kind: Kind) 
         return line.clock.now() - begin_s
 
     assert cost_s(0.015) <= cost_s(0.0) + 0.0005
+
+
+def test_steps_that_do_not_say_what_they_wait_for_have_asked_all_there_is() -> None:
+    """As a component does whose author has not read this package."""
+    log: list[str] = []
+
+    def one(name: str, *waits: Wait | None) -> Steps[str]:
+        for number, wait in enumerate(waits):
+            log.append(f"{name}{number}")
+            yield wait
+        return name
+
+    both = overlapped([one("a", None), one("b", Wait.NEXT, Wait.NEXT, Wait.DOUBTFUL)])
+    assert finish(both) == ["a", "b"]
+    assert log == ["a0", "b0", "b1", "b2"]

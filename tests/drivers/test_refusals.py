@@ -7,10 +7,13 @@ import pytest
 
 from drivers.bus import ServoFault, ServoState
 from drivers.dynamixel import x_series as x
+from drivers.dynamixel.burst import FAST_TRIES
 from drivers.dynamixel1 import tables as dxl
 from drivers.errors import ServoRefused
 from drivers.feetech import wire
-from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, mixed
+from drivers.owed import OWED_S
+from sim_backend.dynamixel_wire import status_packet
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, mixed
 
 RESULT_FAIL, NO_ACCESS = 1, 7
 
@@ -67,8 +70,62 @@ def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
     for kind in (X_KINDS[0], AX):
         line = Line(kind)
         refuse(line, 4, 0)
-        assert line.missing() == {4: "silent"} or line.missing() == {4: "corrupt"}
+        assert set(line.missing().items()) <= {(4, "silent"), (4, "corrupt")} != set()
         assert line.account(4).refused == 0
+
+
+@pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
+@pytest.mark.parametrize("last", [True, False], ids=["refusal late", "answer late"])
+@pytest.mark.parametrize("kind", [AX, MX, *X_KINDS], ids=lambda kind: kind.name)
+def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
+    """The refusal comes in the place of the next answer, and that in the place of the next but one."""
+    line = Line(kind)
+    truth = Truth(line)
+    for number in range(14):
+        truth.number = 10 * number
+        if number in (3, 4):
+            line.faults.delay_next(4)
+        end = refuse(line, 4, 0x10 if kind in (AX, MX) else RESULT_FAIL) if number == 3 and last else None
+        begin_s = line.clock.now()
+        # No time to ask again.
+        budget_s = 0.0005 * len(asked) + 0.0035 if number in (3, 4) else kind.table.budget_s
+        for servo_id, reading in line.bus.read_states(asked, begin_s + budget_s).items():
+            assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), number
+        if end:
+            end()
+            truth = Truth(line)
+            truth.number = 10 * number
+        truth.number += 1
+        line.clock.sleep_until(begin_s + 0.02)
+    account = line.account(4)
+    assert account.replies >= 8
+    assert account.silent + account.late + account.refused + account.corrupt >= 2
+
+
+def test_a_servo_that_refuses_does_not_end_the_fast_reads_of_the_others() -> None:
+    line = Line(next(kind for kind in X_KINDS if kind.mapped and not kind.with_goals))
+    line.bus.read_states(IDS)
+    burst = line.bus._burst  # type: ignore[attr-defined]
+    assert burst.fast
+    end = refuse(line, 4, RESULT_FAIL)
+    for _ in range(3 * FAST_TRIES):
+        line.cycle()
+        line.clock.sleep_until(line.clock.now() + 2.0 * OWED_S)  # so that every cycle is asked fast
+    end()
+    assert burst.fast
+
+
+@pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], 3), (AX, 0x10)], ids=["x", "ax-12a"])
+@pytest.mark.parametrize("number", range(4))
+def test_one_request_that_came_broken_does_not_fail_a_set_up(kind: Kind, error: int, number: int) -> None:
+    line = Line(kind)
+    servo: Any = line.servos.servo(4)
+    answer = servo.answer
+    broken = status_packet(4, error) if kind in X_KINDS else wire.packet(4, error, b"")
+    replies = iter([None] * number + [broken])
+    servo.answer = lambda instruction: next(replies, None) or answer(instruction)
+    line.bus.identify(4, kind.models[4])
+    assert line.account(4).refused == 1
 
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], NO_ACCESS), (AX, 0x08)], ids=["x", "ax-12a"])

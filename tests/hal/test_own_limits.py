@@ -1,13 +1,19 @@
 """A servo that keeps limits of its own, and a joint that goes beyond them."""
 
+import re
+from dataclasses import replace
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.dynamixel import x_series as x
 from drivers.dynamixel1 import tables as dxl
-from drivers.errors import DriverError
+from drivers.errors import DriverError, ServoRefused
 from drivers.feetech import scs, sts
 from drivers.registers import Register, ServoModel
 from hal.joint import Joint
+from hal.lines import _refuse_short_reach
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits
 from tests.drivers.fault_lines import KINDS, Line
@@ -37,12 +43,38 @@ def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_
         line.servos.servo(servo_id).memory.put(highest, high)
         return ServoHardware("arm", [joint], lambda: line.bus, line.clock)
 
-    for low, high in ((first + 1, last), (first, last - 1)):
+    for low, high in ((first + 1, last), (first, last - 1), (first + 9, last + 9), (first - 9, last - 9)):
         with pytest.raises(DriverError, match=f"position limits of its own, {low} to {high} counts") as caught:
             arm_with(low, high).configure()
         assert f"its joint goes from {first} to {last}" in str(caught.value)
-        assert f"{joint.position(high):.4f} to {joint.position(low):.4f}" in str(caught.value)
     arm_with(first, last).configure()
+
+
+@given(
+    st.sampled_from((-1, 1)),
+    st.sampled_from((None, 0.01, 0.03)),
+    st.integers(300, 3800),
+    st.tuples(st.integers(0, 4095), st.integers(0, 4095)).map(sorted),
+)
+def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
+    sign: int, metres: float | None, zero_counts: int, own: list[int]
+) -> None:
+    scale = metres or 1.0
+    limits = JointLimits(-0.4 * scale, 0.4 * scale, 3.0, 5.0, 50.0)
+    joint = Joint("j", 1, sts.STS3215, limits, sign=sign, zero_counts=zero_counts, transmission=scale)
+    try:
+        _refuse_short_reach(joint, (own[0], own[1]))
+    except ServoRefused as error:
+        advice = re.search(r"URDF to (\S+) to (\S+)$", error.text)
+        if advice is None:
+            assert "correct zero_counts" in error.text
+            return
+        lower, upper = float(advice[1]), float(advice[2])
+        assert limits.lower - 1e-6 <= lower <= upper <= limits.upper + 1e-6
+        _refuse_short_reach(replace(joint, limits=replace(limits, lower=lower, upper=upper)), (own[0], own[1]))
+    else:
+        lowest, highest = joint.counts_range()
+        assert own[0] <= lowest and highest <= own[1]
 
 
 def test_a_servo_without_limits_of_its_own_is_taken() -> None:

@@ -325,6 +325,44 @@ def test_an_activation_has_as_many_steps_as_are_disturbed_here() -> None:
     assert last - begin + 1 == STEPS
 
 
+@pytest.mark.parametrize("servo_id", IDS)
+def test_a_servo_that_was_reset_as_its_torque_went_on_gets_none(servo_id: int) -> None:
+    """By a dip of its supply: it does not answer for a while, and its goal and its limit are gone."""
+    bench = Bench().configured()
+    reset_s: list[float] = []
+
+    def dip(number: int, instruction: Instruction) -> None:
+        if reset_s and bench.clock.now() > reset_s[0] + 0.1:
+            bench.servos.faults.restore(servo_id)
+        elif not reset_s and switches_torque_on(instruction) and instruction.servo_id == servo_id:
+            reset_s.append(bench.clock.now())
+            bench.servos.faults.silence(servo_id)
+            bench.servos.servo(servo_id).power_cycle()
+
+    bench.port.before_write = dip
+    before = bench.measured(servo_id)
+    with pytest.raises(ActivationError, match=rf"\(servo {servo_id}\) holds goal 0, not {before}: check the cable"):
+        bench.hardware.activate()
+    assert bench.torque() == []
+    assert bench.measured(servo_id) == before
+
+
+@pytest.mark.parametrize("packets", range(1, ATTEMPTS))
+def test_goals_that_were_lost_are_sent_again(packets: int) -> None:
+    bench = Bench().configured()
+    lost: list[Instruction] = []
+
+    def lose(number: int, instruction: Instruction) -> None:
+        bench.servos.faults.restore(2)
+        if instruction.code == 0x83 and len(lost) < packets:
+            lost.append(instruction)
+            bench.servos.faults.silence(2)
+
+    bench.port.before_write = lose
+    bench.hardware.activate()
+    assert len(lost) == packets and bench.torque() == list(IDS)
+
+
 def test_a_goal_that_did_not_arrive_is_noticed() -> None:
     bench = Bench().configured()
 
