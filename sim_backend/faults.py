@@ -11,7 +11,8 @@ LONGEST_NOISE: Final = 6
 
 @dataclass(slots=True)
 class Disturbance:
-    """Chance for each reply to be dropped, to arrive with a flipped bit, or behind noise. By seed.
+    """Chance for each reply to be dropped, to arrive with a flipped bit, or behind noise, and for each instruction
+    not to reach a servo (``miss``). By seed.
 
     ``done`` counts what was done to whom: (kind, servo ID), to hold a driver's counters against it.
     """
@@ -20,11 +21,18 @@ class Disturbance:
     drop: float = 0.0
     flip: float = 0.0
     noise: float = 0.0
+    miss: float = 0.0
     done: Counter[tuple[str, int]] = field(default_factory=Counter)
     _random: random.Random = field(init=False)
 
     def __post_init__(self) -> None:
         self._random = random.Random(self.seed)
+
+    def reaches(self, servo_id: int) -> bool:
+        """Whether an instruction comes to this servo in one piece."""
+        missed = self.miss > 0.0 and self._random.random() < self.miss
+        self.done["miss", servo_id] += missed
+        return not missed
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
         """The reply as it comes out of the wire; at most one thing happens to it."""
@@ -77,6 +85,10 @@ class WireFaults:
     def is_silent(self, servo_id: int) -> bool:
         """Whether the servo is cut off."""
         return servo_id in self._silent
+
+    def hears(self, servo_id: int) -> bool:
+        """Whether the next instruction reaches the servo."""
+        return not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
         """A reply as it comes out of the wire."""

@@ -119,9 +119,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         """Servos that understand this baud and are there. The others hear garbage, or nothing."""
         faults = self.faults
         return [
-            servo
-            for servo in self.servos
-            if servo.baud == baud and not servo.deaf and not faults.is_silent(servo.servo_id)
+            servo for servo in self.servos if servo.baud == baud and not servo.deaf and faults.hears(servo.servo_id)
         ]
 
     @abstractmethod

@@ -50,6 +50,23 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
 
 
 @every_kind
+def test_requests_that_do_not_reach_every_servo_make_no_wrong_value(kind: Kind) -> None:
+    line = Line(kind)
+    truth = Truth(line)
+    line.faults.disturbance = done = Disturbance(seed=6, flip=0.02, noise=0.02, miss=0.03)
+    states = 0
+    for number in range(1000):
+        truth.number = number
+        for servo_id, reading in line.cycle().items():
+            if isinstance(reading, ServoState):
+                states += 1
+                assert truth.holds(servo_id, reading), (number, servo_id)
+    assert sum(count for (what, _), count in done.done.items() if what == "miss") > 100
+    assert line.bus.counters.faults()["silent"] > 100
+    assert states > 0.99 * 1000 * len(IDS)
+
+
+@every_kind
 def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
     line = Line(kind)
     account = line.account(3)
