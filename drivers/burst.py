@@ -35,6 +35,8 @@ class Burst(ABC, Generic[ReplyT]):
         self._echo = echo
         self._counters = counters
         self._owed = OwedReplies()
+        self.single_until_s: dict[int, float] = {}
+        """Until when the answer to a question to one servo alone may come, by servo (drivers/questions.py)."""
         self._whole_bursts: dict[tuple[int, ...], WholeBursts] = {}
         self.byte_s = BITS_PER_BYTE / port.baud
         self._busy_until_s = 0.0
@@ -124,7 +126,8 @@ class Burst(ABC, Generic[ReplyT]):
             self._counters.strange += what is None or reply.servo_id in outcome
             if what is not None:
                 outcome[reply.servo_id] = what
-                self._owed.answered((reply.servo_id,))
+                if not isinstance(what, ServoFault):  # a refusal may be that of an earlier question
+                    self._owed.answered((reply.servo_id,))
         corrupt, noise = hearing.spoiled()
         self._counters.noise += noise
         late = {servo_id for servo_id, _ in belated}
@@ -133,6 +136,11 @@ class Burst(ABC, Generic[ReplyT]):
                 outcome[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else "silent"
         self._count(outcome, hearing.sizes, belated)
         return outcome
+
+    def _doubted(self) -> frozenset[int]:
+        """Whose refusal may be that of an earlier question: it has no length to tell it by."""
+        now_s = self._clock.now()
+        return self._owed.servos() | {i for i, until_s in self.single_until_s.items() if until_s > now_s}
 
     def give_up(self, sizes: Mapping[int, int]) -> None:
         """Nobody will wait for these answers (bytes by servo), which are still on their way."""
@@ -155,9 +163,12 @@ class Burst(ABC, Generic[ReplyT]):
                 account.alarms += bool(what.alarms)
             elif what == "reset":  # it has answered, and owes nothing
                 account.reset += 1
+            elif isinstance(what, ServoFault):
+                account.refused += 1
+                if servo_id in self._doubted():
+                    self._owed.owe(servo_id, sizes[servo_id], now_s, "refused")
             else:
                 missed: Missed = "corrupt" if what == "corrupt" else "silent"
-                missed = "refused" if isinstance(what, ServoFault) else missed
                 account.missed(missed)
                 self._owed.owe(servo_id, sizes[servo_id], now_s, missed)
         for servo_id, counted in belated:

@@ -47,7 +47,6 @@ class ServoCounters:
         """A question ended without a value."""
         self.silent += counted_as == "silent"
         self.corrupt += counted_as == "corrupt"
-        self.refused += counted_as == "refused"
 
     def came_late(self, counted_as: str) -> None:
         """A reply that was given up as ``silent``, ``corrupt`` or ``refused`` came after all."""

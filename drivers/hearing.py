@@ -15,6 +15,8 @@ class Hearing(Generic[ReplyT]):
     overhead: int
     """Bytes of a reply beside its data."""
     decoder: Decoder[ReplyT]
+    doubted: frozenset[int] = frozenset()
+    """Whose refusal ends nothing: it may be that of an earlier question, and the answer to this one on its way."""
     replies: list[ReplyT] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 
@@ -28,12 +30,15 @@ class Hearing(Generic[ReplyT]):
 
     def _take(self, replies: Sequence[ReplyT]) -> None:
         self.replies += replies
-        self.answered.update(reply.servo_id for reply in replies if self.fits(reply))
+        self.answered.update(reply.servo_id for reply in replies if self.fits(reply) and not self._is_doubtful(reply))
 
     def fits(self, reply: ReplyT) -> bool:
         """Whether the reply is one to this question, by its size; one that refuses it may be of any."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
+
+    def _is_doubtful(self, reply: ReplyT) -> bool:
+        return reply.servo_id in self.doubted and self.decoder.refuses(reply)
 
     def lacking(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes to wait for; 0 when the last of them has answered."""

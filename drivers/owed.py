@@ -47,7 +47,7 @@ class OwedReplies:
     """Replies that were asked for and have not come.
 
     A corrupt one is owed too: the garbage may have been somebody else's, and its own answer yet to come. So is one in
-    whose place a refusal came: that has no length, and may have been the answer to an earlier question.
+    whose place a refusal came while others were owed: that has no length, and may have been the answer to those.
     """
 
     def __init__(self) -> None:
@@ -88,6 +88,10 @@ class OwedReplies:
     def doubtful(self, sizes: Mapping[int, int]) -> bool:
         """Whether a reply of a size that was asked for just now, by servo, may be one that was owed."""
         return any(self._first_s(servo_id, sizes[servo_id]) is not None for servo_id in self._owed.keys() & sizes)
+
+    def servos(self) -> frozenset[int]:
+        """Who owes anything."""
+        return frozenset(self._owed)
 
     def sizes(self) -> frozenset[int]:
         """The sizes of all replies that may still come."""

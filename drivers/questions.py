@@ -48,14 +48,17 @@ class Questions:
         counters: BusCounters,
         dialect: Dialect,
         before: Callable[[], None],
+        owed_until_s: dict[int, float],
     ) -> None:
-        """``before`` is called before anything is sent."""
+        """``before`` is called before anything is sent. ``owed_until_s``: until when an answer may still come, by
+        servo; who reads states on this line must know that too.
+        """
         self._port = port
         self._clock = clock
         self._counters = counters
         self._dialect = dialect
         self._before = before
-        self._owed_until_s: dict[int, float] = {}
+        self._owed_until_s = owed_until_s
         self._sdk_port = SdkPort(port, clock, echo)
 
     @property

@@ -64,7 +64,7 @@ def refuse_stranger(servo_id: int, number: int, model: ServoModel, models: Mappi
     raise ServoRefused(
         servo_id,
         f"is model {number} ({known}), not {model.number} ({model.name}): "
-        "correct the model in the robot file or swap the servo",
+        "correct the model that it is said to be, or swap the servo",
     )
 
 

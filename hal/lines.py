@@ -204,7 +204,7 @@ def _refuse_short_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
 def _advice(joint: Joint, lowest: int, highest: int) -> str:
     """What the joint's limits may be, in joint units to six digits, rounded inwards."""
     if lowest >= highest:
-        return "correct zero_counts: the two have nothing in common"
+        return "correct zero_counts: the two hardly overlap"
     lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
     return (
         f"narrow the joint's in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"

@@ -216,13 +216,12 @@ class ServoHardware:
     def _hold_goals(self, lines: Lines) -> None:
         """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""
         goals = {name: ServoGoal(counts) for name, counts in self._goals.items()}
-        for _ in range(ATTEMPTS - 1):
+        for _ in range(ATTEMPTS):
             lines.write_goals(goals)
-            if all(lines.goal(joint) == self._goals[joint.name] for joint in self._joints):
+            wrong = [joint for joint in self._joints if lines.goal(joint) != self._goals[joint.name]]
+            if not wrong:
                 return
-        lines.write_goals(goals)
-        for joint in self._joints:
-            self._confirm_goal(lines, joint)
+        self._confirm_goal(lines, wrong[0])
 
     def _confirm_goal(self, lines: Lines, joint: Joint) -> None:
         held, wanted = lines.goal(joint), self._goals[joint.name]
@@ -234,15 +233,19 @@ class ServoHardware:
     def _torque_on(self, lines: Lines, joint: Joint) -> None:
         """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
 
-        Its limit is RAM as well, and goes with the goal.
+        That takes time, in which limp joints may move: those that have no torque yet are measured once more.
         """
+        later = self._joints[self._joints.index(joint) :]
         for _ in range(ATTEMPTS - 1):
             try:
                 lines.torque_on(joint)
                 return
             except (ServoSilent, ServoCorrupt):
                 self._confirm_goal(lines, joint)
+                measured = self._measure_all(lines)
+                self._goals |= {each.name: self._start_goal(each, measured[each.name]) for each in later}
                 lines.limit_torque(joint)
+                self._hold_goals(lines)
         lines.torque_on(joint)
 
     def _called(self, joint: Joint) -> str:

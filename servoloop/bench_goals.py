@@ -28,6 +28,10 @@ _KNOWN: Final = _NUMBERS | frozenset(map(_turned, _NUMBERS))
 """Also those of the other byte order, as a servo of another series would seem to say."""
 
 
+class Mute(ServoError):
+    """It gives its state together with others, and answers no question that it is asked by itself."""
+
+
 def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
     """Give each servo the goal that it has already, and return these goals.
 
@@ -38,18 +42,25 @@ def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> d
     states = who_answers(bus, servo_ids)
     goals: dict[int, ServoGoal] = {}
     strangers: list[ServoRefused] = []
+    mute: list[Mute] = []
     for servo_id, state in states.items():
         try:
             goal = _goal(bus, servo_id, model, state)
         except ServoRefused as error:
             strangers.append(error)
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+        except Mute as error:
+            mute.append(error)
         except ServoError as error:
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
         else:
             goals |= {servo_id: goal} if goal else {}
     if len(strangers) == len(states):
         raise strangers[0]
+    if len(mute) == len(states):  # a simulator, for no servo is so: the user's word is taken
+        goals = {servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()}
+    for one in mute if len(mute) < len(states) else ():
+        LOG.warning("%s: %s. It is read and gets no goal", bus.name, one)
     if goals:
         bus.write_goals(goals)
     bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
@@ -80,9 +91,8 @@ def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) ->
     here, elsewhere = model_numbers(model)
     try:
         number = tried(partial(bus.read, servo_id, here))
-    except ServoSilent:
-        # A simulator that answers group reads and no others, for no servo does so: the user's word is taken.
-        return ServoGoal(state.position_counts)
+    except ServoSilent as error:
+        raise Mute(servo_id, "answers group reads and no others") from error
     try:
         bus.identify(servo_id, model)
     except ServoRefused as error:

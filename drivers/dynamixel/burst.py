@@ -157,7 +157,9 @@ class BurstReader(Burst[wire.Reply]):
             return self._hear_broken(plan, data, deadline_s)
         size = min(plan.sizes.values())
         decoder = wire.ReplyDecoder(size, self._owed.sizes().union(plan.sizes.values()) - {size})
-        return self._listen_on(Hearing(plan.sizes, wire.OVERHEAD, decoder), firm, tried, data, deadline_s)
+        return self._listen_on(
+            Hearing(plan.sizes, wire.OVERHEAD, decoder, self._doubted()), firm, tried, data, deadline_s
+        )
 
     def _look_whether_steady(self, plan: Plan) -> None:
         """Whether a cycle asks them like this as long as all is well."""

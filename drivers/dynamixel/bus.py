@@ -49,7 +49,7 @@ class DynamixelBus(ServoCalls):
         self._counters = BusCounters()
         echo, servos = Echo(), Servos(self._models)
         self._burst = BurstReader(port, clock, echo, self._counters, servos)
-        questions = Questions(port, clock, echo, self._counters, dialect(), self._disturb)
+        questions = Questions(port, clock, echo, self._counters, dialect(), self._disturb, self._burst.single_until_s)
         super().__init__(Wire(questions), servos, self._burst.send, position_p or {})
         self._maps = Maps(servos, self._single, port, clock)
         self._reader = StateReader(port, clock, self._burst, self._counters)

@@ -40,7 +40,7 @@ class FeetechBus(SingleCalls):
         self._absent = AbsenceWatch()
         # No status bit refuses an instruction: all are alarms.
         talk = dialect(PacketHandler(0), 0, sts.alarms, 0)
-        questions = Questions(port, clock, self._echo, self._counters, talk, self._disturb)
+        questions = Questions(port, clock, self._echo, self._counters, talk, self._disturb, self._burst.single_until_s)
         super().__init__(SingleServo(questions, _ORDER, reboots=True))
 
     @property

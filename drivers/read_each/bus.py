@@ -48,7 +48,7 @@ class ReadEachBus(SingleCalls):
         self._goal_of = {servo_id: series.goal_of(model) for servo_id, model in models.items()}
         self._absent = AbsenceWatch()
         talk = dialect(series.sdk(), series.refusals, series.alarms, series.came_broken)
-        self._questions = Questions(port, clock, echo, self._counters, talk, self._disturb)
+        self._questions = Questions(port, clock, echo, self._counters, talk, self._disturb, self._line.single_until_s)
         super().__init__(SingleServo(self._questions, series.byte_order, reboots=series.reboots))
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()

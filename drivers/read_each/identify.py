@@ -16,7 +16,7 @@ def identify(single: SingleServo, series: Series, servo_id: int, model: ServoMod
         raise ServoRefused(
             servo_id,
             f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
-            "correct the model in the robot file or swap the servo",
+            "correct the model that it is said to be, or swap the servo",
         )
 
 

@@ -81,7 +81,7 @@ class Line(Burst[wire.Reply]):
             self.give_up(dict.fromkeys(servo_ids, size))
             raise
         decoder = wire.ReplyDecoder(size, self._owed.sizes() - {size}, self._refusals)
-        hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder)
+        hearing = Hearing(dict.fromkeys(servo_ids, size), wire.OVERHEAD, decoder, self._doubted())
         self._listen(hearing, servo_ids, sent, begin_s + len(sent) * self.byte_s, firm, deadline_s)
         noise = self._counters.noise
         outcome = self._judge(hearing)

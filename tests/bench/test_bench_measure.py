@@ -226,6 +226,12 @@ def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
     assert measure(bus, clock, IDS, goals, 20).faults["silent"] == 0
 
 
+def test_one_that_is_mute_among_others_is_no_simulator() -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    line.servo(7).answer = lambda instruction: None  # type: ignore[method-assign]
+    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
+
+
 def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     for servo in line.servos:

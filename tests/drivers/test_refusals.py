@@ -13,7 +13,10 @@ from drivers.errors import ServoRefused
 from drivers.feetech import wire
 from drivers.owed import OWED_S
 from sim_backend.dynamixel_wire import status_packet
+from sim_backend.line import Reply
+from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, mixed
+from tests.drivers.ports import WatchedPort
 
 RESULT_FAIL, NO_ACCESS = 1, 7
 
@@ -100,6 +103,73 @@ def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last
     account = line.account(4)
     assert account.replies >= 8
     assert account.silent + account.late + account.refused + account.corrupt >= 2
+
+
+@pytest.mark.parametrize("arrives", [(2, 4), (3, 5), (3, 6), (4, 7), (5, 6)], ids=str)
+@pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
+def test_a_refusal_does_not_make_of_what_is_still_to_come_what_will_not_come(
+    kind: Kind, arrives: tuple[int, int]
+) -> None:
+    """Replies keep their order, and two are held back: a refusal in cycle 1 and the answer in cycle 2."""
+    line = Line(kind, WatchedPort)
+    port = line.port
+    assert isinstance(port, WatchedPort)
+    truth = Truth(line)
+    line.bus.read_states((4,), line.clock.now() + 0.004)
+    start_s = line.clock.now() + 0.02
+    for number in range(1, 12):
+        truth.number = 10 * number
+        line.clock.sleep_until(start_s + 0.02 * number)
+        comes = dict(enumerate(arrives, 1)).get(number, max(number, arrives[1] + 1) if number <= arrives[1] else number)
+        port.hold_s = (comes - number) * 0.02
+        end = refuse(line, 4, 0x10 if kind in (AX, MX) else RESULT_FAIL) if number == 1 else None
+        reading = line.bus.read_states((4,), line.clock.now() + 0.003)[4]
+        assert not isinstance(reading, ServoState) or truth.holds(4, reading), number
+        if end:
+            end()
+            truth = Truth(line)
+
+
+class BytePort(VirtualPort):
+    """Bytes come one by one, as on a line."""
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        new = [self._coming.pop() for _ in range(len(self._coming) - before)][::-1]
+        byte_s = 10.0 / self.baud
+        for reply in new:
+            last = len(reply.data) - 1
+            self._coming += [
+                Reply(max(reply.due_s - (last - at) * byte_s, self._clock.now()), reply.data[at : at + 1])
+                for at in range(last + 1)
+            ]
+
+
+@pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
+@pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
+def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple[int, ...]) -> None:
+    """What is asked again while it is on the wire is lost, and the answer too."""
+    line = Line(kind, BytePort)
+    write = line.port.write
+    early: list[bytes] = []
+
+    def watched(data: bytes) -> None:
+        early.extend([data] if line.servos._free_s > line.clock.now() + 1e-9 else [])
+        write(data)
+
+    line.port.write = watched  # type: ignore[method-assign]
+    for number in range(6):
+        end = None
+        if number == 3:
+            line.faults.delay_next(4)
+            end = refuse(line, 4, 0x10 if kind in (AX, MX) else RESULT_FAIL)
+        begin_s = line.clock.now()
+        line.bus.read_states(asked, begin_s + (0.0005 * len(asked) + 0.0035 if number == 3 else 0.016))
+        if end:
+            end()
+        line.clock.sleep_until(begin_s + 0.02)
+    assert early == []
 
 
 def test_a_servo_that_refuses_does_not_end_the_fast_reads_of_the_others() -> None:
