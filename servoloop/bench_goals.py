@@ -45,7 +45,7 @@ def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> d
     mute: list[Mute] = []
     for servo_id, state in states.items():
         try:
-            goal = _goal(bus, servo_id, model, state)
+            goal = _goal(bus, servo_id, model, state, patient=not mute)
         except ServoRefused as error:
             strangers.append(error)
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
@@ -86,11 +86,15 @@ def _why_nobody(bus: ServoBus, servo_ids: Sequence[int]) -> str:
     return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 
 
-def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState) -> ServoGoal | None:
-    """None for one that must not have any. Raises ServoRefused for one with another table, ServoError otherwise."""
+def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState, *, patient: bool) -> ServoGoal | None:
+    """None for one that must not have any. Raises ServoRefused for one with another table, ServoError otherwise.
+
+    ``patient``: no other has been mute yet. Where one has, all may be, and a second look at each would take long.
+    """
     here, elsewhere = model_numbers(model)
+    question = partial(bus.read, servo_id, here)
     try:
-        number = tried(partial(bus.read, servo_id, here))
+        number = tried(question) if patient else question()
     except ServoSilent as error:
         raise Mute(servo_id, "answers group reads and no others") from error
     try:

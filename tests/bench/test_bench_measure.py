@@ -223,6 +223,7 @@ def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
     bus = FeetechBus(Numberless(servos(), clock), clock)
     goals = stand_still(bus, IDS, sts.STS3215)
     assert set(goals) == set(IDS)
+    assert clock.now() < 4.0
     assert measure(bus, clock, IDS, goals, 20).faults["silent"] == 0
 
 
