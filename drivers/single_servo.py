@@ -16,7 +16,6 @@ from dynamixel_sdk import (
 from drivers.errors import DriverError, ServoRefused
 from drivers.questions import Dialect, Questions
 from drivers.registers import ByteOrder, Register
-from drivers.tries import SureCalls
 
 
 def dialect(sdk: Any, refusals: int, alarms: Callable[[int], tuple[str, ...]], broken: int) -> Dialect:
@@ -87,43 +86,3 @@ class SingleServo:
     def broadcast_ping(self) -> tuple[int, ...]:
         """There is none."""
         raise DriverError("servos of this protocol would all answer a broadcast ping at once: ping each ID by itself")
-
-
-class SingleCalls(SureCalls):
-    """The calls of a ServoBus to one servo that go straight to the SDK."""
-
-    def __init__(self, single: SingleServo) -> None:
-        super().__init__(single.until)
-        self._single = single
-
-    def ping(self, servo_id: int) -> None:
-        """Raise ServoSilent unless it is there."""
-        self._single.ping(servo_id)
-
-    def broadcast_ping(self) -> tuple[int, ...]:
-        """Raise DriverError: there is none."""
-        return self._single.broadcast_ping()
-
-    def read(self, servo_id: int, register: Register) -> int:
-        """One register."""
-        return self._single.read(servo_id, register)
-
-    def write(self, servo_id: int, register: Register, value: int) -> None:
-        """One register, acknowledged."""
-        self._single.write(servo_id, register, value)
-
-    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
-        """``write`` at the next ``action``."""
-        self._single.reg_write(servo_id, register, value)
-
-    def action(self) -> None:
-        """Of all servos."""
-        self._single.action()
-
-    def reboot(self, servo_id: int) -> None:
-        """As if its supply were switched off and on."""
-        self._single.reboot(servo_id)
-
-    def factory_reset(self, servo_id: int) -> None:
-        """All settings."""
-        self._single.factory_reset(servo_id)

@@ -11,7 +11,8 @@ from drivers.dynamixel.servos import Servos
 from drivers.errors import ServoError
 from drivers.questions import Dialect, Questions
 from drivers.registers import Register
-from drivers.tries import SureCalls, tried_with_each
+from drivers.single_calls import SingleCalls
+from drivers.tries import tried_with_each
 
 ORDER: Final = "little"
 
@@ -40,6 +41,10 @@ class Wire:
         said = self._questions.ask(servo_id, [0, 0, 0, 0, servo_id, 3, 0, wire.PING, 0, 0], 3, "a ping")
         return int.from_bytes(said[:2], ORDER)
 
+    def ping(self, servo_id: int) -> None:
+        """Raise ServoSilent unless it is there."""
+        self.number(servo_id)
+
     def read(self, servo_id: int, register: Register) -> int:
         """What the register holds."""
         # Not the SDK's readTxRx: of a reply that is too short, it takes the checksum for data.
@@ -64,8 +69,15 @@ class Wire:
         request = [0, 0, 0, 0, servo_id, 4, 0, wire.FACTORY_RESET, wire.KEEP_ID_AND_BAUD, 0, 0]
         self._questions.ask(servo_id, request, 0, "a factory reset")
 
-    def write(self, servo_id: int, register: Register, value: int, instruction: int = wire.WRITE) -> None:
+    def write(self, servo_id: int, register: Register, value: int) -> None:
         """Make the register hold ``value``. ValueError, and nothing is sent, where it does not fit."""
+        self._write(wire.WRITE, servo_id, register, value)
+
+    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
+        """``write`` at the next ``action``."""
+        self._write(wire.REG_WRITE, servo_id, register, value)
+
+    def _write(self, instruction: int, servo_id: int, register: Register, value: int) -> None:
         # Not the SDK's writeTxRx, which takes any reply of the servo for the acknowledgement, a late one too.
         # Stuffed here, for the SDK computes that and then sends the packet without it.
         data = wire.stuffed(register.encode(value, ORDER))
@@ -73,48 +85,16 @@ class Wire:
         self._questions.ask(servo_id, [*head, *register.address.to_bytes(2, ORDER), *data, 0, 0], 0, register.name)
 
 
-class ServoCalls(SureCalls):
+class ServoCalls(SingleCalls):
     """The single-servo calls of a ServoBus: each servo's goal, torque and limit in the registers that it has for it."""
 
     def __init__(self, single: Wire, servos: Servos, send: Callable[[bytes], None], gains: Mapping[int, int]) -> None:
         """``send`` takes a packet that nobody answers; ``gains`` are position P gains by ID."""
-        super().__init__(single.until)
+        super().__init__(single)
         self._single = single
         self._servos = servos
         self._send = send
         self._gains = dict(gains)
-
-    def read(self, servo_id: int, register: Register) -> int:
-        """One register of one servo."""
-        return self._single.read(servo_id, register)
-
-    def write(self, servo_id: int, register: Register, value: int) -> None:
-        """One register of one servo, acknowledged."""
-        self._single.write(servo_id, register, value)
-
-    def ping(self, servo_id: int) -> None:
-        """Raise ServoSilent unless it is there."""
-        self._single.number(servo_id)
-
-    def broadcast_ping(self) -> tuple[int, ...]:
-        """Who is there."""
-        return self._single.broadcast_ping()
-
-    def reg_write(self, servo_id: int, register: Register, value: int) -> None:
-        """``write`` at the next ``action``."""
-        self._single.write(servo_id, register, value, wire.REG_WRITE)
-
-    def action(self) -> None:
-        """Of all servos."""
-        self._single.action()
-
-    def reboot(self, servo_id: int) -> None:
-        """As if its supply were switched off and on."""
-        self._single.reboot(servo_id)
-
-    def factory_reset(self, servo_id: int) -> None:
-        """All settings but ID and baud rate."""
-        self._single.factory_reset(servo_id)
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""

@@ -21,7 +21,8 @@ from drivers.port import Port
 from drivers.questions import Questions
 from drivers.readings import RETRIES, Outcome, count_skipped, port_at, readings_of
 from drivers.registers import ServoModel
-from drivers.single_servo import SingleCalls, SingleServo, dialect
+from drivers.single_calls import SingleCalls
+from drivers.single_servo import SingleServo, dialect
 from drivers.tries import tried_with_each
 from drivers.turns import Steps, Wait, finish
 
@@ -41,7 +42,8 @@ class FeetechBus(SingleCalls):
         # No status bit refuses an instruction: all are alarms.
         talk = dialect(PacketHandler(0), 0, sts.alarms, 0)
         questions = Questions(port, clock, self._echo, self._counters, talk, self._disturb, self._burst.single_until_s)
-        super().__init__(SingleServo(questions, _ORDER, reboots=True))
+        self._single = SingleServo(questions, _ORDER, reboots=True)
+        super().__init__(self._single)
 
     @property
     def name(self) -> str:

@@ -20,7 +20,8 @@ from drivers.read_each.line import RETRY_GAP_S, Line
 from drivers.read_each.series import series_of
 from drivers.readings import RETRIES, Outcome, count_skipped, fault, port_at, readings_of
 from drivers.registers import Register, ServoModel
-from drivers.single_servo import SingleCalls, SingleServo, dialect
+from drivers.single_calls import SingleCalls
+from drivers.single_servo import SingleServo, dialect
 from drivers.tries import tried_with_each
 from drivers.turns import Steps, finish
 
@@ -49,7 +50,8 @@ class ReadEachBus(SingleCalls):
         self._absent = AbsenceWatch()
         talk = dialect(series.sdk(), series.refusals, series.alarms, series.came_broken)
         self._questions = Questions(port, clock, echo, self._counters, talk, self._disturb, self._line.single_until_s)
-        super().__init__(SingleServo(self._questions, series.byte_order, reboots=series.reboots))
+        self._single = SingleServo(self._questions, series.byte_order, reboots=series.reboots)
+        super().__init__(self._single)
         self._bulk = bool(models) and all(model in series.bulk_models for model in models.values())
         self._unasked: set[int] = set()
         """Whom the last cycle had no time for: the next begins with them."""
