@@ -73,7 +73,7 @@ def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
     for kind in (X_KINDS[0], AX):
         line = Line(kind)
         refuse(line, 4, 0)
-        assert set(line.missing().items()) <= {(4, "silent"), (4, "corrupt")} != set()
+        assert line.missing() in ({4: "silent"}, {4: "corrupt"})
         assert line.account(4).refused == 0
 
 
