@@ -13,7 +13,7 @@ import serial
 from bench.peers import Client
 from drivers.errors import DriverError
 from drivers.port import Port
-from drivers.serial_port import LARGEST_VMIN, SerialPort
+from drivers.port.serial_port import LARGEST_VMIN, SerialPort
 
 Step = bytes | int
 """Bytes to send, or how many to wait for."""
@@ -91,7 +91,10 @@ def _taken(read: Callable[[int, int], bytes], fd: int, size: int) -> int:
     taken = 0
     try:
         while taken < size:
-            taken += len(read(fd, size - taken))
+            piece = read(fd, size - taken)
+            if not piece:
+                raise DriverError("the simulator is gone")
+            taken += len(piece)
     except BlockingIOError:
         pass
     return taken

@@ -7,8 +7,6 @@ turns, round by round, so that whatever else the machine does hits all of them; 
 import argparse
 import gc
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,12 +17,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import clients, dynamixel_clients
-from bench.arguments import positive
+from bench.arguments import in_words, positive
+from bench.children import child
 from bench.peers import Client
-from drivers.bus import ServoGoal
-from drivers.dynamixel import wire as dynamixel_wire
-from drivers.dynamixel.models import X
-from drivers.feetech import state, wire
+from drivers.servos.dynamixel import X
+from drivers.servos.feetech import STS
 from servoloop.realtime import on_one_processor
 
 BAUD = 1_000_000
@@ -32,6 +29,7 @@ CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]]
     "feetech": clients.CLIENTS,
     "dynamixel": dynamixel_clients.CLIENTS,
 }
+SERIES = {"feetech": STS, "dynamixel": X}
 MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
 """Every client can send their goals in one packet."""
 WARM_UP = 50
@@ -45,15 +43,8 @@ def simulator(ids: str, *options: str) -> Iterator[str]:
     """A bus in a process of its own; yields the path of its line."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         link = str(Path(folder) / "bus")
-        command = [sys.executable, "-m", "bench.simulator", link, "--ids", ids, *options]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None
-        process.stdout.readline()
-        try:
+        with child("-m", "bench.simulator", link, "--ids", ids, *options):
             yield link
-        finally:
-            process.kill()
-            process.communicate()
 
 
 def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
@@ -112,15 +103,13 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: floa
 
 def wire_us(make: str, servos: int) -> float:
     """The wire's own time for one cycle's bytes, as all but our own fast way send them: goals, question, answers."""
-    ids = range(1, servos + 1)
-    if make == "dynamixel":
-        block, data = X.blocks[0], X.goal(ServoGoal(0))
-        goals = len(dynamixel_wire.sync_write(X.goal_address, len(data), dict.fromkeys(ids, data)))
-        question = len(dynamixel_wire.sync_read(ids, block.address, block.size))
-        return (goals + question + (block.size + dynamixel_wire.OVERHEAD) * servos) * 1e7 / BAUD
-    goals = state.goals_size(servos)
-    question = len(wire.sync_read(ids, state.STATE_ADDRESS, state.STATE_SIZE))
-    return (goals + question + (state.STATE_SIZE + wire.OVERHEAD) * servos) * 1e7 / BAUD
+    series = SERIES[make]
+    block, packets = series.blocks[0], series.protocol.packets
+    entry = bytes(1 + series.goal_size)
+    goals = len(packets.sync_write(series.goal_address, series.goal_size, [entry] * servos))
+    question = len(packets.sync_read(range(1, servos + 1), block.address, block.size))
+    bits: float = 10.0 * (goals + question + (block.size + packets.OVERHEAD) * servos)
+    return bits * 1e6 / BAUD
 
 
 def main() -> None:
@@ -143,4 +132,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with in_words():
+        main()

@@ -10,12 +10,11 @@ import random
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from bench.arguments import positive
-from drivers.decoder import AnyReply, Decoder
-from drivers.dynamixel import wire as protocol2
-from drivers.feetech import wire as feetech
+from drivers.protocol import v1 as feetech
+from drivers.protocol import v2 as protocol2
+from drivers.protocol.decoder import Decoder, Reply
 
 DATA_SIZE = 8
 CONTENT = bytes(range(DATA_SIZE))
@@ -31,16 +30,16 @@ PROBED = 100
 class Kind:
     """A decoder, and what it is flooded with."""
 
-    decoder: Callable[[], Decoder[Any]]
+    decoder: Callable[[], Decoder]
     frame: Callable[[int, int, bytes], bytes]
     """A good reply of ID, error and data."""
-    stands: Callable[[bytes, AnyReply], bool]
+    stands: Callable[[bytes, Reply], bool]
     """Whether a reply stands in these bytes with its checksum. Nothing of the driver's judges that."""
     tricky: bytes
     """Eight bytes that frames are made of."""
 
 
-def stands_in_feetech(seen: bytes, reply: AnyReply) -> bool:
+def stands_in_feetech(seen: bytes, reply: Reply) -> bool:
     """The only bytes from which it may have been read, spelled out as the manual does."""
     body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
     return b"\xff\xff" + body + bytes((255 - sum(body) % 256,)) in seen
@@ -56,7 +55,7 @@ def crc_bit_by_bit(data: bytes) -> int:
     return crc
 
 
-def stands_in_protocol2(seen: bytes, reply: AnyReply) -> bool:
+def stands_in_protocol2(seen: bytes, reply: Reply) -> bool:
     """Stuffed in whatever way: each packet in these bytes is read."""
     head = b"\xff\xff\xfd\x00" + bytes((reply.servo_id,))
     says = bytes((0x55, reply.error)) + reply.data

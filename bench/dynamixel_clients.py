@@ -5,28 +5,30 @@ from collections.abc import Callable, Sequence
 from bench import peers
 from bench.bare import bare
 from bench.peers import Client, Work
-from drivers.bus import ServoFault, ServoGoal
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
-from drivers.dynamixel import x_series
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.models import X
 from drivers.port import Port
-from drivers.serial_port import SerialPort
+from drivers.port.serial_port import SerialPort
+from drivers.servos.dynamixel import X
+from drivers.servos.x import XL430_W250
 
-WORK = Work(X.blocks[0].address, X.blocks[0].size, X.goal_address, X.goal(ServoGoal(2048)))
+WORK = Work(X.blocks[0].address, X.blocks[0].size, X.goal_address, X.goal_of(1, XL430_W250)(ServoGoal(2048))[1:])
 
 
 def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Client:
     clock = MonotonicClock()
-    bus = DynamixelBus(port, clock, dict.fromkeys(servo_ids, x_series.XL430_W250))
+    bus = Bus(port, clock, dict.fromkeys(servo_ids, XL430_W250))
     if identified:
         for servo_id in servo_ids:
-            bus.identify(servo_id, x_series.XL430_W250)
+            bus.identify(servo_id, XL430_W250)
         bus.read_states(servo_ids)  # finds out whether they answer fast sync reads
     goals = {i: ServoGoal(2048) for i in servo_ids}
 
     def cycle() -> bool:
-        readings = bus.exchange(goals, servo_ids, clock.now() + 0.05)
+        bus.request(servo_ids, clock.now() + 0.05)
+        readings = bus.receive()
+        bus.write_goals(goals)
         return ServoFault not in set(map(type, readings.values()))
 
     return cycle, bus.close

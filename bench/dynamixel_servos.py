@@ -1,7 +1,7 @@
 """X series servos for ``bench.simulator``: memory with indirect registers, group reads, no physics, no firmware."""
 
-from drivers.dynamixel import wire
-from drivers.dynamixel.crc import crc16
+from drivers.protocol import v2 as wire
+from drivers.protocol.crc import crc16
 
 PING, READ, WRITE = 1, 2, 3
 XL430 = 1060
@@ -26,7 +26,7 @@ def _table() -> bytearray:
 
 
 class DynamixelServos:
-    """What the servos answer to a packet; replies to group reads are kept until a register is written."""
+    """The servos behind one line; replies to group reads are kept until a register is written."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         self.ids = servo_ids
@@ -40,7 +40,7 @@ class DynamixelServos:
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
-        """From now on these do not answer."""
+        """Silence these servos from now on."""
         self.silent = silent
         self._kept.clear()
 
@@ -84,7 +84,7 @@ class DynamixelServos:
         return reply
 
     def _shown(self, servo_id: int, address: int, size: int) -> bytes:
-        """The registers as they are read: a cell shows the byte that its pointer names."""
+        """The registers as a client reads them: a cell shows the byte that its pointer names."""
         table = self._tables[servo_id]
         return bytes(table[self._place(table, at)] for at in range(address, address + size))
 

@@ -1,4 +1,4 @@
-"""What the ROS 2 surface costs and how prompt it is: ``python -m bench.ros [--seconds 600]``.
+"""The cost of the ROS 2 surface, and how prompt it is: ``python -m bench.ros [--seconds 600]``.
 
 The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
 its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First
@@ -33,7 +33,8 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from nodes.session import client_session
+from nodes.client_node import client_node
+from servoloop.processes import end, end_with_parent
 from servoloop.realtime import claim_realtime_priority
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]
@@ -55,7 +56,7 @@ UPSTREAM = {
 
 @dataclass(slots=True)
 class Figures:
-    """Everything that was measured; seconds, but for ``cpu_share`` (of a core) and ``memory_mb``."""
+    """All measured figures; seconds, but for ``cpu_share`` (of a core) and ``memory_mb``."""
 
     cpu_share: float = 0.0
     busy_cpu_share: float = 0.0
@@ -69,7 +70,7 @@ class Figures:
 
 
 def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """One point (rad), as most clients send it."""
+    """A goal of one point (rad), as most clients send it."""
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = JOINTS
     point = JointTrajectoryPoint(positions=list(position))
@@ -99,7 +100,7 @@ class Client:
             self._executor.spin_once(timeout_sec=left_s)
 
     def go(self, position: Sequence[float], seconds: float, cancel_after_s: float | None) -> None:
-        """One goal to its end; cancelled on its way where ``cancel_after_s`` says so."""
+        """Send one goal and wait for its end; it is cancelled on its way where ``cancel_after_s`` says so."""
         goal = goal_to(position, seconds)
         self.spin(random.uniform(0.0, PERIOD_S))  # at any point of the cycle
         sent_s = self._waiting_since_s = time.perf_counter()
@@ -140,21 +141,22 @@ def stack() -> Iterator[psutil.Process]:
         ready, log = Path(folder) / "ready", Path(folder) / "log"
         command = [sys.executable, "-m", "servoloop", "up", "--hardware", "mock", "--ready-file", str(ready)]
         with log.open("wb") as out:
-            process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+            process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, preexec_fn=end_with_parent)
         try:
+            deadline_s = time.monotonic() + PATIENCE_S
             while not ready.exists():
                 assert process.poll() is None, log.read_text()
+                assert time.monotonic() < deadline_s, f"the stack is not ready within {PATIENCE_S:.0f} s"
                 time.sleep(0.05)
             yield psutil.Process(process.pid)
         finally:
-            process.terminate()
-            process.wait()
+            end(process)
 
 
 def measure(idle_s: float, goals_s: float) -> Figures:
-    """Run it all."""
+    """Run all measurements."""
     figures = Figures()
-    with stack() as process, client_session("bench_ros") as (node, executor):
+    with stack() as process, client_node("bench_ros") as (node, executor):
         client = Client(node, executor, figures)
         client.spin(SETTLE_S)
         figures.cpu_share = _cpu_share(process, lambda: client.spin(idle_s))
@@ -187,7 +189,7 @@ def _quantiles(values: Sequence[float], scale: float, shares: Sequence[float]) -
 
 
 def show(console: Console, figures: Figures) -> None:
-    """One table."""
+    """Print one table."""
     periods = [b - a for a, b in zip(figures.stamps_s, figures.stamps_s[1:], strict=False)]
     middle_s = statistics.median(periods)
     deviations = [abs(period - middle_s) for period in periods]

@@ -13,7 +13,7 @@ from pathlib import Path
 from bench.arguments import free_path, positive, silence
 from bench.dynamixel_servos import DynamixelServos
 from drivers.errors import DriverError
-from drivers.feetech import wire
+from drivers.protocol import v1 as wire
 from servoloop.bench_bus import parse_ids
 
 PING, READ, WRITE = 1, 2, 3
@@ -26,7 +26,7 @@ GRANULE_S = 0.0003
 
 
 class Servos:
-    """What the servos answer to a packet; replies are kept once they are made."""
+    """The servos behind one line; replies are kept once they are made."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         self.ids = servo_ids
@@ -51,7 +51,7 @@ class Servos:
         return kept
 
     def silence(self, silent: set[int]) -> None:
-        """From now on these do not answer."""
+        """Silence these servos from now on."""
         self.silent = silent
         self._kept.clear()
 

@@ -6,8 +6,6 @@ ports overlapping, and one port after the other. Exits 1 if a cycle was missed w
 """
 
 import argparse
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,15 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench import simulator
-from bench.arguments import free_path, positive
+from bench.arguments import free_path, in_words, positive
+from bench.children import child
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
-from drivers.bus import Reading, ServoBus
+from controller.manager.manager import ControllerManager
+from drivers.bus.bus import Bus
+from drivers.bus.types import Reading
 from drivers.clock import MonotonicClock
-from drivers.feetech import sts
-from drivers.feetech.bus import FeetechBus
-from drivers.serial_port import SerialPort
-from drivers.turns import Steps, Wait, finish
+from drivers.port.serial_port import SerialPort
+from drivers.servos import sts
+from hal.components import Components
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits, JointState
@@ -39,29 +38,35 @@ LIMITS = JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)
 JOINTS = tuple(Joint(f"{bus}{i}", i, sts.STS3215, LIMITS, bus=bus) for bus in BUSES for i in IDS)
 
 
-class ApartBus(FeetechBus):
-    """Asks and waits in one step: what two ports are without overlapping."""
+class ApartBus(Bus):
+    """A bus that asks and waits in one step: what two ports are without overlapping."""
 
-    def state_steps(self, servo_ids: Sequence[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
-        yield Wait.LAST
-        return finish(super().state_steps(servo_ids, deadline_s))
+    def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
+        self._later = servo_ids, deadline_s
+
+    def receive(self) -> Mapping[int, Reading]:
+        super().request(*self._later)
+        return super().receive()
 
 
 class TimedHardware(ServoHardware):
-    """Notes how long each read takes."""
+    """Hardware that notes how long each read takes."""
 
     reads_s: list[float]
 
-    def reading(self) -> Steps[JointState]:
-        begin_s = time.perf_counter()
-        state = yield from super().reading()
-        self.reads_s.append(time.perf_counter() - begin_s)
+    def request(self, deadline_s: float | None = None) -> None:
+        self._begin_s = time.perf_counter()
+        super().request(deadline_s)
+
+    def read(self) -> JointState:
+        state = super().read()
+        self.reads_s.append(time.perf_counter() - self._begin_s)
         return state
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Of one run. Times in seconds."""
+    """The figures of one run. Times in seconds."""
 
     cycles: int
     missed: int
@@ -71,14 +76,14 @@ class Figures:
     faults: dict[str, int]
 
 
-def serve(link: Path) -> None:
-    """One port's servos, in the calling process, until it is ended."""
+def serve(link: Path, servo_ids: Sequence[int] = IDS) -> None:
+    """Serve one port's servos, in the calling process, until it is ended."""
     # The servos keep no goal: they say what the bench writes, so that torque may go on.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1
     claim_realtime_priority()
-    line = simulator.Line(link, simulator.Servos(list(IDS)), BAUD)
+    line = simulator.Line(link, simulator.Servos(list(servo_ids)), BAUD)
     print("ready", flush=True)
     while True:
         line.serve_once()
@@ -86,30 +91,25 @@ def serve(link: Path) -> None:
 
 @contextmanager
 def served(link: Path) -> Iterator[str]:
-    """``serve`` in a process of its own."""
-    command = [sys.executable, "-m", "bench.two_ports", "--serve", str(link)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    """Run ``serve`` in a process of its own."""
+    with child("-m", "bench.two_ports", "--serve", str(link)):
         yield str(link)
-    finally:
-        process.kill()
-        process.wait()
 
 
-def run(devices: Mapping[str, str], make: type[FeetechBus], cycles: int) -> Figures:
-    """So many cycles of the real loop, holding still."""
+def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
+    """Run so many cycles of the real loop, holding still."""
     clock = MonotonicClock()
-    buses: dict[str, FeetechBus] = {}
+    buses: dict[str, Bus] = {}
 
-    def open_buses() -> Mapping[str, ServoBus]:
+    def open_buses() -> Mapping[str, Bus]:
         buses.update({name: make(SerialPort(device, BAUD, clock), clock) for name, device in devices.items()})
         return buses
 
     hardware = TimedHardware("twelve", JOINTS, open_buses, clock)
     hardware.reads_s = []
     limits = {joint.name: joint.limits for joint in JOINTS}
-    loop = ControlLoop(hardware, ControllerManager(hardware.command_interfaces), limits, clock, PERIOD_S)
+    components = Components([hardware], clock)
+    loop = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
     hardware.configure()
     try:
         loop.activate()
@@ -127,7 +127,7 @@ def run(devices: Mapping[str, str], make: type[FeetechBus], cycles: int) -> Figu
 
 
 def main() -> int:
-    """Returns the exit status."""
+    """Measure and print; the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)
@@ -138,7 +138,7 @@ def main() -> int:
         devices = {name: stack.enter_context(served(Path(folder) / name)) for name in BUSES}
         claim_realtime_priority()
         figures = {
-            "overlapped": run(devices, FeetechBus, arguments.cycles),
+            "overlapped": run(devices, Bus, arguments.cycles),
             "one after the other": run(devices, ApartBus, arguments.cycles),
         }
     print(f"{len(JOINTS)} servos on {len(BUSES)} ports, {1.0 / PERIOD_S:g} cycles a second, {BAUD} bit/s")
@@ -151,4 +151,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    with in_words():
+        raise SystemExit(main())

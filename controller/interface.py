@@ -1,4 +1,4 @@
-"""What a controller is to the manager, and what a controller may ask of the others."""
+"""The controller interface: the manager's view of a controller, and the context that a controller is built into."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from hal.description import Component, Description
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
-"""Whether the controller of that name has brought its joints where they were told to be."""
+"""Whether the controller of that name has brought its joints to their command."""
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What a controller is built into."""
+class ControllerContext:
+    """The robot that a controller is built into, and its other controllers."""
 
     description: Description
     component: Component
     limits: Mapping[str, JointLimits]
-    """By joint."""
+    """The limits, by joint."""
     settled: Settled
 
 
@@ -29,16 +29,16 @@ class ControllerType(Protocol):
     kind: str
     parameters_type: type[Parameters]
 
-    def build(self, name: str, parameters: Any, surroundings: Surroundings) -> "Controller":
+    def build(self, name: str, parameters: Any, context: ControllerContext) -> "Controller":
         """A class method. ``parameters`` is a checked ``parameters_type``. Raises ValueError, saying what to mend."""
         ...
 
 
 class Controller(Protocol):
-    """Runs in the loop's thread. No I/O, no waiting: called once a cycle.
+    """A controller runs in the loop's thread, once a cycle: no I/O, no waiting.
 
-    ``command_interfaces`` (``joint1/position``) is what it claims while it is active, ``command`` their values
-    (shape (n,); rad, m) for the end of the coming period. ``state_interfaces`` is what it looks at.
+    A controller claims its ``command_interfaces`` (``joint1/position``) while it is active; ``command`` has their
+    values (shape (n,); rad, m) for the end of the coming period. It looks at its ``state_interfaces``.
     """
 
     @property
@@ -58,24 +58,24 @@ class Controller(Protocol):
     def command(self) -> FloatArray: ...
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        """Take over where the joints are: ``command`` (n,) is what the hardware was last told."""
+        """Take over where the joints are: ``command`` (n,) is the hardware's last command."""
         ...
 
     def deactivate(self, reason: str = "") -> None:
-        """Give up what is under way, in words to its client. ``reason``: why, where nobody asked for it."""
+        """Give up the goal under way, with a result for its client. ``reason``: why, where no client asked for it."""
         ...
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
-        """One cycle."""
+        """Run one cycle."""
         ...
 
     def settled(self) -> bool:
-        """Whether its joints are where they were told to be, or can go no further."""
+        """Whether the controller's joints have arrived at their command, or can go no further."""
         ...
 
 
 def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:
-    """Where each joint stands in the hardware's order."""
+    """The place of each joint in the hardware's order."""
     return [among.index(name) for name in joints]
 
 

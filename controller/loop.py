@@ -2,55 +2,48 @@
 
 import logging
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from controller.changes import Aside, Changes, at_once
-from controller.manager import ControllerManager
-from controller.requests import Requests
+from controller.component_transitions import BackgroundWorker, ComponentTransitions, run_at_once
+from controller.loop_figures import LoopFigures
+from controller.manager.manager import ControllerManager
+from controller.manager.requests import Requests
 from drivers.clock import Clock
 from hal.components import Components
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
-from hal.lifecycle import Hardware
 from hal.member import Member
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
-
-@dataclass(slots=True)
-class LoopFigures:
-    """How the loop keeps its time. A cycle is missed when its time passes before the last one has ended."""
-
-    cycles: int = 0
-    missed: int = 0
-    latest_wake_up_s: float = 0.0
-    longest_cycle_s: float = 0.0
-    busy_s: float = 0.0
-    onlooker_errors: int = 0
+REMEMBERED: Final = 0.95
+"""What is left of the longest time behind the reading after one more cycle."""
+LEAST_RESERVE: Final = 0.1
+"""The share of the period that reading leaves to the other steps, however short they have been."""
 
 
 class ControlLoop:
-    """One thread owns it. ``step`` runs one cycle and is what tests call; ``run`` only paces it.
+    """One thread owns the loop. ``step`` runs one cycle and is what tests call; ``run`` only paces it.
 
-    ``stay``: go on when the last component is lost, and wait for somebody to activate it again.
+    ``keep_alive``: the loop goes on when the last component is lost, and waits for a client to activate it again.
     """
 
     def __init__(
         self,
-        hardware: Hardware | Components,
+        hardware: Components,
         manager: ControllerManager,
         limits: Mapping[str, JointLimits],
         clock: Clock,
         period_s: float,
         on_cycle: Callable[[JointState], None] = lambda state: None,
         *,
-        stay: bool = False,
-        aside: Aside = at_once,
+        keep_alive: bool = False,
+        background_worker: BackgroundWorker = run_at_once,
     ) -> None:
-        self.hardware = hardware if isinstance(hardware, Components) else Components([hardware], clock)
+        self.hardware = hardware
         self.manager = manager
         self.clock = clock
         self.period_s = period_s
@@ -58,9 +51,9 @@ class ControlLoop:
         self.requests = Requests()
         split = [name.rpartition("/") for name in self.hardware.command_interfaces]
         self.limits = tuple(limits[joint] for joint, _, _ in split)
-        """Of each command interface's joint."""
+        """The limits of each command interface's joint."""
         self.kinds = tuple(kind for _, _, kind in split)
-        """position, velocity or effort, of each command interface."""
+        """The kind of each command interface: position, velocity or effort."""
         self._joint = [self.hardware.joints.index(joint) for joint, _, _ in split]
         self._is_position = np.array([kind == "position" for kind in self.kinds], dtype=bool)
         self.command: FloatArray = np.where(self._is_position, np.nan, 0.0)
@@ -71,16 +64,20 @@ class ControlLoop:
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
         self._measured: FloatArray | None = None
-        """Of each command interface's joint, where the gate needs it."""
+        """The position of each command interface's joint, where the gate needs it."""
+        self._due_s: float | None = None
+        """When the cycle was to begin, where ``run`` paces it."""
+        self._after_read_s = 0.0
+        """How long the steps behind the reading have taken of late."""
         self.on_cycle = on_cycle
-        manager.coasting.limits = limits
-        self.changes = Changes(self, stay, aside)
-        manager.hardware_ready = self.hardware.ready
-        manager.hardware_measured = self.hardware.measured
+        self._keep_alive = keep_alive
+        self.component_transitions = ComponentTransitions(
+            hardware, manager, self.take_over, keep_alive, background_worker
+        )
 
     def activate(self, keep_inactive: Collection[str] = ()) -> None:
-        """Hardware on where it stands, but for the components named; then the controllers. Raises what those raise."""
-        self.hardware.activate(keep_inactive, self.changes.stay)
+        """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors."""
+        self.hardware.activate(keep_inactive, self._keep_alive)
         try:
             state = self.hardware.read()
             for member in self.hardware.members:
@@ -92,7 +89,7 @@ class ControlLoop:
             raise
 
     def take_over(self, member: Member, state: JointState) -> None:
-        """A component has been activated: its command is where it stands. Raises ActivationError if that is unknown."""
+        """Command an activated component to be where it stands. Raises ActivationError if that is unknown."""
         own = member.commands
         measured = state.position[self._joint[own]]
         held = self._is_position[own]
@@ -106,68 +103,75 @@ class ControlLoop:
         self.command = command
 
     def step(self) -> JointState:
-        """One cycle."""
-        self.requests.serve()
-        self.changes.begin_cycle()
-        state = self.hardware.read()
+        """Run one cycle."""
+        transitions = self.component_transitions
+        if self.requests.inbox:
+            self.requests.serve()
+        if transitions.asked or transitions.returned:
+            transitions.begin_cycle()
+        state = self.hardware.read(self._read_deadline_s())
+        read_s = self.clock.now()
+        if state.faults or self.figures.unmeasured_in_a_row:
+            self._count_unmeasured(state)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
-        self.changes.after_read(state)
+        if transitions.arrived or self.hardware.failures:
+            transitions.after_read(state)
         # The time of the measurement is the cycle's time: what is compared with it must be as old.
-        wanted = self.manager.update(state, self.command, state.stamp_s, self.period_s)
+        wanted = self.manager.cycle.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
-        self.changes.end_cycle()
+        if transitions.leaving or self.hardware.failures:
+            transitions.end_cycle()
         self._show(state)
+        self._after_read_s = max(self.clock.now() - read_s, REMEMBERED * self._after_read_s)
         return state
 
+    def _read_deadline_s(self) -> float:
+        """Until when to wait for the measurements: all that the cycle has left but what its other steps need.
+
+        A cycle that woke late has less, yet never less than half a period: the next one is late then, too.
+        """
+        now_s, period_s = self.clock.now(), self.period_s
+        end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
+        return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
+
+    def _count_unmeasured(self, state: JointState) -> None:
+        """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked."""
+        asked = self.hardware.failures or any(member.sound for member in self.hardware.members)
+        if asked and all(joint in state.faults for joint in self.hardware.joints):
+            self.figures.count_unmeasured(next(iter(state.faults.values())).text)
+        elif self.figures.unmeasured_in_a_row:
+            self.figures.count_measured()
+
     def _show(self, state: JointState) -> None:
-        """Whoever looks on must not be able to end the cycle."""
+        """An observer that fails must not end the cycle."""
         try:
             self.on_cycle(state)
         except Exception:
-            if not self.figures.onlooker_errors:
-                LOG.exception("the onlooker of the cycle failed; the loop goes on")
-            self.figures.onlooker_errors += 1
+            if not self.figures.observer_errors:
+                LOG.exception("the observer of the cycle failed; the loop goes on")
+            self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """The only way to the hardware: through the gate. ``wanted`` has shape (m,)."""
+        """Send a command to the hardware through the gate, the only way there. ``wanted`` has shape (m,)."""
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
-        self._tell(gated.reasons)
+        self._log_gate(gated.reasons)
         # What was never measured or commanded is NaN still, and the components leave that out.
         self.previous_command, self.command = self.command, gated.values
-        self.manager.sent(gated.values)
+        self.manager.cycle.sent(gated.values)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Cycles at the fixed rate until ``stop`` says so."""
+        """Run cycles at the fixed rate until ``stop`` says so."""
         due_s = self.clock.now()
         while not stop():
             self.clock.sleep_until(due_s)
-            woke_s = self.clock.now()
+            woke_s, self._due_s = self.clock.now(), due_s
             self.step()
-            due_s = self._account(due_s, woke_s)
+            due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s)
 
-    def _account(self, due_s: float, woke_s: float) -> float:
-        """Book the cycle that was due at ``due_s``; returns when the next one is due.
-
-        This is upstream's ``overruns.manage: true``, and there is no other way here: what was due meanwhile is
-        skipped with a warning, never made up for in a burst.
-        """
-        figures = self.figures
-        late_s = woke_s - due_s
-        busy_s = self.clock.now() - woke_s
-        figures.cycles += 1
-        figures.latest_wake_up_s = max(figures.latest_wake_up_s, late_s)
-        figures.longest_cycle_s = max(figures.longest_cycle_s, busy_s)
-        figures.busy_s += busy_s
-        missed = int((late_s + busy_s) / self.period_s)
-        if missed:
-            figures.missed += missed
-            LOG.warning("missed %d cycles: the loop was %.0f ms late", missed, late_s * 1e3)
-        return due_s + (1 + missed) * self.period_s
-
-    def _tell(self, reasons: dict[int, str]) -> None:
-        """Say once what the gate changes, not in every cycle of an episode."""
+    def _log_gate(self, reasons: dict[int, str]) -> None:
+        """Log the gate's changes once, not in every cycle of an episode."""
         for index in reasons.keys() - self._gated.keys():
             name = self.hardware.command_interfaces[index].removesuffix("/position")
             LOG.info("safety gate: %s: %s", name, reasons[index])

@@ -6,6 +6,7 @@ Units: rad (m for a prismatic joint) and seconds; arrays have shape (n,).
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +15,9 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from hal.types import FloatArray, JointLimits
 
 _ROUNDING = 1e-6
-"""Of positions (rad, m) and times (s)."""
+"""The rounding of positions (rad, m) and times (s)."""
 STRETCHED_S = 1e-3
-"""So much longer than asked is said."""
+"""From so much longer than asked on, a motion counts as stretched."""
 
 
 class MotionError(Exception):
@@ -38,13 +39,13 @@ class Kinematics:
 
 
 class Path(Protocol):
-    """Where the joints are when. It can be sampled from any thread."""
+    """A path says where the joints are when. Any thread may sample a path."""
 
     @property
     def duration_s(self) -> float: ...
     @property
     def asked_s(self) -> float:
-        """The duration that was asked for; it takes longer where the limits forbid it."""
+        """The duration that was asked for; the path takes longer where the limits forbid it."""
         ...
 
     def sample(self, time_s: float) -> Kinematics:
@@ -53,74 +54,45 @@ class Path(Protocol):
 
 
 def stretched(path: Path) -> bool:
-    """Whether the limits made it longer than asked."""
+    """Whether the limits made the path longer than asked."""
     return path.duration_s > path.asked_s + STRETCHED_S
 
 
 @dataclass(frozen=True, slots=True)
-class WayPoint:
-    """Pass through ``state`` ``time_s`` after the motion's start, or later where limits forbid it."""
-
-    state: Kinematics
-    time_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Segment:
-    """One ruckig trajectory and when it begins, in seconds."""
-
-    trajectory: Trajectory
-    start_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class Motion:
-    """A first segment, and segments end to end behind it: a path."""
+    """Ruckig's trajectories end to end, as a path; ``starts_s`` says when each of them begins."""
 
-    first: Trajectory
+    trajectories: tuple[Trajectory, ...]
+    starts_s: tuple[float, ...]
     asked_s: float
-    others: tuple[Segment, ...] = ()
-    """They begin ``others_from_s`` after what they say: so they can be shared by motions that begin elsewhere."""
-    others_from_s: float = 0.0
+
+    @classmethod
+    def of(cls, trajectories: Sequence[Trajectory], asked_s: float) -> "Motion":
+        """One trajectory after the other, the first at 0."""
+        starts_s = accumulate((float(trajectory.duration) for trajectory in trajectories[:-1]), initial=0.0)
+        return cls(tuple(trajectories), tuple(starts_s), asked_s)
 
     @property
     def duration_s(self) -> float:
-        """Until the last segment's end."""
-        if not self.others:
-            return float(self.first.duration)
-        return self.others_from_s + self.others[-1].start_s + float(self.others[-1].trajectory.duration)
+        """Until the last trajectory's end."""
+        return self.starts_s[-1] + float(self.trajectories[-1].duration)
 
     def sample(self, time_s: float) -> Kinematics:
-        """Where the joints are ``time_s`` after the start."""
-        trajectory, at_s = self.first, max(0.0, time_s)
-        if self.others and at_s >= self.first.duration:
-            at_s -= self.others_from_s
-            index = max(bisect_right(self.others, at_s, key=lambda segment: segment.start_s) - 1, 0)
-            trajectory, at_s = self.others[index].trajectory, at_s - self.others[index].start_s
-        position, velocity, acceleration = trajectory.at_time(min(max(at_s, 0.0), trajectory.duration))
+        """The joints' movement ``time_s`` after the start."""
+        index = max(bisect_right(self.starts_s, time_s) - 1, 0)
+        trajectory = self.trajectories[index]
+        at_s = min(max(time_s - self.starts_s[index], 0.0), trajectory.duration)
+        position, velocity, acceleration = trajectory.at_time(at_s)
         if time_s > self.duration_s:
             return Kinematics.at_rest(np.array(position))
         return Kinematics(np.array(position), np.array(velocity), np.array(acceleration))
 
 
-def plan(start: Kinematics, points: Sequence[WayPoint], limits: Sequence[JointLimits]) -> Motion:
-    """From ``start`` through every point, segment by segment. Raises MotionError."""
-    trajectories: list[Trajectory] = []
-    before_s = 0.0
-    for point in points:
-        trajectories.append(segment(start, point.state, limits, max(point.time_s - before_s, 0.0)))
-        before_s, start = point.time_s, point.state
-    asked_s = max(points[-1].time_s, 0.0)
-    return Motion(trajectories[0], asked_s, end_to_end(trajectories[1:]), trajectories[0].duration)
-
-
-def end_to_end(trajectories: Sequence[Trajectory]) -> tuple[Segment, ...]:
-    """One after the other, the first at 0."""
-    elapsed_s, segments = 0.0, list[Segment]()
-    for trajectory in trajectories:
-        segments.append(Segment(trajectory, elapsed_s))
-        elapsed_s += trajectory.duration
-    return tuple(segments)
+def motion_to(
+    start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
+) -> Motion:
+    """One segment from ``start`` to ``target``. Raises MotionError as ``segment`` does."""
+    return Motion.of([segment(start, target, limits, asked_s, names)], asked_s)
 
 
 def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
@@ -131,7 +103,7 @@ def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
     task.target_velocity = [0.0] * len(limits)
     task.target_acceleration = [0.0] * len(limits)
     trajectory = _calculate(task, len(limits))
-    return Motion(trajectory, trajectory.duration)
+    return Motion.of([trajectory], trajectory.duration)
 
 
 def segment(
@@ -141,7 +113,7 @@ def segment(
     span_s: float,
     names: Sequence[str] = (),
 ) -> Trajectory:
-    """From one state to the other in ``span_s`` or, where that is too short, as fast as the limits allow.
+    """Ruckig's way from one state to the other in ``span_s`` or, where that is too short, as fast as the limits allow.
 
     Raises MotionError, calling the joints by ``names`` where there are some.
     """

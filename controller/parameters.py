@@ -1,8 +1,9 @@
-"""What the parameters of all nodes have in common; those of a controller stand beside it."""
+"""Parameters of nodes in general; those of a controller stand beside the controller."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -12,16 +13,34 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
+    @classmethod
+    def as_far_as_given(cls, values: Mapping[str, Any]) -> Self:
+        """The parameters; where required ones are not among ``values``, without these: see ``missing``.
+
+        Raises pydantic's ValidationError for every other mistake.
+        """
+        try:
+            return cls.model_validate(dict(values))
+        except ValidationError as error:
+            if any(item["type"] != "missing" or len(item["loc"]) > 1 for item in error.errors()):
+                raise
+        return cls.model_construct(**values)
+
+    def missing(self) -> tuple[str, ...]:
+        """Required parameters that nobody has given yet. Until then no controller can be built from the others."""
+        fields = type(self).model_fields
+        return tuple(name for name, field in fields.items() if field.is_required() and name not in self.__dict__)
+
     def claims(self) -> tuple[str, ...]:
         """The command interfaces that the controller claims while it is active, such as ``joint1/position``."""
         return ()
 
     def unused(self) -> list[str]:
-        """What has no effect. Unknown ones may be upstream's: they are named in the log, not refused."""
+        """Parameters without effect. Unknown ones may be upstream's: they are named in the log, not refused."""
         return sorted(self.model_extra or {})
 
 
 class ManagerParameters(Parameters):
-    """Of the controller manager itself."""
+    """Parameters of the controller manager itself."""
 
     update_rate: int = Field(100, gt=0, le=1000)  # upstream's default

@@ -1,4 +1,4 @@
-"""When joints have settled: they are where they were told to be, or can go no further."""
+"""Joints have settled when they have arrived at their command, or can go no further."""
 
 from collections.abc import Sequence
 
@@ -11,35 +11,37 @@ ARRIVED_SHARE = 0.02
 STILL_SHARE = 0.03
 """Share of a joint's velocity limit below which it stands still."""
 STILL_S = 0.1
-"""So long it must stand still short of its goal to count as stalled (fingers on an object)."""
+"""So long a joint must stand still short of its goal to count as stalled (fingers on an object)."""
 
 
 class Settling:
-    """Watches some joints, those at ``index`` in the hardware's order, with their ``limits``."""
+    """Settling watches joints: those at ``index`` in the hardware's order, with their ``limits``."""
 
-    def __init__(self, limits: Sequence[JointLimits], index: Sequence[int]) -> None:
+    def __init__(self, joints: Sequence[str], limits: Sequence[JointLimits], index: Sequence[int]) -> None:
         self.settled = True
+        self._joints = tuple(joints)
         self._index = list(index)
         self._near = ARRIVED_SHARE * np.array([limit.upper - limit.lower for limit in limits])
         self._velocity = np.array([limit.velocity for limit in limits])
         self._slow = STILL_SHARE * self._velocity
         self._sent: FloatArray = np.zeros(len(limits))
-        """Where the safety gate has brought the command by now: it lets none leap."""
+        """The command as the safety gate has passed it by now: the gate lets none leap."""
         self._still_s = 0.0
         self._fresh = False
 
     def begin(self, command: FloatArray) -> None:
-        """They are held at ``command`` (n,)."""
+        """The joints are held at ``command`` (n,)."""
         self.settled, self._sent = True, command.copy()
 
-    def told(self) -> None:
-        """They have just been told to be elsewhere."""
+    def command_changed(self) -> None:
+        """The joints have just been commanded to be elsewhere."""
         self.settled, self._still_s, self._fresh = False, 0.0, True
 
     def look(self, command: FloatArray, state: JointState, period_s: float) -> None:
-        """One cycle; ``command`` (n,) is where they were told to be."""
+        """One cycle; ``command`` (n,) is where the joints are commanded to be."""
         self._sent += np.clip(command - self._sent, -self._velocity * period_s, self._velocity * period_s)
-        if not self.settled:
+        # Last known values say nothing of now: joints that are not measured have neither arrived nor stalled.
+        if not self.settled and not any(joint in state.faults for joint in self._joints):
             # A state that is older than the command says nothing of a stall.
             self.settled = self._arrived(command, state) or (
                 not self._fresh and self._stalled(command, state, period_s)

@@ -13,10 +13,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
-from drivers.bus import ServoBus
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
 from drivers.errors import DriverError, PortLost, ServoError, ServoSilent
-from drivers.registers import Access, Register
-from drivers.tries import tried
+from drivers.servos.register import Access, Register
+from drivers.servos.series import Lock
 
 LARGEST_ID = 253
 """Of Feetech; Dynamixel allows one less. 254 calls everybody."""
@@ -40,15 +41,6 @@ class EepromError(ServoError):
 
 
 @dataclass(frozen=True, slots=True)
-class Lock:
-    """The register that guards a servo's EEPROM. Dynamixel has none: torque off is its key."""
-
-    register: Register
-    opened: int = 0
-    closed: int = 1
-
-
-@dataclass(frozen=True, slots=True)
 class Change:
     """One setting that was written."""
 
@@ -61,7 +53,7 @@ class Change:
 class Eeprom:
     """One servo's settings within the scope. ``servo_id`` follows when the ID itself is written."""
 
-    bus: ServoBus
+    bus: Bus
     servo_id: int
     lock: Lock | None
     changes: list[Change] = field(default_factory=list)
@@ -101,7 +93,7 @@ class Eeprom:
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
         """The answer; EepromError of ``register`` that tells what ``failed``. One lost packet is not the end."""
         try:
-            return tried(question)
+            return retry(question)
         except ServoError as error:
             raise EepromError(self.servo_id, register, f"{failed}: {_why(error)}") from error
 
@@ -173,7 +165,7 @@ class Eeprom:
 
 
 @contextmanager
-def eeprom(bus: ServoBus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
+def eeprom(bus: Bus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
     """The scope. Raises EepromError with servo and register, PortLost once the line is gone.
 
     If it ends by an exception and the lock cannot be closed either, the exception carries a note of that.
@@ -190,7 +182,7 @@ def eeprom(bus: ServoBus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
     memory.close()
 
 
-def update(bus: ServoBus, servo_id: int, lock: Lock | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
+def update(bus: Bus, servo_id: int, lock: Lock | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
     """Make the servo hold all ``values``; what had to be changed. The ID comes last, so that none is left behind.
 
     An exception carries a note of what had been changed before it.

@@ -5,14 +5,13 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
+from drivers.bus.counters import BusCounters
 from drivers.clock import Clock
-from drivers.counters import BusCounters
 from drivers.errors import DriverError
-from drivers.turns import Steps, Wait, finish, overlapped
 from hal.errors import HalError, PartLost
-from hal.lifecycle import Hardware, InSteps, LifecycleState
+from hal.lifecycle import Hardware, LifecycleState, Requesting
 from hal.member import CONFIGURED, Member, absence, members_of
-from hal.types import FloatArray, JointCommand, JointState, ServoHealth
+from hal.types import FloatArray, JointCommand, JointFault, JointState, ServoHealth
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -34,7 +33,6 @@ class Components:
         self._clock = clock
         self._cycle = 0
         self._parts: dict[str, JointState] = {}
-        self._readings = {one.name: _in_steps(one) for one in hardware}
 
     @property
     def name(self) -> str:
@@ -73,29 +71,29 @@ class Components:
         home = self._homes.get(interface.rpartition("/")[0])
         return home is None or home.sound  # a joint that mimics is wherever its leader is
 
-    def configure(self, leave_out: Collection[str] = (), stay: bool = False) -> None:
+    def configure(self, leave_out: Collection[str] = (), keep_alive: bool = False) -> None:
         """All but those named. Raises what the first one raises, with those before it given back.
 
-        ``stay``: such a one stays as it is, and the others go on.
+        ``keep_alive``: such a one stays as it is, and the others go on.
         """
         try:
             for member in self.members:
                 if member.name not in leave_out:
-                    _tried(member, member.hardware.configure, stay)
+                    _tried(member, member.hardware.configure, keep_alive)
         except BaseException:
             self.cleanup()
             raise
 
-    def activate(self, keep_inactive: Collection[str] = (), stay: bool = False) -> None:
+    def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool = False) -> None:
         """All that are inactive, but for those named. Raises what the first one raises, with those before it let go.
 
-        ``stay``: such a one stays as it is, and the others go on.
+        ``keep_alive``: such a one stays as it is, and the others go on.
         """
         done: list[Member] = []
         try:
             for member in self.members:
                 if member.hardware.state is LifecycleState.INACTIVE and member.name not in keep_inactive:
-                    _tried(member, member.hardware.activate, stay)
+                    _tried(member, member.hardware.activate, keep_alive)
                     done.append(member)
         except BaseException:
             for member in (member for member in done if member.hardware.state is LifecycleState.ACTIVE):
@@ -126,26 +124,39 @@ class Components:
         if errors:
             raise errors[0]
 
-    def hasten(self) -> None:
+    def update_every_cycle(self) -> None:
         """From here on each is read and written in every cycle: the end of a motion must reach it."""
         for member in self.members:
             member.every = 1
 
-    def read(self) -> JointState:
-        """What is measured now. Of a component that is not there, the last known values and a fault for each joint."""
+    def read(self, deadline_s: float | None = None) -> JointState:
+        """What is measured now. Of a component that is not there, the last known values and a fault for each joint.
+
+        All components ask before any of them waits, until ``deadline_s`` on the clock if there is one.
+        """
         due = [m for m in self.members if m.sound and (self._cycle % m.every == 0 or m.name not in self._parts)]
         self._cycle += 1
-        finish(overlapped([self._reading(member) for member in due]))
+        for member in due:
+            self._request(member, deadline_s)
+        for member in due:
+            if member.sound:
+                self._read(member)
         only = self.members[0]
         if len(self.members) == 1 and only.sound and only.name in self._parts:
             return self._parts[only.name]
         stamps = [self._parts[m.name].stamp_s for m in due if m.sound]
         return self._merged(max(stamps, default=self._clock.now()))
 
-    def _reading(self, member: Member) -> Steps[None]:
-        """Its part, in steps where it has them: components with ports of their own wait at the same time."""
+    def _request(self, member: Member, deadline_s: float | None) -> None:
+        if isinstance(member.hardware, Requesting):
+            try:
+                member.hardware.request(deadline_s)
+            except Exception as error:  # as in _read
+                self.lose(member, error)
+
+    def _read(self, member: Member) -> None:
         try:
-            part = yield from self._readings[member.name]()
+            part = member.hardware.read()
             _check_sizes(part, len(member.hardware.joints))
             self._parts[member.name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
@@ -153,7 +164,7 @@ class Components:
 
     def _merged(self, stamp_s: float) -> JointState:
         position, velocity, effort = (np.full(len(self.joints), np.nan) for _ in range(3))
-        faults: dict[str, str] = {}
+        faults: dict[str, JointFault] = {}
         health: dict[str, ServoHealth] = {}
         extra: dict[str, float] = {}
         lines: dict[str, BusCounters] = {}
@@ -168,7 +179,7 @@ class Components:
                 lines |= part.lines
                 faults |= part.faults
             if not member.sound:
-                faults |= dict.fromkeys(member.hardware.joints, absence(member))
+                faults |= dict.fromkeys(member.hardware.joints, JointFault("component", absence(member)))
         return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
 
     def write(self, values: FloatArray, period_s: float) -> None:
@@ -224,28 +235,16 @@ class Components:
             member.finalized = True
 
 
-def _in_steps(hardware: Hardware) -> Callable[[], Steps[JointState]]:
-    """How to read it in steps."""
-    if isinstance(hardware, InSteps):
-        return hardware.reading
-
-    def whole() -> Steps[JointState]:
-        yield Wait.LAST  # it may wait: the others' questions come first
-        return hardware.read()
-
-    return whole
-
-
 def _check_sizes(part: JointState, joints: int) -> None:
     sizes = len(part.position), len(part.velocity), len(part.effort)
     if sizes != (joints, joints, joints):
         raise ValueError(f"position, velocity and effort have {sizes} values for {joints} joints")
 
 
-def _tried(member: Member, step: Callable[[], None], stay: bool) -> None:
+def _tried(member: Member, step: Callable[[], None], keep_alive: bool) -> None:
     try:
         step()
     except (DriverError, HalError) as error:
-        if not stay:
+        if not keep_alive:
             raise
         LOG.error("%s stays %s: %s", member.name, member.state.name.lower(), error)

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from drivers.registers import ServoModel
+from drivers.servos.register import ServoModel
 from hal.types import JointLimits
 
 

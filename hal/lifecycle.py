@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Protocol, runtime_checkable
 
-from drivers.turns import Steps
 from hal.errors import LifecycleError
 from hal.types import JointCommand, JointState
 
@@ -55,11 +54,14 @@ class Hardware(Protocol):
 
 
 @runtime_checkable
-class InSteps(Protocol):
-    """Hardware that can be read in steps, so that several components wait at the same time (drivers.turns)."""
+class Requesting(Protocol):
+    """Hardware that can ask before it is read: all components ask first, and so wait at the same time."""
 
-    def reading(self) -> Steps[JointState]:
-        """``read``; yields when it has asked, returns what is measured."""
+    def request(self, deadline_s: float | None) -> None:
+        """Ask for what the coming ``read`` returns; that waits until ``deadline_s`` on the component's clock.
+
+        None: as long as the component thinks fit.
+        """
         ...
 
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from drivers.makes import MODELS, Make, language_of, make_of
+from drivers.servos.catalog import MODELS, Make, series_of
+from drivers.servos.dynamixel import PROTOCOL_2
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
@@ -162,11 +163,11 @@ def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
     """What one joint's servo asks for that its bus does not have."""
     problems: list[str] = []
     model = MODELS[joint.model]
-    if make_of(model) != protocol:
+    if series_of(model).make != protocol:
         problems.append(f"{name} has model {joint.model}, which does not speak the bus's protocol, {protocol}")
     if joint.servo_id > LARGEST_IDS[protocol]:
         problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
-    if joint.position_p is not None and language_of(model) != "Dynamixel protocol 2.0":
+    if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
         problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
     return problems
 
@@ -176,7 +177,7 @@ def _babel(joints: Mapping[str, JointFile]) -> list[str]:
     spoken: dict[tuple[str | None, Make], dict[str, str]] = {}
     for name, joint in joints.items():
         model = MODELS[joint.model]
-        spoken.setdefault((joint.bus, make_of(model)), {}).setdefault(language_of(model), name)
+        spoken.setdefault((joint.bus, series_of(model).make), {}).setdefault(series_of(model).protocol.name, name)
     return [
         f"{' and '.join(first.values())} cannot share a bus, they speak {' and '.join(first)}: "
         "give each a line of its own under buses"

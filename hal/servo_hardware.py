@@ -3,19 +3,20 @@
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
+from drivers.bus.bus import Bus
+from drivers.bus.retry import ATTEMPTS
+from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock
-from drivers.errors import ServoCorrupt, ServoError, ServoSilent
-from drivers.tries import ATTEMPTS
-from drivers.turns import Steps, finish
+from drivers.errors import ServoCorrupt, ServoSilent
 from hal.errors import ActivationError
 from hal.joint import Joint
+from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
-from hal.lines import Lines
-from hal.types import JointCommand, JointState, ServoHealth
+from hal.types import JointCommand, JointFault, JointState, ServoHealth
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -27,13 +28,15 @@ INTERPOLATION_FLOOR_COUNTS_S = 20
 CATCH_UP_S = 0.5
 """In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
-"""What share of the period reading may take, lost replies and second questions included."""
+"""What share of the period a read may take that nobody gave a deadline."""
+WITHHELD_AFTER = 2
+"""A servo that was missing for so many cycles gets no goals before it has been asked whether it drives its motor."""
 FIRST_PERIOD_S = 0.05
 """The period until a command tells it."""
 
 
 class ServoHardware:
-    """The life cycle of hal.lifecycle.Hardware over one ServoBus or several.
+    """The life cycle of hal.lifecycle.Hardware over one Bus or several.
 
     ``interpolate`` tells each servo how fast to go, so that it moves through the whole period
     instead of leaping to the goal and waiting there.
@@ -43,7 +46,7 @@ class ServoHardware:
         self,
         name: str,
         joints: Sequence[Joint],
-        open_buses: Callable[[], ServoBus | Mapping[str, ServoBus]],
+        open_buses: Callable[[], Bus | Mapping[str, Bus]],
         clock: Clock,
     ) -> None:
         """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
@@ -54,25 +57,30 @@ class ServoHardware:
         self.interpolate = True
         self._joints = tuple(joints)
         self._open_buses = open_buses
-        self._lines: Lines | None = None
+        self._buses: JointBuses | None = None
         self._clock = clock
         self._period_s = FIRST_PERIOD_S
         self._goals: dict[str, int] = {}
         self._measured: dict[str, int] = {}
         """Counts, of the joints whose servos answered in the last exchange."""
-        self._faults: dict[str, str] = {}
+        self._faults: dict[str, JointFault] = {}
+        self._missing: dict[str, int] = {}
+        """For how many cycles a servo has not answered, until it has shown that it drives its motor."""
+        self._requested = False
+        self._deadline_s = math.inf
         self._last = self._unknown_state()
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
         opened = self._open_buses()
         buses = opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened}
-        self._lines = Lines(self._joints, buses)
+        self._buses = JointBuses(self._joints, buses)
         self.state = LifecycleState.INACTIVE
         self._faults.clear()
+        self._missing.clear()
         self._last = self._unknown_state()
         try:
-            self._lines.check()
+            self._buses.check()
             self.read()
         except BaseException:
             self.cleanup()
@@ -85,19 +93,20 @@ class ServoHardware:
         left under torque goes on holding: letting go would drop the arm.
         """
         require(self.state, LifecycleState.INACTIVE, "activate")
-        lines = self._opened("activate")
+        buses = self._opened("activate")
         self._faults.clear()
-        measured = self._measure_all(lines)
-        limp = [joint for joint in self._joints if not lines.torque_is_on(joint)]
-        self._goals = {joint.name: self._start_goal(joint, measured[joint.name]) for joint in self._joints}
+        self._missing.clear()
+        self._take_goals(self._joints, buses)
+        limp = [joint for joint in self._joints if not buses.torque_is_on(joint)]
         try:
             for joint in self._joints:
-                lines.limit_torque(joint)
-            self._hold_goals(lines)
+                buses.limit_torque(joint)
+            self._take_goals(self._joints, buses)  # a limp arm has sunk meanwhile
+            self._hold_goals(buses)
             for joint in self._joints:
-                self._torque_on(lines, joint)
+                self._torque_on(buses, joint)
         except BaseException:
-            for problem in lines.torque_off(limp):
+            for problem in buses.torque_off(limp):
                 LOG.error("torque may still be on: %s", problem)
             raise
         self.state = LifecycleState.ACTIVE
@@ -110,61 +119,82 @@ class ServoHardware:
 
     def cleanup(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
-        if self._lines is not None:
-            self._lines.close()
-            self._lines = None
+        if self._buses is not None:
+            self._buses.close()
+            self._buses = None
+
+    def request(self, deadline_s: float | None = None) -> None:
+        """Ask all servos for their states, on all buses."""
+        buses = self._opened("read")
+        self._deadline_s = self._clock.now() + READ_SHARE * self._period_s if deadline_s is None else deadline_s
+        buses.request(self._deadline_s)
+        self._requested = True
 
     def read(self) -> JointState:
-        """One exchange with all servos. A silent servo keeps its last values and is named."""
-        return finish(self.reading())
+        """What the servos have answered by the deadline. A silent servo keeps its last values and is named."""
+        if not self._requested:
+            self.request()
+        self._requested = False
+        return self._take(self._opened("read").receive())
 
-    def reading(self) -> Steps[JointState]:
-        """``read`` in steps: it yields when all questions are out."""
-        lines = self._opened("read")
-        deadline_s = self._clock.now() + READ_SHARE * self._period_s
-        readings = yield from lines.reading(deadline_s)
-        return self._take(readings, deadline_s)
-
-    def _take(self, readings: Mapping[str, Reading], deadline_s: float) -> JointState:
+    def _take(self, readings: Mapping[str, Reading]) -> JointState:
         position, velocity = self._last.position.copy(), self._last.velocity.copy()
         effort = self._last.effort.copy()
         health = dict(self._last.health)
-        lines = self._opened("read")
+        buses = self._opened("read")
+        counters = buses.counters()
         self._measured.clear()
         for index, joint in enumerate(self._joints):
             reading = readings[joint.name]
             self._note_fault(joint, reading)
+            account = counters[joint.bus].of(joint.servo_id)
             if isinstance(reading, ServoState):
                 self._measured[joint.name] = reading.position_counts
                 position[index] = joint.position(reading.position_counts)
                 velocity[index] = reading.velocity_counts_s * joint.units_per_count
                 effort[index] = reading.load * joint.full_effort * joint.sign
-                account = lines.counters(joint)
                 load = reading.load * joint.sign
                 current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
                 health[joint.name] = ServoHealth(
                     reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
                 )
+            elif joint.name in health:  # what is counted of a silent servo goes on
+                health[joint.name] = replace(health[joint.name], counters=account)
         if self.state is LifecycleState.ACTIVE:
-            self._welcome_one_back(deadline_s)
+            self._rejoin()
+        lines = {buses.port(name): account for name, account in counters.items()}
         self._last = JointState(
-            self._clock.now(), position, velocity, effort, dict(self._faults), health, lines=lines.accounts
+            self._clock.now(), position, velocity, effort, self._present_faults(), health, lines=lines
         )
         return self._last
 
+    def _present_faults(self) -> dict[str, JointFault]:
+        """A servo that answers again is no fault, whether it has been asked for its torque already or not."""
+        return {
+            name: fault
+            for name, fault in self._faults.items()
+            if name not in self._measured or fault.kind == "no_torque"
+        }
+
     def write(self, command: JointCommand) -> None:
-        """One packet a bus with a goal for each of its servos; the command has passed the safety gate."""
+        """One packet a bus with a goal for each of its servos; the command has passed the safety gate.
+
+        A servo that was missing for longer than a lost reply gets none before it has shown that it still drives its
+        motor: one that was reset would take a goal for the order to switch its torque on.
+        """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, command.values, strict=True):
+            if self._missing.get(joint.name, 0) >= WITHHELD_AFTER:
+                continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
             held = self._goals[joint.name]
             # A joint that began outside its limits has a goal there, and must not leap back in.
             counts = min(max(joint.counts(float(position)), held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
         # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
-        self._goals = {name: goal.position_counts for name, goal in goals.items()}
+        self._goals |= {name: goal.position_counts for name, goal in goals.items()}
         self._opened("write").write_goals(goals)
 
     def _speed(self, joint: Joint, counts: int, reach: int) -> int:
@@ -184,22 +214,28 @@ class ServoHardware:
             speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
         return min(round(speed), 32767)
 
-    def _opened(self, what: str) -> Lines:
+    def _opened(self, what: str) -> JointBuses:
         require_configured(self.state, what)
-        assert self._lines is not None
-        return self._lines
+        assert self._buses is not None
+        return self._buses
 
-    def _measure_all(self, lines: Lines) -> dict[str, ServoState]:
-        readings = lines.measure()
+    def _measure_all(self, buses: JointBuses) -> dict[str, ServoState]:
+        readings = buses.measure()
         silent = [
-            f"{lines.label(joint)}: {reading.text}"
+            f"{buses.label(joint)}: {reading.text}"
             for joint in self._joints
             if not isinstance(reading := readings[joint.name], ServoState)
         ]
         if silent:
             raise ActivationError("not activated: " + "; ".join(silent))
-        self._take(readings, math.inf)
+        self._deadline_s = math.inf
+        self._take(readings)
         return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
+
+    def _take_goals(self, joints: Sequence[Joint], buses: JointBuses) -> None:
+        """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""
+        measured = self._measure_all(buses)
+        self._goals |= {joint.name: self._start_goal(joint, measured[joint.name]) for joint in joints}
 
     def _start_goal(self, joint: Joint, state: ServoState) -> int:
         """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
@@ -213,24 +249,24 @@ class ServoHardware:
             )
         return state.position_counts
 
-    def _hold_goals(self, lines: Lines) -> None:
+    def _hold_goals(self, buses: JointBuses) -> None:
         """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""
         goals = {name: ServoGoal(counts) for name, counts in self._goals.items()}
         for _ in range(ATTEMPTS):
-            lines.write_goals(goals)
-            wrong = [joint for joint in self._joints if lines.goal(joint) != self._goals[joint.name]]
+            buses.write_goals(goals)
+            wrong = [joint for joint in self._joints if buses.goal(joint) != self._goals[joint.name]]
             if not wrong:
                 return
-        self._confirm_goal(lines, wrong[0])
+        self._confirm_goal(buses, wrong[0])
 
-    def _confirm_goal(self, lines: Lines, joint: Joint) -> None:
-        held, wanted = lines.goal(joint), self._goals[joint.name]
+    def _confirm_goal(self, buses: JointBuses, joint: Joint) -> None:
+        held, wanted = buses.goal(joint), self._goals[joint.name]
         if held != wanted:
             raise ActivationError(
                 f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable and the supply"
             )
 
-    def _torque_on(self, lines: Lines, joint: Joint) -> None:
+    def _torque_on(self, buses: JointBuses, joint: Joint) -> None:
         """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
 
         That takes time, in which limp joints may move: those that have no torque yet are measured once more.
@@ -238,50 +274,56 @@ class ServoHardware:
         later = self._joints[self._joints.index(joint) :]
         for _ in range(ATTEMPTS - 1):
             try:
-                lines.torque_on(joint)
+                buses.torque_on(joint)
                 return
             except (ServoSilent, ServoCorrupt):
-                self._confirm_goal(lines, joint)
-                measured = self._measure_all(lines)
-                self._goals |= {each.name: self._start_goal(each, measured[each.name]) for each in later}
-                lines.limit_torque(joint)
-                self._hold_goals(lines)
-        lines.torque_on(joint)
+                self._confirm_goal(buses, joint)
+                self._take_goals(later, buses)
+                buses.limit_torque(joint)
+                self._hold_goals(buses)
+        buses.torque_on(joint)
 
     def _called(self, joint: Joint) -> str:
         return f"{self._opened('name a joint').label(joint)} (servo {joint.servo_id})"
 
     def _note_fault(self, joint: Joint, reading: Reading) -> None:
         if not isinstance(reading, ServoState):
-            label = self._opened("read").label(joint)
-            if joint.name not in self._faults:
-                LOG.error("%s: %s", label, reading.text)
-            self._faults[joint.name] = f"{label}: {reading.text}"
+            fault = JointFault(reading.kind, reading.text)
+            if joint.name not in self._faults and fault not in self._faults.values():  # a line's is told once
+                LOG.error("%s", fault.text)
+            self._faults[joint.name] = fault
+            self._missing[joint.name] = self._missing.get(joint.name, 0) + 1
         elif joint.name in self._faults and self.state is not LifecycleState.ACTIVE:
-            del self._faults[joint.name]
+            self._forget_fault(joint)
 
-    def _welcome_one_back(self, deadline_s: float) -> None:
-        """Of those that were away and answer again, whoever has waited longest: a cycle has no time for all."""
-        name = next((name for name in self._faults if name in self._measured), None)
-        if name is not None:
-            self._faults[name] = self._faults.pop(name)  # to the end of the queue, should it remain
-            self._welcome_back(next(joint for joint in self._joints if joint.name == name), deadline_s)
+    def _forget_fault(self, joint: Joint) -> None:
+        self._faults.pop(joint.name, None)
+        self._missing.pop(joint.name, None)
 
-    def _welcome_back(self, joint: Joint, deadline_s: float) -> None:
-        """A servo that lost its power comes back limp, and its goal is not ours any more."""
-        lines = self._opened("read")
-        try:
-            driven = lines.torque_is_on(joint, deadline_s)
-        except ServoError:
+    def _rejoin(self) -> None:
+        """Take back all that were missing and answer again; whoever there is no time to ask waits for the next cycle.
+
+        A servo that lost its power comes back limp, and its goal is not ours any more.
+        """
+        back = [joint for joint in self._joints if joint.name in self._faults and joint.name in self._measured]
+        if not back:
             return
-        if driven:
-            LOG.warning("%s: servo %d answers again", lines.label(joint), joint.servo_id)
-            del self._faults[joint.name]
-            return
-        text = f"servo {joint.servo_id} came back without torque (power dip?): activate again"
-        if text not in self._faults[joint.name]:
-            LOG.error("%s: %s", lines.label(joint), text)
-        self._faults[joint.name] = f"{lines.label(joint)}: {text}"
+        buses = self._opened("read")
+        for joint_name, driven in buses.torque_states(back, self._deadline_s).items():
+            joint = next(joint for joint in back if joint.name == joint_name)
+            if driven:
+                LOG.warning("%s: servo %d answers again", buses.label(joint), joint.servo_id)
+                self._forget_fault(joint)
+            else:
+                self._refuse_limp(joint)
+
+    def _refuse_limp(self, joint: Joint) -> None:
+        label = self._opened("read").label(joint)
+        text = f"{label}: servo {joint.servo_id} came back without torque (power dip?): activate again"
+        if self._faults[joint.name].kind != "no_torque":
+            LOG.error("%s", text)
+        self._faults[joint.name] = JointFault("no_torque", text)
+        self._missing[joint.name] = WITHHELD_AFTER
 
     def _unknown_state(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.counters import BusCounters, ServoCounters
+from drivers.bus.counters import BusCounters, ServoCounters
+from drivers.bus.types import FaultKind
 
 FloatArray = NDArray[np.float64]
 
@@ -33,11 +35,20 @@ class ServoHealth:
     temperature_c: float
     alarms: tuple[str, ...] = ()
     counters: ServoCounters | None = None
-    """What went wrong with it on the wire so far: the bus's own account, which goes on counting."""
+    """What went wrong with it on the wire so far."""
     load: float = math.nan
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
     """Of the motor, in the joint's direction; NaN where the servo's state has none."""
+
+
+class JointFault(NamedTuple):
+    """What is wrong with a joint."""
+
+    kind: FaultKind | Literal["no_torque", "component"]
+    """The servo's kind of fault; or it came back limp; or its component is lost, switched or inactive."""
+    text: str
+    """For people, naming the joint's servo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +63,14 @@ class JointState:
     position: FloatArray
     velocity: FloatArray
     effort: FloatArray
-    faults: Mapping[str, str] = field(default_factory=dict)
-    """Joint name → what is wrong with it, naming the servo. Empty when all is well."""
+    faults: Mapping[str, JointFault] = field(default_factory=dict)
+    """Joint name → what is wrong with it. Empty when all is well."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
     """Joint name → health, where there is a servo to ask."""
     extra: Mapping[str, float] = field(default_factory=dict)
     """State interfaces beyond the three, by their full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)
-    """Serial port → what went wrong there so far: the bus's own account, which goes on counting."""
+    """Serial port → what went wrong there so far."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,14 +15,12 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from controller.joint_state_broadcaster import JointStates
-from controller.node_parameters import parameters_of
-from nodes.controller_parameters import ParameterNode
-from nodes.conversions import transform_message
-from nodes.links import Links, fixed_links
-from nodes.pace import Pace
-from nodes.qos import LATCHED
+from controller.broadcasters.joint_state_broadcaster import JointStates
+from controller.manager.node_parameters import parameters_of
+from nodes.parameter_node import ParameterNode
+from nodes.publishing import LATCHED, RateLimiter
 from nodes.stack import Stack
+from nodes.transforms import MovingTransforms, fixed_transforms, transform_message
 
 NAME: Final = "robot_state_publisher"
 
@@ -31,7 +29,7 @@ _LOOK_HZ: Final = 1.0
 """So often the scene is looked at when nobody listens: a feed that is left unread for long hangs up."""
 
 
-class LinkParameters(BaseModel):
+class RobotStateParameters(BaseModel):
     """Under upstream's names; the controllers file may give them in a section ``robot_state_publisher``."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -48,24 +46,24 @@ class RobotStatePublisher:
         self.node = ParameterNode(NAME)
         self._stack = stack
         self._parameters = self._initial()
-        self._pace, self._idle = Pace(), Pace()
+        self._rate_limiter, self._idle = RateLimiter(), RateLimiter()
         self._tf = self.node.create_publisher(TFMessage, "/tf", 100)
         self._tf_static = self.node.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._description = self.node.create_publisher(String, "robot_description", LATCHED)
         self._description.publish(String(data=stack.description.xml))
         self._declare()
-        self._draw()
+        self._prepare_transforms()
 
     def publish(self, states: JointStates, stamp: Time) -> None:
         """The moving links at the measured positions, and what the simulation sees."""
-        due = self._pace.due(states.stamp_s, self._parameters.publish_frequency)
+        due = self._rate_limiter.due(states.stamp_s, self._parameters.publish_frequency)
         if not (due or self._parameters.ignore_timestamp):
             return
         if not self._tf.get_subscription_count():
             if self._idle.due(states.stamp_s, _LOOK_HZ):
                 self._stack.scene()
             return
-        transforms = self._links.transforms(states.names, states.position.tolist(), stamp) + self._scene(stamp)
+        transforms = self._moving.transforms(states.names, states.position.tolist(), stamp) + self._scene(stamp)
         if transforms:
             self._tf.publish(TFMessage(transforms=transforms))
 
@@ -75,12 +73,12 @@ class RobotStatePublisher:
             transform_message(prefix + _BASE, prefix + name, *pose, stamp) for name, pose in self._stack.scene().items()
         ]
 
-    def _initial(self) -> LinkParameters:
+    def _initial(self) -> RobotStateParameters:
         try:
-            return LinkParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
+            return RobotStateParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
         except ValidationError as error:
             self.node.get_logger().error(f"{_words(error)}: going with upstream's defaults")
-            return LinkParameters()
+            return RobotStateParameters()
 
     def _declare(self) -> None:
         self.node.declare_parameter("robot_description", self._stack.description.xml)
@@ -89,8 +87,8 @@ class RobotStatePublisher:
         self.node.add_on_set_parameters_callback(self._check)
         self.node.add_post_set_parameters_callback(self._take)
 
-    def _changed(self, parameters: list[Parameter]) -> LinkParameters:
-        return LinkParameters.model_validate({**dict(self._parameters), **{p.name: p.value for p in parameters}})
+    def _changed(self, parameters: list[Parameter]) -> RobotStateParameters:
+        return RobotStateParameters.model_validate({**dict(self._parameters), **{p.name: p.value for p in parameters}})
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         own = self._stack.description.xml
@@ -105,16 +103,16 @@ class RobotStatePublisher:
 
     def _take(self, parameters: list[Parameter]) -> None:
         before, self._parameters = self._parameters, self._changed(parameters)
-        self._pace = Pace()
+        self._rate_limiter = RateLimiter()
         if self._parameters.frame_prefix != before.frame_prefix:
-            self._draw()
+            self._prepare_transforms()
 
-    def _draw(self) -> None:
+    def _prepare_transforms(self) -> None:
         """Prepare the moving links and publish the fixed ones."""
         joints, prefix = self._stack.description.joints, self._parameters.frame_prefix
-        self._links = Links(joints.values(), prefix)
+        self._moving = MovingTransforms(joints.values(), prefix)
         stamp = self.node.get_clock().now().to_msg()
-        self._tf_static.publish(TFMessage(transforms=fixed_links(joints, prefix, stamp)))
+        self._tf_static.publish(TFMessage(transforms=fixed_transforms(joints, prefix, stamp)))
 
 
 def _words(error: ValidationError) -> str:

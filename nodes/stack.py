@@ -1,10 +1,10 @@
-"""What the ROS nodes are given to show: the running stack, as the wiring has put it together."""
+"""The running stack as the wiring hands it to the ROS nodes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from controller.factory import Factory
 from controller.loop import ControlLoop
+from controller.manager.factory import Factory
 from hal.description import Component, Description, Vector
 from hal.kinematics import Quaternion
 
@@ -28,6 +28,6 @@ class Stack:
     factory: Factory
     """Makes the controllers that clients load."""
     relax: bool
-    """Whether a component that is deactivated lets go of its joints, by the robot file's ``on_exit``."""
-    links: bool = True
-    """Whether to publish the ``robot_description`` and the links' transforms."""
+    """True if a component that is deactivated lets go of its joints, by the robot file's ``on_exit``."""
+    publish_transforms: bool = True
+    """True to publish the ``robot_description`` and the links' transforms."""

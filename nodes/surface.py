@@ -7,26 +7,27 @@ from contextlib import contextmanager
 from time import time
 
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.executors import ExternalShutdownException
-from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time as RosTime
 
-from controller.desk import Desk
-from controller.joint_state_broadcaster import JointStateBroadcaster
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.manager.client import ManagerClient
 from drivers.clock import wall_offset_s
 from hal.types import JointState
-from nodes.controller_nodes import ControllerNodes
-from nodes.conversions import time_message
-from nodes.executor import CycleExecutor
-from nodes.hardware_node import HardwareNodes
-from nodes.hardware_services import HardwareServices
-from nodes.leaving import leaving
-from nodes.manager_node import ManagerNode
+from nodes.controllers.controller_nodes import ControllerNodes
+from nodes.manager.controller_manager_node import ManagerNode
+from nodes.manager.hardware_nodes import HardwareNodes
+from nodes.manager.hardware_services import HardwareServices
+from nodes.manager.pending_requests import PendingRequests
+from nodes.rclpy_patches import cycle_executor, gil_release
+from nodes.rclpy_patches.guard import usable_patches
+from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.robot_state_publisher import RobotStatePublisher
+from nodes.ros_process import exit_watchdog, init_rclpy
 from nodes.stack import Stack
-from nodes.unlocked import leave_the_lock_to_others
-from nodes.waiting import Waiting
 
-GOODBYE_S = 0.2
+FINISH_S = 0.2
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -35,26 +36,29 @@ class Surface:
     """The ROS 2 side. ``post`` is for the loop's thread, everything else for the ROS thread."""
 
     def __init__(self, stack: Stack) -> None:
-        leave_the_lock_to_others()
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # the wiring has its own
+        patches = usable_patches()
+        if gil_release.PATCH in patches:
+            gil_release.release_gil_in_middleware()
+        LOG.info("%s", init_rclpy())
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
-        self._waiting = Waiting()
-        desk = Desk(stack.loop, stack.factory)
-        self._executor = CycleExecutor()
-        self._manager = ManagerNode(stack, desk, self._waiting)
-        HardwareServices(self._manager.node, stack, self._waiting)
+        self._pending = PendingRequests()
+        manager_client = ManagerClient(stack.loop, stack.factory)
+        self._manager = ManagerNode(stack, manager_client, self._pending)
+        kept = cycle_executor.PATCH in patches
+        self._executor = cycle_executor.CycleExecutor() if kept else PlainExecutor(self._manager.node)
+        HardwareServices(self._manager.node, stack, self._pending)
         self._hardware = HardwareNodes(stack)
-        self._links = RobotStatePublisher(stack) if stack.links else None
-        links = [self._links.node] if self._links is not None else []
-        self._own = (self._manager.node, *self._hardware.nodes, *links)
-        self._controllers = ControllerNodes(stack.loop.manager, desk, self._executor)
+        self._robot_state_publisher = RobotStatePublisher(stack) if stack.publish_transforms else None
+        robot_state_publishers = [self._robot_state_publisher.node] if self._robot_state_publisher is not None else []
+        self._own = (self._manager.node, *self._hardware.nodes, *robot_state_publishers)
+        self._controllers = ControllerNodes(stack.loop.manager, manager_client, self._executor)
         for node in self._own:
             self._executor.add_node(node)
-        self._follow()
+        self._synchronize()
 
     def post(self, state: JointState) -> None:
-        """One cycle is done: wake the ROS thread. Never waits."""
+        """Hand over a cycle that is done, and wake the ROS thread. Never waits."""
         self._cycles.append(state)
         self._executor.post()
 
@@ -62,59 +66,63 @@ class Surface:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
         while not stop() and rclpy.ok():
             try:
-                with _survived():
+                with _errors_logged():
                     # Where the next cycle has come already, clients are served nevertheless.
                     self._executor.serve(0.1, behind=bool(self._cycles))
-                with _survived():
-                    self._drain()
+                with _errors_logged():
+                    self._publish_cycles()
             except ExternalShutdownException:
                 return
 
-    def say_goodbye(self) -> None:
+    def finish(self) -> None:
         """The loop has ended: give the clients whose goals ended with it their results, and the others their answer."""
         self._controllers.publish(self._manager.node.get_clock().now().to_msg())
-        self._waiting.settle()
-        deadline = self._stack.loop.clock.now() + GOODBYE_S
+        self._pending.resume_done()
+        deadline = self._stack.loop.clock.now() + FINISH_S
         self.spin(lambda: self._stack.loop.clock.now() > deadline)
 
     def close(self) -> None:
         """Take all nodes off the graph."""
-        with leaving():
+        with exit_watchdog():
             self._executor.shutdown(timeout_sec=1.0)
             self._controllers.close()
             for node in self._own:
                 node.destroy_node()
             rclpy.try_shutdown()
 
-    def _drain(self) -> None:
+    def _publish_cycles(self) -> None:
         if not self._cycles:
             return
         offset_s = wall_offset_s(self._stack.loop.clock, time)
         states = [self._cycles.popleft() for _ in range(len(self._cycles))]
-        cycles = [(state, time_message(state.stamp_s + offset_s)) for state in states]
+        cycles = [(state, _stamp(state.stamp_s + offset_s)) for state in states]
         state, stamp = cycles[-1]  # where the ROS side lags behind, the newest is what counts, but for joint states
-        self._hardware.see(state)
         self._controllers.publish(stamp, cycles)
+        self._hardware.update(state)
         for broadcaster in self._broadcasters:
-            if self._links is not None and broadcaster.state is not None:
-                self._links.publish(broadcaster.sample(state), stamp)
-        self._follow()
+            if self._robot_state_publisher is not None and broadcaster.state is not None:
+                self._robot_state_publisher.publish(broadcaster.sample(state), stamp)
+        self._synchronize()
 
-    def _follow(self) -> None:
-        """Who is loaded has its node before the client that wanted it gets the answer."""
-        there = self._controllers.follow()
+    def _synchronize(self) -> None:
+        """Give a loaded controller its node before the client that asked for it gets the answer."""
+        complete = self._controllers.synchronize()
         self._manager.publish()
         self._broadcasters = [
             c
             for c in self._controllers.controllers
             if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
         ]
-        if there:
-            self._waiting.settle()
+        if complete:
+            self._pending.resume_done()
+
+
+def _stamp(since_1970_s: float) -> Time:
+    return RosTime(nanoseconds=round(since_1970_s * 1e9)).to_msg()
 
 
 @contextmanager
-def _survived() -> Iterator[None]:
+def _errors_logged() -> Iterator[None]:
     """A client's oddity must not take the surface from the others."""
     try:
         yield

@@ -1,1 +1,1 @@
-"""The command line and the wiring: the only room that knows all others. No logic."""
+"""The command line and the wiring: servoloop/ is the only folder that knows all others, and has no logic."""

@@ -11,12 +11,13 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from drivers.bus import Reading, ServoBus, ServoGoal, ServoState
+from drivers.bus.bus import Bus
+from drivers.bus.late_replies import HELD_S
+from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
-from drivers.makes import MODELS, bus_for
-from drivers.owed import HELD_S
-from drivers.serial_port import SerialPort
+from drivers.port.serial_port import SerialPort
+from drivers.servos.catalog import MODELS
 from servoloop.bench_goals import stand_still, who_answers
 from servoloop.realtime import on_one_processor
 
@@ -68,7 +69,7 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
         raise DriverError(f"unknown model {model}: known are {', '.join(sorted(MODELS))}")
     clock = MonotonicClock()
     models = dict.fromkeys(servo_ids, MODELS[model])
-    bus = bus_for(models, SerialPort(port, baud, clock), clock)
+    bus = Bus(SerialPort(port, baud, clock), clock, models)
     try:
         goals = stand_still(bus, servo_ids, MODELS[model])
         with on_one_processor():
@@ -79,14 +80,12 @@ def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles
         bus.close()
 
 
-def wire_s(bus: ServoBus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:
+def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:
     """How long the bytes of one cycle take: the goals, the question, the answers."""
     return bus.exchange_size(goals, servo_ids) * 10.0 / bus.baud
 
 
-def measure(
-    bus: ServoBus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int
-) -> Figures:
+def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Figures:
     """``cycles`` times goals out and states in, one after the other without a pause.
 
     Raises DriverError where nobody answers in any of them, nor behind them.
@@ -96,6 +95,7 @@ def measure(
     budget_s = BUDGET_S * len(servo_ids) + 2.0 * on_wire_s
     if any(bus.counters.faults().values()):
         clock.sleep_until(now() + HELD_S)  # what comes late from before the run is none of its
+        bus.read_states(servo_ids)
     before = Counter(bus.counters.faults())
     took_s: list[float] = []
     gc.collect()
@@ -103,7 +103,9 @@ def measure(
     cpu_s = time.process_time()
     begin_s = answered_s = last_s = now()
     for _ in range(cycles):
-        readings = bus.exchange(goals, servo_ids, last_s + budget_s)
+        bus.request(servo_ids, last_s + budget_s)
+        readings = bus.receive()
+        bus.write_goals(goals)
         now_s = now()
         if readings[first].__class__ is ServoState or _anybody(readings):
             took_s.append(now_s - answered_s)

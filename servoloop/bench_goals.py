@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
-from drivers.bus import ServoBus, ServoGoal, ServoState
-from drivers.diagnose import NOWHERE, diagnose
+from drivers.bus.bus import Bus
+from drivers.bus.diagnose import NOWHERE, diagnose
+from drivers.bus.retry import retry
+from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
-from drivers.makes import MODELS, id_register, model_numbers, table_of
-from drivers.registers import Register, ServoModel
-from drivers.tries import tried
+from drivers.servos.catalog import MODELS, model_number_elsewhere, series_of
+from drivers.servos.register import ServoModel
 
 LOG = logging.getLogger("servoloop")
 
@@ -32,7 +33,7 @@ class Mute(ServoError):
     """It gives its state together with others, and answers no question that it is asked by itself."""
 
 
-def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
+def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
     """Give each servo the goal that it has already, and return these goals.
 
     What is a goal to one model may be a setting to another: who has another table, is in another mode, stands where
@@ -67,7 +68,7 @@ def stand_still(bus: ServoBus, servo_ids: Sequence[int], model: ServoModel) -> d
     return goals
 
 
-def who_answers(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
+def who_answers(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
     """The states of all who do. Raises DriverError where nobody does."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
@@ -79,28 +80,27 @@ def who_answers(bus: ServoBus, servo_ids: Sequence[int]) -> dict[int, ServoState
     return states
 
 
-def _why_nobody(bus: ServoBus, servo_ids: Sequence[int]) -> str:
+def _why_nobody(bus: Bus, servo_ids: Sequence[int]) -> str:
     """In words. Of many servos the first few are searched at other rates: at slow ones that takes long."""
     found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NOWHERE not in text]
     check = "check the servos' power, their IDs and the baud rate"
     return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 
 
-def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState, *, patient: bool) -> ServoGoal | None:
+def _goal(bus: Bus, servo_id: int, model: ServoModel, state: ServoState, *, patient: bool) -> ServoGoal | None:
     """None for one that must not have any. Raises ServoRefused for one with another table, ServoError otherwise.
 
     ``patient``: no other has been mute yet. Where one has, all may be, and a second look at each would take long.
     """
-    here, elsewhere = model_numbers(model)
-    question = partial(bus.read, servo_id, here)
+    question = partial(bus.read, servo_id, series_of(model).model_number)
     try:
-        number = tried(question) if patient else question()
+        number = retry(question) if patient else question()
     except ServoSilent as error:
         raise Mute(servo_id, "answers group reads and no others") from error
     try:
         bus.identify(servo_id, model)
     except ServoRefused as error:
-        if number != model.number and not _has_the_table(bus, servo_id, model, number, elsewhere):
+        if number != model.number and not _has_the_table(bus, servo_id, model, number):
             raise
         if not _is_fit(bus, servo_id, model, number, error):
             return None
@@ -112,7 +112,7 @@ def _goal(bus: ServoBus, servo_id: int, model: ServoModel, state: ServoState, *,
     return ServoGoal(counts)
 
 
-def _is_fit(bus: ServoBus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
+def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
     """Whether one that ``identify`` refused takes goals for goals: of another motor, or a simulator."""
     if number == 0:  # so its settings may all be 0
         return True
@@ -125,19 +125,19 @@ def _is_fit(bus: ServoBus, servo_id: int, model: ServoModel, number: int, refuse
     return True
 
 
-def _has_the_table(bus: ServoBus, servo_id: int, model: ServoModel, number: int, elsewhere: Register) -> bool:
+def _has_the_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
     """Whether one with another number is likely to have the same registers.
 
-    ``elsewhere``: where the other make has the number. A simulator may have no number (0) or one of its own; then the
+    A simulator may have no number (0) or one of its own; then the
     user is believed, unless the table speaks against it.
     """
-    if any(number == other.number and table_of(other) == table_of(model) for other in MODELS.values()):
+    if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True
-    of_the_other_make = tried(partial(bus.read, servo_id, elsewhere)) in _KNOWN
+    of_the_other_make = retry(partial(bus.read, servo_id, model_number_elsewhere(model))) in _KNOWN
     if of_the_other_make or (number in _KNOWN and _turned(number) != model.number):
         return False
     if number == 0:
         return True
-    return tried(partial(bus.read, servo_id, id_register(model))) == servo_id and (
+    return retry(partial(bus.read, servo_id, series_of(model).servo_id)) == servo_id and (
         0 <= bus.goal(servo_id) <= model.last_count
     )

@@ -8,14 +8,15 @@ from typing import Annotated
 
 import typer
 
-from controller.controllers_file import ControllersFileError
-from controller.kinds import PluginError
-from controller.roster import ClaimError
+from controller.manager.controllers_file import ControllersFileError
+from controller.manager.plugins import PluginError
+from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.files import CONTROLLERS, URDF, Files, make_folder, read_files, require_writable
 from servoloop.hardware import HardwareKind
-from servoloop.ports import links, parse_ports
+from servoloop.ports import device_paths, parse_ports
+from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 
 app = typer.Typer(
@@ -31,8 +32,11 @@ app.add_typer(bench_app, name="bench")
 
 LARGEST_BAUD = 12_000_000
 """Of the fastest USB adapters."""
+INTERRUPTED = 130
+"""The exit status that a shell gives a program that Ctrl-C has ended."""
 
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
+NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
 UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
 
 
@@ -43,6 +47,9 @@ def main() -> None:
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
         typer.secho(f"servoloop: {error}", fg="red", err=True)
         raise SystemExit(1) from None
+    except Interrupted as error:
+        typer.echo(f"servoloop: {error}", err=True)
+        raise SystemExit(INTERRUPTED) from None
 
 
 @app.command()
@@ -58,11 +65,11 @@ def up(
     controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
-    stay: Annotated[
+    keep_alive: Annotated[
         bool,
         typer.Option("--stay", help="Keep up when servos are lost or missing, and wait to be told to activate them."),
     ] = False,
-    links: Annotated[
+    publish_transforms: Annotated[
         bool,
         typer.Option(
             "--robot-state-publisher/--no-robot-state-publisher",
@@ -76,6 +83,7 @@ def up(
             help="Load and activate the file's controllers; not where ros2_control's spawner does.",
         ),
     ] = True,
+    network: NetworkOption = False,
     ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
 ) -> None:
     """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
@@ -86,6 +94,7 @@ def up(
     from servoloop.up import up as run
 
     _log_to_terminal()
+    _set_network(network)
     if ready_file is not None:
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
@@ -102,7 +111,7 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready, stay, links))
+    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms))
 
 
 @app.command()
@@ -127,7 +136,7 @@ def emulate(
         make_folder(pictures)
     files: Files = read_files(urdf, CONTROLLERS, robot)
     claim_realtime_priority()
-    places = " and ".join(str(path) for path in links(link, files.robot.file.lines()).values())
+    places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:
         run(
             files.robot,
@@ -138,6 +147,13 @@ def emulate(
         )
 
 
+def _set_network(network: bool) -> None:
+    from nodes.discovery import open_to_network
+
+    if network:
+        open_to_network(os.environ)
+
+
 def _log_to_terminal() -> None:
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
 
@@ -145,19 +161,27 @@ def _log_to_terminal() -> None:
 @app.command()
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
+    network: NetworkOption = False,
 ) -> None:
     """Send one pick-place goal, print its feedback, and exit with 0 if it succeeds.
 
     Example: `servoloop pick B`
     """
+    if not grade.strip():
+        raise DriverError("GRADE is empty, and every pick-place node refuses that: name one, such as A")
     require_ros()
-    from nodes.pick_client import ACTION, PickClient
-    from nodes.session import client_session
+    from nodes.client_node import client_node
+    from nodes.pick_place.client import ACTION, PickClient
     from servoloop.signals import Signals
 
-    with Signals() as signals, client_session("servoloop_pick") as (node, executor):
+    _set_network(network)
+    left = "the node may go on with the job"
+    with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
         client = PickClient(node, executor)
-        if not client.wait(5.0):
+        there = client.wait(5.0, lambda: signals.count > 0)
+        if signals.count:
+            raise Interrupted("interrupted before the job began")
+        if not there:
             raise DriverError(f"nobody offers {ACTION}: start the stack and the pick-place node")
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
@@ -179,22 +203,20 @@ def demo(
     """
     from rich.console import Console
 
-    from servoloop import report as reports
-    from servoloop.demo import demo as run
-    from servoloop.live import Live
-    from servoloop.show import Interrupted
+    from servoloop.demo import report as reports
+    from servoloop.demo.cell import check_grades
+    from servoloop.demo.demo import demo as run
+    from servoloop.demo.live import Live
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
+    check_grades(jobs)
     require_ros()
     make_folder(out)
     console = Console()
-    try:
-        with Live(console) as live:
-            report = run(jobs, repeat, out, robot, live)
-    except Interrupted:
-        raise typer.Exit(130) from None
+    with Live(console) as live:
+        report = run(jobs, repeat, out, robot, live)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.dynamixel.xl320 import XL320
-from drivers.makes import language_of
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import PROTOCOL_2
+from drivers.servos.xl320 import XL320
 from hal.errors import RobotFileError
 from hal.robot import Robot
-from servoloop.ports import links
+from servoloop.ports import device_paths
 from sim_backend.bus import VirtualBus
 from sim_backend.common import CommonPlant
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -22,7 +23,7 @@ from sim_backend.world_feed import WorldFeed, feed_path
 
 
 def couplings(robot: Robot) -> list[Coupling]:
-    """The virtual arm is built as the robot file says."""
+    """The couplings of the virtual arm's servos to its joints, as the robot file has them."""
     return [
         Coupling(
             servo_id=joint.servo_id,
@@ -37,17 +38,17 @@ def couplings(robot: Robot) -> list[Coupling]:
 
 
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "") -> ServoLine[Any]:
-    """The servos that the robot file names for one bus, on their line."""
+    """A virtual bus with the servos that the robot file names for it."""
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
     if XL320 in models.values():
         raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
-    if any(language_of(model) == "Dynamixel protocol 2.0" for model in models.values()):
+    if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
     return VirtualBus.of(plant, models)
 
 
 def virtual_lines(robot: Robot, plant: Plant) -> dict[str, ServoLine[Any]]:
-    """Every bus of the robot file by name, all over the one plant."""
+    """The virtual buses of the robot file by name, all over the one plant."""
     names = list(robot.file.lines())
     if len(names) == 1:
         return {names[0]: virtual_bus(robot, plant, names[0])}
@@ -78,7 +79,7 @@ def emulate(
 
     plant = WorldPlant(world, couplings(robot), after_step)
     lines = virtual_lines(robot, plant)
-    places = links(link, lines)
+    places = device_paths(link, lines)
     with WorldFeed(feed_path(link)) as feed:
         serve_all(
             {places[name]: line for name, line in lines.items()},

@@ -1,10 +1,11 @@
-"""Where the arm's own files are, and how they are read together."""
+"""The files of a robot (URDF, robot files, controllers file): where the arm's own are, and how they are read."""
 
 import tempfile
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.controllers_file import ControllersFile, load_controllers_file
+from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from drivers.errors import DriverError
 from hal.component import Component
 from hal.description import Description, merged, parse_urdf
@@ -24,7 +25,7 @@ ROBOT = "robot_arm.yaml"
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What the files say: URDF, robot files, controllers file."""
+    """The contents of a robot's files: URDF, robot files, controllers file."""
 
     description: Description
     component: Component
@@ -40,12 +41,12 @@ class Files:
 
     @property
     def robot_path(self) -> Path:
-        """That of the first component with one."""
+        """The robot file of the first component that has one."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
 
 def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None) -> Files:
-    """Read and check all. ``robot`` is by default the file that the URDF's ``robot`` param names.
+    """Read and check a robot's files. ``robot`` is by default the file that the URDF's ``robot`` param names.
 
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
     """
@@ -66,7 +67,7 @@ def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path |
 
 
 def read_description(urdf: Path) -> Description:
-    """The URDF. Raises DescriptionError."""
+    """Read the URDF. Raises DescriptionError."""
     try:
         return parse_urdf(urdf.read_text())
     except OSError as error:
@@ -76,7 +77,7 @@ def read_description(urdf: Path) -> Description:
 
 
 def _robot_paths(description: Description, urdf: Path, said: Path | None) -> dict[str, Path]:
-    """By component: what the command line says, or its ``robot`` param; a mock, for one, needs none."""
+    """The robot file of each component that needs one: what the command line says, or its ``robot`` param."""
     needy = [c for c in description.components if "robot" in c.parameters or c.plugin in OWN_SERVOS]
     if said is None:
         return {c.name: _found(c.parameters.get("robot", ROBOT), urdf) for c in needy}
@@ -91,7 +92,7 @@ def _robot_paths(description: Description, urdf: Path, said: Path | None) -> dic
 
 
 def _found(name: str, urdf: Path) -> Path:
-    """Beside the URDF, or else among our own; an absolute path is both."""
+    """The robot file's path: beside the URDF, or else among our own; an absolute path is both."""
     beside = urdf.parent / name
     return beside if beside.exists() else CONFIG / name
 
@@ -104,8 +105,31 @@ def _robot(path: Path, description: Description, component: Component) -> Robot:
         raise RobotFileError("\n".join(f"{path}: {line}" for line in str(error).splitlines())) from error
 
 
+@dataclass(frozen=True, slots=True)
+class InitialStates:
+    """The components that do not become active at the start, by the controllers file."""
+
+    unconfigured: Collection[str]
+    inactive: Collection[str]
+
+
+def initial_states(files: Files) -> InitialStates:
+    """Upstream's ``hardware_components_initial_state`` of the manager. Raises ControllersFileError."""
+    said = files.controllers.manager.get("hardware_components_initial_state") or {}
+    where = f"{files.controllers.path}: hardware_components_initial_state"
+    known = [component.name for component in files.description.components]
+    lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
+    for state, names in said.items() if isinstance(said, Mapping) else [("", said)]:
+        if state not in lists or not isinstance(names, list):
+            raise ControllersFileError(f"{where} has the lists unconfigured and inactive, not {state or said}")
+        if strangers := [str(name) for name in names if name not in known]:
+            raise ControllersFileError(f"{where} names {', '.join(strangers)}: the URDF has {', '.join(known)}")
+        lists[state] = names
+    return InitialStates(**lists)
+
+
 def make_folder(folder: Path) -> None:
-    """For results, where it is not there yet. Raises DriverError where nothing can be written into it."""
+    """Make a folder for results, where there is none yet. Raises DriverError where nothing can be written into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -114,7 +138,7 @@ def make_folder(folder: Path) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Try it now: to learn at the end of a run that its results have no place is too late. Raises DriverError."""
+    """Write into a folder now: the end of a run is too late to learn that it cannot be. Raises DriverError."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

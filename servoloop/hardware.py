@@ -1,18 +1,19 @@
-"""Which hardware: servos on a port, the arm in MuJoCo, the mock, or a user's own. Nothing else differs."""
+"""The choice of the hardware: servos on a port, the arm in MuJoCo, the mock, or a user's own. Nothing else differs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import entry_points
+from typing import TypeVar
 
-from controller.kinds import PluginError
-from drivers.bus import ServoBus
+from controller.manager.plugins import PluginError
+from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import PortError
-from drivers.makes import MODELS, bus_for
 from drivers.port import Port
-from drivers.serial_port import SerialPort
+from drivers.port.serial_port import SerialPort
+from drivers.servos.catalog import MODELS
 from hal.component import Component
 from hal.components import Components
 from hal.description import Vector
@@ -24,14 +25,16 @@ from hal.mock_hardware import MockHardware
 from hal.robot import RobotFile, require_positions
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
+from servoloop.line_rate import Line
 from servoloop.ports import world_feed
 from sim_backend.world_feed import WorldFeedClient
 
 Pose = tuple[Vector, Quaternion]
+AnyLine = TypeVar("AnyLine", bound=Line)
 
 
 class HardwareKind(StrEnum):
-    """Values of ``--hardware``."""
+    """The values of ``--hardware``."""
 
     SERVOS = "servos"
     MUJOCO = "mujoco"
@@ -49,8 +52,8 @@ ENTRY_POINTS = "servoloop.hardware"
 
 
 @dataclass(frozen=True, slots=True)
-class Below:
-    """What the loop stands on."""
+class HardwareSetup:
+    """The hardware that the loop drives, and what belongs to it."""
 
     hardware: Components
     scene: Callable[[], Mapping[str, Pose]]
@@ -58,10 +61,14 @@ class Below:
     """By component, where it has servos."""
     virtual: bool
     """Whether nothing real moves."""
+    buses: Mapping[str, Line]
+    """By name, those that components have opened so far."""
+    rates_hz: Mapping[str, float]
+    """By bus: how often its servos are read and written."""
 
 
 def choose(kind: HardwareKind | None, component: Component) -> HardwareKind | str:
-    """What the command line says for all, or else the block's ``<plugin>``: one of ours, or a user's by its name."""
+    """Choose a component's hardware: what the command line says, or else its ``<plugin>``, ours or a user's."""
     plugin = component.plugin
     users = sorted(entry_points(group=ENTRY_POINTS).names)
     if kind is None and plugin not in PLUGINS and plugin not in users:
@@ -70,24 +77,32 @@ def choose(kind: HardwareKind | None, component: Component) -> HardwareKind | st
     return kind or PLUGINS.get(plugin) or plugin
 
 
-def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], clock: Clock) -> Below:
-    """All hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
+def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], clock: Clock) -> HardwareSetup:
+    """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
     world = _World(clock) if HardwareKind.MUJOCO in kinds.values() else None
     if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
-    made = [_made(kinds[c.name], c, files, devices, clock, world) for c in components]
-    every = [_every(component, files.controllers.update_rate_hz) for component in components]
+    buses: dict[str, Line] = {}
+    made = [_made(kinds[c.name], c, files, devices, clock, world, buses) for c in components]
+    divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _interpolation(one) for one in made if isinstance(one, ServoHardware)}
     feed = _feed(devices) if servos else None
     scene = world.scene if world else Scene(feed) if feed else dict
     real = (bool(servos) and feed is None) or any(kinds[c.name] not in tuple(HardwareKind) for c in components)
-    return Below(Components(made, clock, every), scene, servos, virtual=not real)
+    rate_hz = files.controllers.update_rate_hz
+    rates_hz = {
+        joint.bus: rate_hz / divisor
+        for component, divisor in zip(components, divisors, strict=True)
+        for joint in files.robot.joints
+        if joint.name in component.joints
+    }
+    return HardwareSetup(Components(made, clock, divisors), scene, servos, not real, buses, rates_hz)
 
 
 def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
-    """The world behind these devices. A real line has none, nor has an emulator that was killed and left its socket."""
+    """Connect to the world behind these devices. A real line has none, nor has an emulator that was killed."""
     path = world_feed(devices)
     try:
         return WorldFeedClient(path) if path else None
@@ -95,8 +110,8 @@ def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
         return None
 
 
-def _every(component: Component, update_rate_hz: int) -> int:
-    """In every how many-th cycle its ``rw_rate`` has it read and written; never more often than in each."""
+def _rw_divisor(component: Component, update_rate_hz: int) -> int:
+    """The divisor of the update rate at which the component's ``rw_rate`` has it read and written; 1 at the least."""
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
@@ -107,7 +122,9 @@ def _made(
     devices: Mapping[str, str],
     clock: Clock,
     world: "_World | None",
+    opened: dict[str, Line],
 ) -> Hardware:
+    """Make one component. Its buses, when it opens them, are in ``opened`` too."""
     joints = [joint for joint in files.robot.joints if joint.name in component.joints]
     if kind is HardwareKind.MOCK:
         return MockHardware.of(component, clock)
@@ -120,12 +137,20 @@ def _made(
         )
     if world is not None and kind is HardwareKind.MUJOCO:
         return world.hardware(component.name, joints)
-    buses = list(dict.fromkeys(joint.bus for joint in joints))
-    return ServoHardware(component.name, joints, lambda: open_buses(files.robot.file, devices, clock, buses), clock)
+    names = list(dict.fromkeys(joint.bus for joint in joints))
+
+    return ServoHardware(
+        component.name, joints, lambda: _noted(open_buses(files.robot.file, devices, clock, names), opened), clock
+    )
+
+
+def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str, AnyLine]:
+    opened.update(buses)
+    return buses
 
 
 def _users(plugin: str, component: Component, clock: Clock) -> Hardware:
-    """Made by an installed package. Raises PluginError."""
+    """Make the hardware that an installed package brings. Raises PluginError."""
     (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
     try:
         hardware: Hardware = point.load()(component, clock)
@@ -153,28 +178,28 @@ class _World:
         self._clock = clock
 
     def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
-        """The component that moves it."""
+        """The component that moves the arm in MuJoCo."""
         from sim_backend.mujoco_hardware import MujocoHardware
 
         return MujocoHardware(name, joints, self._world, self._clock)
 
     def scene(self) -> Mapping[str, Pose]:
-        """Where everything is."""
+        """The poses of all things in the world."""
         return {n: (p.position_m, p.quaternion_xyzw) for n, p in self._world.poses().items()}
 
 
-def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> ServoBus:
+def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Bus:
     """The bus of this name (empty where there is only one), driving the servos that are on it."""
     joints = robot.joints_on(bus).values()
     gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
-    return bus_for({joint.servo_id: MODELS[joint.model] for joint in joints}, port, clock, gains)
+    return Bus(port, clock, {joint.servo_id: MODELS[joint.model] for joint in joints}, position_p=gains)
 
 
 def open_buses(
     robot: RobotFile, devices: Mapping[str, str], clock: Clock, names: Sequence[str] | None = None
-) -> dict[str, ServoBus]:
-    """These buses (or all) on their devices, by name. Where one cannot be opened, the others are given back."""
-    buses: dict[str, ServoBus] = {}
+) -> dict[str, Bus]:
+    """Open these buses (or all) on their devices, by name. Where one cannot be opened, the others are given back."""
+    buses: dict[str, Bus] = {}
     lines = robot.lines()
     try:
         for name in lines if names is None else names:
@@ -188,7 +213,7 @@ def open_buses(
     return buses
 
 
-def _driven(robot: RobotFile, port: SerialPort, clock: Clock, name: str) -> ServoBus:
+def _driven(robot: RobotFile, port: SerialPort, clock: Clock, name: str) -> Bus:
     """The bus on its port; the port is given back where that fails."""
     try:
         return servo_bus(robot, port, clock, name)

@@ -1,4 +1,4 @@
-"""Which device is which bus: what the command line says, and where an emulator serves."""
+"""The devices of the buses: what the command line says, and where an emulator serves."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ VIRTUAL = "virtual"
 
 
 def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] | None:
-    """Devices by bus name, from ``PATH`` (one bus) or ``NAME=PATH`` for each; None for virtual servos."""
+    """Parse ``--port``: devices by bus, from ``PATH`` (one bus) or ``NAME=PATH`` each; None for virtual servos."""
     names = list(buses)
     if list(values) in ([], [VIRTUAL]):
         return None
@@ -39,19 +39,19 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
     return devices
 
 
-def links(link: Path, buses: Iterable[str]) -> dict[str, Path]:
-    """Where an emulator serves each bus: at ``link`` itself, or at ``link``.NAME where buses have names."""
+def device_paths(link: Path, buses: Iterable[str]) -> dict[str, Path]:
+    """The path at which an emulator serves each bus: ``link`` itself, or at ``link``.NAME where buses have names."""
     return {name: link.with_name(f"{link.name}.{name}") if name else link for name in buses}
 
 
 def port_options(link: Path, buses: Iterable[str]) -> list[str]:
     """The options that bring a stack up on an emulator at ``link``."""
-    served = links(link, buses).items()
+    served = device_paths(link, buses).items()
     return [word for name, path in served for word in ("--port", f"{name}={path}" if name else str(path))]
 
 
 def world_feed(devices: Mapping[str, str]) -> Path | None:
-    """Where the emulator behind these devices shows its world; None for a real line, which has no such thing."""
+    """The path of the feed of the emulator behind these devices; None for a real line, which has no such thing."""
     for name, device in devices.items():
         link = Path(device)
         base = link.with_name(link.name.removesuffix(f".{name}")) if name else link

@@ -1,23 +1,60 @@
-"""The processes of a demo: started, watched, ended in the opposite order, their words kept."""
+"""Child processes: started, watched, ended in the opposite order, their words kept. None outlives this process."""
 
+import ctypes
+import logging
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any, Final
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 
-END_S = 60.0
+END_S: Final = 60.0
+"""The longest that a process may take to end: the emulator draws its pictures then."""
+LOOK_S: Final = 0.02
+_PR_SET_PDEATHSIG: Final = 1
+
+LOG = logging.getLogger("servoloop")
+
+
+class Interrupted(Exception):
+    """The user has ended the program by a signal."""
+
+
+def end_with_parent() -> None:
+    """A child process calls this before ``exec``, to get SIGTERM when this process ends, however that ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def end(process: "subprocess.Popen[Any]", timeout_s: float = END_S, hurry: Callable[[], bool] = lambda: False) -> int:
+    """End a process; its exit status. One that does not end in time, or when ``hurry`` becomes true, is killed."""
+    clock = MonotonicClock()
+    deadline_s = clock.now() + timeout_s
+    process.terminate()
+    process.send_signal(signal.SIGCONT)  # one that was stopped hears nothing until it goes on
+    while process.poll() is None:
+        if hurry() or clock.now() > deadline_s:
+            LOG.warning("process %d does not end: it is killed", process.pid)
+            process.kill()
+            return process.wait()
+        clock.sleep_until(clock.now() + LOOK_S)
+    return process.returncode
 
 
 class Processes:
-    """A context manager. What a process prints goes to ``folder``/NAME.log."""
+    """Processes runs child processes within its context. What a process prints goes to ``folder``/NAME.log.
 
-    def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
+    ``signals`` tells how many signals there were: the first ends every wait with Interrupted, a second one kills.
+    """
+
+    def __init__(self, folder: Path, environment: Mapping[str, str], signals: Callable[[], int] = lambda: 0) -> None:
         self._folder = folder
         self._environment = dict(environment)
+        self._signals = signals
         self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
 
     def start(self, name: str, module: str, *arguments: str) -> int:
@@ -29,7 +66,8 @@ class Processes:
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 env=self._environment,
-                start_new_session=True,  # Ctrl-C reaches the demo, which ends them in order
+                start_new_session=True,  # Ctrl-C reaches this process, which ends them in order
+                preexec_fn=end_with_parent,
             )
         self._running.append((name, process))
         return process.pid
@@ -43,26 +81,23 @@ class Processes:
                 raise DriverError(f"{name} ended (status {process.returncode}):\n  {words}")
 
     def wait_until(self, ready: Callable[[], bool], what: str, timeout_s: float) -> None:
-        """Wait for a condition while all processes live."""
+        """Wait for a condition while all processes live. Raises DriverError, or Interrupted after a signal."""
         clock = MonotonicClock()
         deadline_s = clock.now() + timeout_s
         while not ready():
             self.check()
+            if self._signals():
+                raise Interrupted(f"interrupted while {what}")
             if clock.now() > deadline_s:
-                raise DriverError(f"{what} took longer than {timeout_s:.0f} s")
-            clock.sleep_until(clock.now() + 0.02)
+                raise DriverError(f"{what} took longer than {timeout_s:.0f} s: the logs are in {self._folder}")
+            clock.sleep_until(clock.now() + LOOK_S)
 
     def end(self) -> dict[str, int]:
-        """End all, the last started first; returns their exit statuses."""
+        """End all processes, the last started first; returns their exit statuses."""
         statuses: dict[str, int] = {}
         while self._running:
             name, process = self._running.pop()
-            process.terminate()
-            try:
-                statuses[name] = process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                statuses[name] = process.wait()
+            statuses[name] = end(process, hurry=lambda: self._signals() > 1)
         return statuses
 
     def __enter__(self) -> "Processes":

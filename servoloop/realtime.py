@@ -1,4 +1,4 @@
-"""What a process may ask of the scheduler, where the system grants it: priority, and to stay where it is."""
+"""A process asks the scheduler for priority, and to stay on its processor; the system may not grant it."""
 
 import logging
 import os
@@ -14,7 +14,7 @@ LOOP_PRIORITY = 11
 
 
 def claim_realtime_priority() -> bool:
-    """Let this process run before ordinary ones; whether it was granted. Threads that are there already stay as
+    """Claim real-time priority for this process; whether it was granted. Threads that are there already stay as
     they are, so it comes before ROS, whose middleware has its own.
 
     The whole process and not one thread: a thread of high priority that waits for the interpreter's lock, or for

@@ -1,11 +1,11 @@
-"""Whether the ROS 2 that nodes/ is built on is here."""
+"""A check that Python finds the ROS 2 on which nodes/ is built."""
 
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import Final
 
 RCLPY: Final = "7.1."
-"""Of ROS 2 Jazzy. nodes/unlocked.py and nodes/executor.py stand in for parts of it that another one has otherwise."""
+"""Of ROS 2 Jazzy. nodes/rclpy_patches/ stands in for parts of it that another one has otherwise."""
 PACKAGES: Final = (
     "rclpy",
     "apple_quality_msgs",
@@ -18,11 +18,11 @@ PACKAGES: Final = (
 
 
 class RosError(Exception):
-    """There is no ROS 2, or another one. The text says what to do."""
+    """ROS 2 is missing, or another one is there. The text says what to do."""
 
 
 def require_ros() -> None:
-    """To be called before nodes/ is imported. Raises RosError."""
+    """Check for ROS 2 before nodes/ is imported. Raises RosError."""
     if missing := [name for name in PACKAGES if find_spec(name) is None]:
         raise RosError(
             f"this needs ROS 2 Jazzy, and Python finds no {missing[0]}: run 'make setup' and use .venv/bin/servoloop, "

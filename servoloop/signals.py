@@ -1,19 +1,38 @@
-"""SIGINT and SIGTERM as a count: the first asks for a calm end, the second for a quick one."""
+"""SIGINT and SIGTERM as a count: the first signal asks for a calm end, the second one ends the program in a second."""
 
+import os
 import signal
+import threading
+import time
 from types import FrameType, TracebackType
+from typing import Final
+
+LAST_S: Final = 1.0
+"""So long the program may go on after the second signal, for what it can still end well by itself."""
+NUMBERS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 class Signals:
-    """A context manager; the former handlers come back at its end."""
+    """Signals counts signals within its context; the former handlers come back at its end.
 
-    def __init__(self) -> None:
+    A thread counts and not the handlers: these run when the main thread is back in Python, and that one may be waiting
+    inside a library. The descriptor to which Python writes each signal's number is written at once.
+    """
+
+    def __init__(self, left: str = "") -> None:
+        """``left``: how the program leaves what it drives when it ends at once."""
         self.count = 0
+        self._left = left
         self._former: dict[int, object] = {}
+        self._former_descriptor = -1
 
     def __enter__(self) -> "Signals":
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._former[number] = signal.signal(number, self._note)
+        reader, self._writer = os.pipe()
+        os.set_blocking(self._writer, False)
+        self._former_descriptor = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        for number in NUMBERS:
+            self._former[number] = signal.signal(number, _wake)
+        threading.Thread(target=self._watch, args=(reader,), name="signals", daemon=True).start()
         return self
 
     def __exit__(
@@ -24,10 +43,29 @@ class Signals:
     ) -> None:
         for number, handler in self._former.items():
             signal.signal(number, handler)  # type: ignore[arg-type]
+        signal.set_wakeup_fd(self._former_descriptor)
+        os.close(self._writer)
 
     def ask(self) -> None:
         """Ask for the end as the first signal does."""
         self.count = max(self.count, 1)
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.count += 1
+    def _watch(self, reader: int) -> None:
+        """Count until the descriptor is closed. The last second goes on behind the context's end: so may a library."""
+        while number := os.read(reader, 1):
+            self.count += number[0] in NUMBERS
+            if self.count > 1:
+                self._end_soon(128 + number[0])
+        os.close(reader)
+
+    def _end_soon(self, status: int) -> None:
+        time.sleep(LAST_S)
+        left = f": {self._left}" if self._left else ""
+        try:
+            os.write(2, f"servoloop: a second signal: ended at once{left}\n".encode())
+        finally:
+            os._exit(status)
+
+
+def _wake(number: int, frame: FrameType | None) -> None:
+    """Interrupt a sleep of the main thread; what is to be done is the count's."""

@@ -4,28 +4,26 @@ import gc
 import logging
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from controller.ending import end
-from controller.factory import Factory
-from controller.interface import Surroundings
+from controller.interface import ControllerContext
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from servoloop import hardware
-from servoloop.aside import Aside
+from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import emulator_process
-from servoloop.files import Files
-from servoloop.hardware import Below, HardwareKind
-from servoloop.initial_states import InitialStates, initial_states
-from servoloop.ports import links
-from servoloop.realtime import claim_realtime_priority, put_first
+from servoloop.files import Files, InitialStates, initial_states
+from servoloop.hardware import HardwareKind, HardwareSetup
+from servoloop.line_rate import check_rates
+from servoloop.loop_thread import LEFT, LoopThread
+from servoloop.ports import device_paths
+from servoloop.realtime import claim_realtime_priority
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
 
@@ -35,68 +33,30 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("servoloop")
 
 
-@dataclass(slots=True)
-class _Run:
-    """The loop's thread and what became of it."""
-
-    loop: ControlLoop
-    aside: Aside
-    relax: bool
-    files: Files
-    signals: Signals
-    failed: bool = True
-    """Until all has gone well."""
-    done: bool = False
-
-    def __call__(self) -> None:
-        ran = False
-        try:
-            put_first()
-            self.loop.run(lambda: self.signals.count > 0)
-            ran = True
-        except DriverError as error:
-            LOG.error("the loop ends: %s", error)
-        except Exception:  # a defect: whatever it is, the arm is still brought to its end below
-            LOG.exception("the loop ends")
-        finally:
-            try:
-                self.failed = bool(self._end()) or not ran
-            finally:
-                self.done = True  # the other thread waits for it, whatever happened here
-
-    def _end(self) -> list[str]:
-        park = self.files.robot.file.park
-        return end(
-            self.loop,
-            self.relax,
-            park.pose if park else None,
-            park.velocity_scale if park else 1.0,
-            hurry=lambda: self.signals.count > 1,
-            settle=self.aside.join,
-        )
-
-
 def up(
     kind: HardwareKind | None,
     ports: Mapping[str, str] | None,
     files: Files,
     ready: Callable[[str], None],
-    stay: bool = False,
-    links: bool = True,
+    keep_alive: bool = False,
+    publish_transforms: bool = True,
 ) -> int:
-    """Run until a signal or a fault; returns the exit status. ``ports``: devices by bus, None for virtual servos.
+    """Run the stack until a signal or a fault; the exit status. ``ports``: devices by bus, None for virtual servos.
 
-    ``stay``: a component that cannot be reached, at the start or later, ends nothing. ``links``: publish them.
+    ``keep_alive``: a component that cannot be reached, at the start or later, ends nothing.
+    ``publish_transforms``: of the robot's links, with the ``robot_description``.
     """
     initial = initial_states(files)
-    with Signals() as signals, _devices(kind, ports, files) as devices:
-        below = hardware.build(kind, files, devices, MonotonicClock())
-        return _serve(below, files, signals, ready, stay, links, initial)
+    with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
+        setup = hardware.build(kind, files, devices, MonotonicClock())
+        return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial)
 
 
 @contextmanager
-def _devices(kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files) -> Iterator[Mapping[str, str]]:
-    """The devices to open: those that were named, or those of an emulator of our own."""
+def _devices(
+    kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files, signals: Signals
+) -> Iterator[Mapping[str, str]]:
+    """The devices that the stack opens: those that were named, or those of an emulator of our own."""
     kinds = [hardware.choose(kind, component) for component in files.description.components]
     if HardwareKind.SERVOS not in kinds and ports:
         raise DriverError("no component is driven by servos: leave out --port, or --hardware")
@@ -108,38 +68,45 @@ def _devices(kind: HardwareKind | None, ports: Mapping[str, str] | None, files: 
         robot = ("--robot", str(files.robot_path)) if len(files.robot_paths) == 1 else ()
         arguments = ("--urdf", str(files.urdf_path), *robot)
         buses = files.robot.file.lines()
-        with emulator_process(link, *arguments, buses=buses):
-            yield {name: str(path) for name, path in links(link, buses).items()}
+        with emulator_process(link, *arguments, buses=buses, signals=lambda: signals.count):
+            yield {name: str(path) for name, path in device_paths(link, buses).items()}
 
 
 def _serve(
-    below: Below,
+    setup: HardwareSetup,
     files: Files,
     signals: Signals,
     ready: Callable[[str], None],
-    stay: bool,
-    links: bool,
+    keep_alive: bool,
+    publish_transforms: bool,
     initial: InitialStates,
 ) -> int:
-    aside = Aside()
-    loop, factory = _loop(below, files, stay, aside)
+    worker = BackgroundWorker()
+    loop, factory = _loop(setup, files, keep_alive, worker)
     exits = files.robot.file.on_exit
-    relax = (exits.virtual if below.virtual else exits.real) == "relax"
-    below.hardware.configure(initial.unconfigured, stay)
+    relax = (exits.virtual if setup.virtual else exits.real) == "relax"
+    run = LoopThread(loop, worker, relax, files, signals, alive_s=loop.clock.now())
+    setup.hardware.configure(initial.unconfigured, keep_alive)
     try:
-        run = _Run(loop, aside, relax, files, signals)
+        check_rates(setup.buses, setup.rates_hz, files.robot, files.controllers.path)
         return _run(
-            run, _stack(loop, factory, below, files, relax, links), ready, lambda: loop.activate(initial.inactive)
+            run,
+            _stack(loop, factory, setup, files, relax, publish_transforms),
+            ready,
+            lambda: loop.activate(initial.inactive),
         )
     finally:
-        below.hardware.cleanup()  # done already, unless something failed on the way
+        if not run.hangs():
+            setup.hardware.cleanup()  # done already, unless something failed on the way
 
 
-def _stack(loop: ControlLoop, factory: Factory, below: Below, files: Files, relax: bool, links: bool) -> "Stack":
+def _stack(
+    loop: ControlLoop, factory: Factory, setup: HardwareSetup, files: Files, relax: bool, publish_transforms: bool
+) -> "Stack":
     require_ros()
     from nodes.stack import Stack
 
-    driven = [c.name for c in files.description.components if c.name in below.set_interpolation]
+    driven = [c.name for c in files.description.components if c.name in setup.set_interpolation]
     servo_ids = {
         joint.name: joint.address
         for joint in files.robot.joints
@@ -150,15 +117,15 @@ def _stack(loop: ControlLoop, factory: Factory, below: Below, files: Files, rela
         files.description,
         files.component,
         servo_ids,
-        below.scene,
-        below.set_interpolation,
+        setup.scene,
+        setup.set_interpolation,
         factory,
         relax,
-        links,
+        publish_transforms,
     )
 
 
-def _run(run: _Run, stack: "Stack", ready: Callable[[str], None], activate: Callable[[], None]) -> int:
+def _run(run: LoopThread, stack: "Stack", ready: Callable[[str], None], activate: Callable[[], None]) -> int:
     from nodes.surface import Surface
 
     loop = run.loop
@@ -171,32 +138,38 @@ def _run(run: _Run, stack: "Stack", ready: Callable[[str], None], activate: Call
         surface.close()
         raise
     _prepare_interpreter()
-    thread = threading.Thread(target=run, name="control loop")
-    thread.start()
+    thread = run.start()
     try:
         ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
-        surface.spin(lambda: run.done)
+        surface.spin(lambda: run.done or run.hangs())
     finally:
         run.signals.ask()  # where this side fails, the loop is told to end
-        thread.join()
-        surface.say_goodbye()
+        while thread.is_alive() and not run.hangs():
+            thread.join(0.1)
+        if thread.is_alive():
+            LOG.error("the control loop hangs in its hardware and is left behind: %s", LEFT)
+        surface.finish()
         surface.close()
         gc.unfreeze()
     return 1 if run.failed else 0
 
 
-def _loop(below: Below, files: Files, stay: bool, aside: Aside) -> tuple[ControlLoop, Factory]:
-    manager = ControllerManager(below.hardware.command_interfaces)
-    surroundings = Surroundings(files.description, files.component, files.limits, manager.settled)
-    factory = Factory(files.controllers, surroundings)
+def _loop(
+    setup: HardwareSetup, files: Files, keep_alive: bool, worker: BackgroundWorker
+) -> tuple[ControlLoop, Factory]:
+    manager = ControllerManager(setup.hardware, files.limits)
+    context = ControllerContext(files.description, files.component, files.limits, manager.cycle.settled)
+    factory = Factory(files.controllers, context)
     factory.fill(manager)
     period_s = 1.0 / files.controllers.update_rate_hz
     clock = MonotonicClock()
-    return ControlLoop(below.hardware, manager, files.limits, clock, period_s, stay=stay, aside=aside), factory
+    return ControlLoop(
+        setup.hardware, manager, files.limits, clock, period_s, keep_alive=keep_alive, background_worker=worker
+    ), factory
 
 
 def _prepare_interpreter() -> None:
-    """Keep the other thread and the collector from making the loop late."""
+    """Keep Python's other threads and its collector from making the loop late."""
     sys.setswitchinterval(0.0001)  # so long the loop waits at most for a callback of the other thread to let go
     gc.collect()
     gc.freeze()

@@ -10,10 +10,10 @@ that).
 
 from collections.abc import Mapping, Sequence
 
-from drivers.dynamixel1 import tables as dynamixel1
-from drivers.feetech import models as feetech
-from drivers.feetech import sts
-from drivers.registers import ServoModel
+from drivers.servos import ax_mx as dynamixel1
+from drivers.servos import sts
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
 from sim_backend.dynamixel1_servo import VirtualAxServo, VirtualMxServo
 from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
@@ -82,7 +82,7 @@ def servo_of(model: ServoModel, servo_id: int) -> VirtualServo:
         servo.memory.put(dynamixel1.baud_rate, 1)
         servo.memory.put(dynamixel1.return_delay, 0)
         return servo
-    alone = any(model in series.models for series in feetech.SERIES if not series.sync_read)
+    alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
     return (VirtualScsServo if alone else VirtualServo)(model, servo_id)
 
 

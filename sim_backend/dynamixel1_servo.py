@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from drivers.dynamixel1 import tables as dxl
-from drivers.feetech import sts
-from drivers.registers import Register
+from drivers.servos import ax_mx as dxl
+from drivers.servos import sts
+from drivers.servos.register import Register
 from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
 from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants

@@ -16,8 +16,8 @@ from functools import reduce
 from operator import and_
 from typing import Final
 
-from drivers.dynamixel import x_series
-from drivers.registers import ServoModel
+from drivers.servos import x as x_series
+from drivers.servos.register import ServoModel
 from sim_backend.dynamixel_groups import Entry, Span, bulk_entries, bulk_spans, sync_entries, sync_spans
 from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.dynamixel_wire import (

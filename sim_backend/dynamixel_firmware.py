@@ -14,7 +14,7 @@ reboot. Assumed:
 from dataclasses import replace
 from typing import Final
 
-from drivers.dynamixel import x_series as x
+from drivers.servos import x
 from sim_backend.firmware import Firmware, Memory
 from sim_backend.motion_profile import UNLIMITED
 from sim_backend.motor import MotorConstants

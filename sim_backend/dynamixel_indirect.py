@@ -16,8 +16,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Register, ServoModel
+from drivers.servos import x
+from drivers.servos.register import Register, ServoModel
 
 
 @dataclass(frozen=True, slots=True)

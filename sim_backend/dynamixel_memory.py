@@ -6,8 +6,8 @@ Of indirect addresses see ``dynamixel_indirect``.
 
 from typing import Final
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Access, Register
+from drivers.servos import x
+from drivers.servos.register import Access, Register
 from sim_backend.dynamixel_indirect import cells, pointers, resolved, runs, windows_of
 from sim_backend.dynamixel_models import FACTORY, factory_of
 

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Register
+from drivers.servos import x
+from drivers.servos.register import Register
 
 FACTORY: Final[dict[Register, int]] = {
     x.firmware_version: 46,  # assumed

@@ -6,9 +6,9 @@ a rebooting servo is deaf for 0.3 s; the torque cannot be switched on after a sh
 
 from typing import Final
 
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.wire import ALERT
-from drivers.registers import ServoModel
+from drivers.protocol.v2 import ALERT
+from drivers.servos import x
+from drivers.servos.register import ServoModel
 from sim_backend.dynamixel_firmware import XFirmware
 from sim_backend.dynamixel_memory import ACCESS, EEPROM_END, SIZE, XMemory
 from sim_backend.dynamixel_models import reads_fast

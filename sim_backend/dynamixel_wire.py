@@ -1,14 +1,14 @@
 """The servo's side of Dynamixel protocol 2.0: instruction packets in, status packets out. Pure.
 
-Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.dynamixel.wire``.
+Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.protocol.v2``.
 """
 
 from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
-from drivers.dynamixel.crc import crc16
-from drivers.dynamixel.wire import HEADER, STATUS, packet, unstuffed
+from drivers.protocol.crc import crc16
+from drivers.protocol.v2 import HEADER, STATUS, packet, unstuffed
 from sim_backend.instructions import Instruction, Parser
 
 BROADCAST: Final = 0xFE
@@ -42,7 +42,7 @@ class Code(IntEnum):
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A servo's reply; ``error`` as in ``drivers.dynamixel.wire``."""
+    """A servo's reply; ``error`` as in ``drivers.protocol.v2``."""
     return packet(servo_id, STATUS, bytes((error,)) + data)
 
 

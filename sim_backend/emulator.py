@@ -32,9 +32,9 @@ def serve(
 ) -> None:
     """Serve ``bus`` at the path ``link`` until ``stop()`` says so; then the link is removed.
 
-    ``on_tick(now_s)`` is called after every look at the line, at least every 5 ms, and must not
-    block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where ``link`` is
-    taken. A signal handler need only make ``stop()`` true.
+    ``on_tick(reached_s)`` is called after every look at the line, at least every 5 ms, with the time up to which the
+    world is brought, and must not block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where
+    ``link`` is taken. A signal handler need only make ``stop()`` true.
     """
     serve_all({link: bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
 
@@ -59,7 +59,8 @@ def serve_all(
             for emulator in emulators:
                 emulator.turn()
             if on_tick is not None:
-                on_tick(clock.now())
+                # Not now: where this process was held up meanwhile, the world is still where it was before.
+                on_tick(max(bus.reached_s for bus in buses.values()))
 
 
 class Emulator:

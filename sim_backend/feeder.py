@@ -15,6 +15,8 @@ STILL: Final = np.array([0.05] * 6 + [0.005])
 """Slower than this is at rest: rad/s, the last one m/s. A servo that holds hums a little."""
 SETS_OUT_RAD_S: Final = 0.1
 AT_READY_RAD: Final = 0.15
+OPEN_M: Final = 0.005
+"""The driven finger's way; closed around the cube it has gone nearly 0.03 m."""
 REST_S: Final = 0.1
 """At ready. A node that goes straight on to the next job rests no longer than its goal takes to arrive."""
 LONG_REST_S: Final = 10.0
@@ -58,8 +60,13 @@ class Feeder:
 
 
 def _done(world: World) -> bool:
-    """Whether the cube ended its way: in a bin or lost, but not on the stand and not in the hand."""
-    return world.cube_at_rest() and not world.cube_on_stand() and not world.cube_touched()
+    """Whether the cube ended its way: in a bin or lost, but not on the stand and not in the hand.
+
+    A job that failed may leave it leaning against the fingers that are open around the stand.
+    """
+    position = world.position()
+    in_hand = world.cube_touched() and not (_at_ready(position) and position[6] < OPEN_M)
+    return world.cube_at_rest() and not world.cube_on_stand() and not in_hand
 
 
 def _at_ready(position: FloatArray) -> bool:

@@ -16,8 +16,8 @@ Assumed, to fit published observations:
 from math import pi
 from typing import Final, Protocol
 
-from drivers.feetech import sts
-from drivers.registers import Register, ServoModel
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
 from sim_backend.motion_profile import UNLIMITED, MotionProfile
 from sim_backend.motor import MotorConstants, Thermometer
 from sim_backend.protection import Protection

@@ -77,6 +77,11 @@ class ServoLine(ABC, Generic[AnyServo]):
         """The first servo with this ID."""
         return next(servo for servo in self.servos if servo.servo_id == servo_id)
 
+    @property
+    def reached_s(self) -> float:
+        """The moment, on the caller's clock, up to which physics and firmware are brought."""
+        return (self._origin_s or 0.0) + self._steps * self.rig.timestep_s
+
     def advance(self, now_s: float, longest_s: float | None = None) -> None:
         """Bring physics and firmware up to ``now_s``.
 

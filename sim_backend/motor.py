@@ -10,7 +10,7 @@ what the plant should have at least, or the back-EMF is too stiff for steps of a
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.registers import ServoModel
+from drivers.servos.register import ServoModel
 
 ROTOR_INERTIA_KG_M2: Final = 0.012
 """Of the rotor, at the output shaft: 1:345 squared times an assumed 1e-7 kg m2 of rotor."""

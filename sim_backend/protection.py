@@ -10,8 +10,8 @@ release the motor, only as long as they are wrong.
 
 from typing import Final, Protocol
 
-from drivers.feetech import sts
-from drivers.registers import Register
+from drivers.servos import sts
+from drivers.servos.register import Register
 
 VOLTAGE: Final = 1 << 0
 TEMPERATURE: Final = 1 << 2

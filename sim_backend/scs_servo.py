@@ -6,9 +6,9 @@ besides: the position loop is as stiff as an STS servo's, in newton metres per r
 
 from typing import ClassVar, Final
 
-from drivers.feetech import scs, sts
-from drivers.feetech.models import series_of
-from drivers.registers import Register, ServoModel
+from drivers.servos import scs, sts
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Register, ServoModel
 from sim_backend.firmware import Firmware
 from sim_backend.servo import VirtualServo
 from sim_backend.sts_memory import Memory

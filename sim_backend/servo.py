@@ -8,8 +8,8 @@ called; instructions that are malformed or unknown are not answered; a rebooting
 
 from typing import ClassVar, Final
 
-from drivers.feetech import sts
-from drivers.registers import Register, ServoModel
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
 from sim_backend.firmware import Firmware
 from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants

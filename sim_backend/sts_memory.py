@@ -11,8 +11,8 @@ to EEPROM always takes effect at once; with the lock closed it is gone after pow
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
-from drivers.feetech import sts
-from drivers.registers import Access, Register, ServoModel
+from drivers.servos import sts
+from drivers.servos.register import Access, Register, ServoModel
 
 SIZE: Final = 256
 EEPROM_END: Final = sts.torque_enable.address

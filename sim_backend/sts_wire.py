@@ -37,7 +37,7 @@ def checksum(body: bytes | bytearray) -> int:
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A servo's reply; ``error`` has the bits of ``drivers.feetech.sts.STATUS_BITS``."""
+    """A servo's reply; ``error`` has the bits of ``drivers.servos.sts.STATUS_BITS``."""
     body = bytes((servo_id, len(data) + 2, error)) + data
     return HEADER + body + bytes((checksum(body),))
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from drivers.errors import PortBusy, PortError
 
 PERIOD_S: Final = 0.05
+CONNECT_S: Final = 2.0
+"""An emulator that hangs accepts nobody, and when its queue is full a client would wait for it for ever."""
 SEND_BUFFER_BYTES: Final = 1 << 20
 """Some ten seconds of publications: so long a client may look away."""
 
@@ -146,7 +148,8 @@ def _remove_remains(path: Path) -> None:
         return
     if not path.is_socket():
         raise PortBusy(f"{path} exists and is no emulator's socket: choose another path")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe, contextlib.suppress(BlockingIOError, TimeoutError):
+        probe.settimeout(CONNECT_S)
         try:
             probe.connect(str(path))
         except ConnectionRefusedError:
@@ -159,10 +162,11 @@ class WorldFeedClient:
     """Reads the newest publication without waiting. ``ended`` once the emulator is gone."""
 
     def __init__(self, path: Path) -> None:
-        """Connect to the feed at ``path``. Raises OSError if nobody serves it."""
+        """Connect to the feed at ``path``. Raises OSError if nobody serves it, or somebody who hangs."""
         self.ended = False
         self._rest = b""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(CONNECT_S)
         try:
             self._socket.connect(str(path))
         except OSError:

@@ -1,9 +1,12 @@
 """Runs commands with their output in log files, and says what to do when one fails."""
 
+import contextlib
 import os
 import re
+import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -11,6 +14,12 @@ from places import LOGS, ROOT, VENV
 
 # What the shell may bring along that would mix another installation into ours.
 FOREIGN = re.compile(r"(AMENT|COLCON|CMAKE|ROS|_ROS|PYTHON|CONDA)_?|LD_LIBRARY_PATH$|PIP_(USER|TARGET|PREFIX)$")
+
+
+COMMAND_S = 3600.0
+"""The longest that one command may take. pip gives up a connection by itself, the slowest build takes minutes."""
+STOP_S = 5.0
+"""From asking commands to end to killing them."""
 
 
 class SetUpError(Exception):
@@ -28,7 +37,8 @@ def environment() -> dict[str, str]:
 class Commands:
     """Runs commands with their output in log files, and ends them when set-up ends early."""
 
-    def __init__(self) -> None:
+    def __init__(self, limit_s: float = COMMAND_S) -> None:
+        self._limit_s = limit_s
         self._running: set[subprocess.Popen[str]] = set()
         self._lock = threading.Lock()
         self._stopped = False
@@ -40,19 +50,34 @@ class Commands:
             log.flush()
             process = self._start(command)
             assert process.stdout is not None
+            too_long = threading.Timer(self._limit_s, signal_all, (process, signal.SIGKILL))
+            too_long.daemon = True
+            too_long.start()
             for line in process.stdout:
                 log.write(line)
                 on_line(line)
             status = process.wait()
+            if too_long.finished.is_set():
+                log.write(f"Killed: it had not ended after {self._limit_s:.0f} s.\n")
+            too_long.cancel()
         self._running.discard(process)
         if status != 0:
             raise SetUpError(explain(log_path, command, status))
 
     def stop(self) -> None:
+        """End what runs, with all that it has started; what does not end in time is killed, and so after a Ctrl-C."""
         with self._lock:
             self._stopped = True
-            for process in list(self._running):
-                process.terminate()
+        running = list(self._running)
+        try:
+            for process in running:
+                signal_all(process, signal.SIGTERM)
+            deadline_s = time.monotonic() + STOP_S
+            while any(process.poll() is None for process in running) and time.monotonic() < deadline_s:
+                time.sleep(0.05)
+        finally:
+            for process in running:
+                signal_all(process, signal.SIGKILL)
 
     def _start(self, command: Iterable[str | Path]) -> "subprocess.Popen[str]":
         with self._lock:
@@ -67,12 +92,20 @@ class Commands:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
+                start_new_session=True,  # a build's compilers end with it
             )
             self._running.add(process)
             return process
 
 
+def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
+    """To a command and all that it has started."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, number)
+
+
 HINTS = (
+    (r"Killed: it had not ended", "It hangs: look at the end of the log, and at what else the machine is doing."),
     (r"No space left on device", "The disk is full: .venv and build/ need 1 GB."),
     (r"DO NOT MATCH THE HASHES", "A package differs from the locked one. Do not install it; find out why."),
     (

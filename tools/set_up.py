@@ -19,6 +19,9 @@ from progress import Step
 from stamps import digest, interface_key, is_stamped, project_key, venv_key
 from steps import CORES, build_interfaces, install_packages, install_project, make_venv, uninstall_interfaces
 
+OTHER_S = 7200.0
+"""So long another make setup is waited for."""
+
 
 def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Commands], None]]]:
     known = {path.name.removesuffix(".files") for path in STAMPS.glob("*.files")}
@@ -56,26 +59,39 @@ def set_up() -> None:
                 with Step(number, len(steps), title) as step:
                     run(step, pool, commands)
         finally:
+            pool.shutdown(wait=False, cancel_futures=True)
             commands.stop()
-            pool.shutdown(cancel_futures=True)
     print(f".venv is ready after {time.monotonic() - began_s:.0f} s.", flush=True)
 
 
-def only_one_at_a_time() -> int:
+def only_one_at_a_time(patience_s: float = OTHER_S) -> int:
     LOGS.mkdir(parents=True, exist_ok=True)
     lock = os.open(LOGS / "lock", os.O_RDWR | os.O_CREAT)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        print("Another make setup is at work in this checkout; waiting for it.", flush=True)
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    deadline_s = time.monotonic() + patience_s
+    said = False
+    while not locked(lock):
+        if not said:
+            print("Another make setup is at work in this checkout; waiting for it.", flush=True)
+            said = True
+        if time.monotonic() > deadline_s:
+            raise SetUpError(f"the other make setup has not ended in {patience_s / 60.0:.0f} minutes: end it first.")
+        time.sleep(0.2)
     return lock
 
 
-def main() -> int:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    only_one_at_a_time()
+def locked(lock: int) -> bool:
     try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def main() -> int:
+    for number in (signal.SIGTERM, signal.SIGHUP):  # what runs has sessions of its own, and must be ended
+        signal.signal(number, signal.default_int_handler)
+    try:
+        only_one_at_a_time()
         set_up()
     except SetUpError as error:
         print(f"\nmake setup: {error}", file=sys.stderr)

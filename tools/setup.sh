@@ -14,9 +14,9 @@ fail() {
 case "$(uname -s) $(uname -m)" in
     "Linux x86_64") ;;
     *) fail "this is $(uname -s) on $(uname -m); the ROS 2 wheels are for Linux on x86_64 only." \
-            "On another machine use a ROS 2 Jazzy installation: everything but nodes/ installs there with" \
-            "'pip install .', and the packages that ROS lacks build with" \
-            "'colcon build --base-paths interfaces --packages-select \$(python3 tools/interface_packages.py --missing)'." ;;
+            "On another machine, such as a Raspberry Pi, use a ROS 2 Jazzy installation: docs/ros2.md, 'On another" \
+            "machine', has the commands. Without ROS, 'pip install .' in a virtual environment brings everything but" \
+            "the ROS surface: 'servoloop emulate' and 'servoloop bench bus' run." ;;
 esac
 
 missing=

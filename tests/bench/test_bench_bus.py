@@ -6,16 +6,15 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from bench.bus import simulator
 from bench.decoder import KINDS, Kind, flood, pieces
-from drivers.bus import Reading
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError
-from drivers.feetech.bus import FeetechBus
 from servoloop.bench_bus import bench_bus, parse_ids
 from servoloop.cli import app
 
@@ -52,16 +51,18 @@ def test_it_goes_on_through_a_servo_that_is_not_there(device: str) -> None:
 
 def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before, meanwhile = os.sched_getaffinity(0), list[set[int]]()
-    exchange = FeetechBus.exchange
+    write_goals = Bus.write_goals
 
-    def watched(bus: FeetechBus, *how: Any) -> Mapping[int, Reading]:
+    def watched(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
         meanwhile.append(os.sched_getaffinity(0))
-        return exchange(bus, *how)
+        write_goals(bus, goals)
 
-    monkeypatch.setattr(FeetechBus, "exchange", watched)
+    bench_bus(device, [1], "sts3215", 1_000_000, 1)
+    monkeypatch.setattr(Bus, "write_goals", watched)
     bench_bus(device, [1], "sts3215", 1_000_000, 10)
-    assert len(meanwhile) == 10
-    assert all(processors == meanwhile[0] and len(processors) == 1 for processors in meanwhile)
+    measured = meanwhile[1:]  # the first goals are those that hold the servos, before the run
+    assert len(measured) == 10
+    assert all(processors == measured[0] and len(processors) == 1 for processors in measured)
     assert os.sched_getaffinity(0) == before
 
 

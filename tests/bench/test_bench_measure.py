@@ -4,16 +4,18 @@ import math
 
 import pytest
 
-from drivers.bus import ServoGoal
-from drivers.dynamixel import wire as dynamixel_wire
-from drivers.dynamixel import x_series
-from drivers.dynamixel.indirect import block_for
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.adaptive_timeout import FIRST_REPLY_S
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, ServoRefused
-from drivers.feetech import scs, sts, wire
-from drivers.feetech.bus import FeetechBus
-from drivers.makes import MODELS, bus_for
-from drivers.registers import ServoModel
+from drivers.protocol import v1 as wire
+from drivers.protocol import v2 as dynamixel_wire
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs, sts
+from drivers.servos import x as x_series
+from drivers.servos.catalog import MODELS
+from drivers.servos.indirect import block_for
+from drivers.servos.register import ServoModel
 from servoloop.bench_bus import Figures, measure
 from servoloop.bench_goals import stand_still
 from sim_backend.bus import VirtualBus
@@ -40,7 +42,7 @@ class Interrupted(VirtualPort):
 
 def measured(port: VirtualPort, cycles: int = 1000) -> Figures:
     clock = port._clock
-    bus = FeetechBus(port, clock)
+    bus = Bus(port, clock)
     return measure(bus, clock, IDS, GOALS, cycles)
 
 
@@ -61,7 +63,8 @@ def test_cycles_in_which_nobody_answers_are_one_long_cycle() -> None:
     figures = measured(port)
     run_s = port._clock.now()
     silent_s = min(port.to_s, run_s) - port.from_s
-    assert figures.faults["silent"] > 7 * 500
+    # Each of these cycles waits as long as a slow adapter may take: every servo is missed in every one of them.
+    assert figures.faults["silent"] >= 7 * (silent_s // (FIRST_REPLY_S + figures.wire_us / 1e6))
     assert 1.0 <= figures.ratio < 1.2
     assert figures.hz == pytest.approx((run_s - silent_s) / run_s * 1e6 / figures.p50_us, rel=0.02)
     assert figures.max_us == pytest.approx(silent_s * 1e6, rel=0.02)
@@ -84,7 +87,7 @@ def test_a_run_whose_only_cycle_was_lost_is_a_run() -> None:
 
 def test_what_comes_late_from_before_the_run_is_none_of_its() -> None:
     port = WatchedPort(servos(), SimulatedClock(0.0))
-    clock, bus = port._clock, FeetechBus(port, port._clock)
+    clock, bus = port._clock, Bus(port, port._clock)
     port.hold_s = 0.06
     bus.read_states(IDS, clock.now() + 0.03)
     assert bus.counters.faults()["silent"] > 0
@@ -118,7 +121,7 @@ def test_where_nobody_answers_it_says_at_which_rate_they_do() -> None:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
     port = VirtualPort(line, clock)
     with pytest.raises(DriverError, match=r"no servo answers on virtual: servo 1: answers at 500000 baud: set"):
-        stand_still(FeetechBus(port, clock), IDS, sts.STS3215)
+        stand_still(Bus(port, clock), IDS, sts.STS3215)
     assert port.baud == 1_000_000
 
 
@@ -133,7 +136,7 @@ def goals_sent(port: WatchedPort) -> list[bytes]:
 def test_servos_of_another_table_are_refused_and_nothing_is_written(model: str) -> None:
     clock = SimulatedClock(0.0)
     port = WatchedPort(servos(), clock)
-    bus = bus_for(dict.fromkeys(IDS, MODELS[model]), port, clock)
+    bus = Bus(port, clock, dict.fromkeys(IDS, MODELS[model]))
     # Where the other language has its state, these servos have something else: it looks like one all the same.
     with pytest.raises(ServoRefused, match="is model"):
         stand_still(bus, IDS, MODELS[model])
@@ -152,7 +155,7 @@ def test_a_stranger_among_them_gets_no_goal(number: int, servo_id: int, caplog: 
     where = sts.servo_id.address
     line.servo(7).read = lambda at, size: bytes((servo_id,)) if at == where else read(at, size)  # type: ignore[method-assign]
     port = WatchedPort(line, clock)
-    assert set(stand_still(FeetechBus(port, clock), IDS, sts.STS3215)) == set(IDS) - {7}
+    assert set(stand_still(Bus(port, clock), IDS, sts.STS3215)) == set(IDS) - {7}
     assert f"servo 7: is model {number}" in caplog.text
     assert all(set(packet[7:-1:8]) == set(IDS) - {7} for packet in goals_sent(port))
 
@@ -162,7 +165,7 @@ def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, cap
     """Of another motor, of a model that nobody knows, or of a simulator that turned its number round."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
-    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
+    assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
     assert f"servo 7: is model {number}" in caplog.text
     assert "It is taken for one all the same" in caplog.text
 
@@ -174,7 +177,7 @@ def test_one_with_the_table_that_is_in_another_mode_gets_no_goal(number: int, mo
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     line.servo(7).memory.put(sts.operating_mode, mode)
-    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
+    assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
 
 
 @pytest.mark.parametrize("at_its_number", [True, False])
@@ -190,14 +193,14 @@ def test_one_that_falls_silent_while_it_is_asked_what_it_is_gets_no_goal(at_its_
         return read(at, size)
 
     line.servo(7).read = once  # type: ignore[method-assign]
-    assert 7 not in stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)
+    assert 7 not in stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)
 
 
 @pytest.mark.parametrize("model", ["scs0009", "ax-12a"])
 def test_who_stands_where_no_goal_can_be_gets_none(model: str, caplog: pytest.LogCaptureFixture) -> None:
     clock = SimulatedClock(0.0)
     line = VirtualBus.of(BenchPlant(IDS), dict.fromkeys(IDS, MODELS[model]))
-    bus = bus_for(dict.fromkeys(IDS, MODELS[model]), VirtualPort(line, clock), clock)
+    bus = Bus(VirtualPort(line, clock), clock, dict.fromkeys(IDS, MODELS[model]))
     position = scs.present_position if model == "scs0009" else dxl.present_position
     beyond = (1500).to_bytes(2, MODELS[model].byte_order)
     read = line.servo(3).read
@@ -220,7 +223,7 @@ class Numberless(WatchedPort):
 
 def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
     clock = SimulatedClock(0.0)
-    bus = FeetechBus(Numberless(servos(), clock), clock)
+    bus = Bus(Numberless(servos(), clock), clock)
     goals = stand_still(bus, IDS, sts.STS3215)
     assert set(goals) == set(IDS)
     assert clock.now() < 4.0
@@ -230,7 +233,7 @@ def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
 def test_one_that_is_mute_among_others_is_no_simulator() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).answer = lambda instruction: None  # type: ignore[method-assign]
-    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
+    assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
 
 
 def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
@@ -238,20 +241,20 @@ def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
     for servo in line.servos:
         for register in (sts.model_number, sts.status_level, sts.operating_mode):
             servo.memory.put(register, 0)
-    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
+    assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
 
 
 def test_who_is_in_another_mode_is_read_and_gets_no_goal(caplog: pytest.LogCaptureFixture) -> None:
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(3).memory.put(sts.operating_mode, 3)  # where a goal is a number of steps
-    assert set(stand_still(FeetechBus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {3}
+    assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {3}
     assert "servo 3: is not in position mode" in caplog.text
 
 
 def test_who_comes_only_later_gets_no_goal() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     port = WatchedPort(line, clock)
-    bus = FeetechBus(port, clock)
+    bus = Bus(port, clock)
     line.faults.silence(7)
     goals = stand_still(bus, IDS, sts.STS3215)
     line.faults.restore(7)
@@ -270,14 +273,14 @@ def test_a_lost_answer_is_asked_for_again() -> None:
             else:
                 self.sent += (data,)
 
-    assert set(stand_still(FeetechBus(Lossy(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
+    assert set(stand_still(Bus(Lossy(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
 
 
 def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
     """Its goal is not where it sags to: cycle by cycle, run by run the arm would creep down."""
     plant, clock = BenchPlant(IDS), SimulatedClock(0.0)
     line = VirtualBus.of(plant)
-    bus = FeetechBus(VirtualPort(line, clock), clock)
+    bus = Bus(VirtualPort(line, clock), clock)
     bus.write_goals(GOALS)
     for servo_id in (1, 2):
         bus.torque_on(servo_id)
@@ -294,7 +297,7 @@ def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
     model: ServoModel = x_series.XL430_W250
     clock = SimulatedClock(0.0)
     port = WatchedPort(VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, model)), clock)
-    bus = bus_for(dict.fromkeys(IDS, model), port, clock)
+    bus = Bus(port, clock, dict.fromkeys(IDS, model))
     goals = stand_still(bus, IDS, model)
     assert set(goals) == set(IDS)
     before = len(port.sent)
@@ -303,4 +306,4 @@ def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
     block = block_for(model, 45)
     assert block is not None
     question = dynamixel_wire.fast_sync_read(IDS, block.address, block.size)
-    assert all(packet.endswith(question) for packet in port.sent[before:])
+    assert set(port.sent[before::2]) == {question}  # and the goals between them

@@ -1,15 +1,18 @@
 """The benches run, every client of theirs reads the servos, and what they print is complete. No times are judged."""
 
+import importlib
 import io
-import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
 
 from bench.bus import CLIENTS, compare, show, wire_us
+from bench.busy import without_priority
+from bench.stalls import JointSteps
 
 
 @pytest.mark.parametrize("make", CLIENTS)
@@ -64,21 +67,54 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
         ("bench.bus --servos 32", "--servos takes at most 31 of feetech, not 32"),
         ("bench.two_ports --cycles 0", "argument --cycles: '0' is no whole number from 1 on"),
         ("bench.two_ports --cycles many", "argument --cycles: 'many' is no whole number from 1 on"),
+        ("bench.stalls --jobs 0", "argument --jobs: '0' is no whole number from 1 on"),
+        ("bench.stalls --busy many", "argument --busy: 'many' is no whole number from 1 on"),
         ("bench.decoder --bytes -1", "argument --bytes: '-1' is no whole number from 1 on"),
     ],
 )
-def test_what_a_bench_cannot_take_is_said_in_a_sentence(arguments: str, words: str, tmp_path: Path) -> None:
+def test_what_a_bench_cannot_take_is_said_in_a_sentence(
+    arguments: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "taken").write_text("mine")
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, "-m", *arguments.split()],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(root)},
-        timeout=20,
-    )
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.splitlines()[-1].partition(": error: ")[2].startswith(words)
-    assert not done.stdout
+    monkeypatch.chdir(tmp_path)
+    bench, *options = arguments.split()
+    monkeypatch.setattr(sys, "argv", [bench, *options])
+    with pytest.raises(SystemExit) as exit_:
+        importlib.import_module(bench).main()
+    assert exit_.value.code == 2
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-1].partition(": error: ")[2].startswith(words)
+    assert not said.out
     assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_a_program_without_the_means_for_real_time_priority_gets_none() -> None:
+    program = "import os\ntry: os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))\nexcept OSError: print('none')"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=without_priority)
+    assert done.stdout == "none\n"
+
+
+def test_the_largest_step_of_a_joint_is_a_share_of_its_limit() -> None:
+    """Half the limit at first; then the feed is late, and 0.2 s hold what fits into them at three quarters of it."""
+    times_s = [0.01 * i for i in range(11)] + [0.3]
+    slide = [0.5 * t for t in times_s[:11]] + [0.05 + 0.75 * 0.2]
+    trace = [(t, [1.0, p]) for t, p in zip(times_s, slide, strict=True)]
+    feed = Feed(
+        [{"joints": {"a": 0.0, "b": 0.0}, "trace": trace[:6]}, {"joints": {"a": 0, "b": 0}, "trace": trace[6:]}]
+    )
+    steps = JointSteps(feed, {"a": 1.0, "b": 1.0})
+    steps.look()
+    steps.look()  # nothing new has come
+    assert steps.joint == "b"
+    assert steps.largest == pytest.approx(0.75)
+
+
+class Feed:
+    """All publications at once."""
+
+    def __init__(self, publications: list[dict[str, Any]]) -> None:
+        self._publications = publications
+
+    def all(self) -> list[dict[str, Any]]:
+        publications, self._publications = self._publications, []
+        return publications

@@ -5,15 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller.forward_command_controller import ForwardCommandController
-from controller.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller
-from controller.joint_trajectory_controller import JointTrajectoryController
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
-from controller.trajectory_parameters import TrajectoryParameters
+from controller.manager.manager import ControllerManager
+from controller.trajectory.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.parameters import TrajectoryParameters
+from hal.components import Components
 from hal.mock_hardware import MockHardware
-from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from hal.types import FloatArray, JointCommand, JointFault, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
 
 PERIOD_S = 0.05
@@ -30,7 +31,7 @@ class ScriptedHardware(MockHardware):
 
     def __init__(self, clock: SimulatedClock) -> None:
         super().__init__("scripted", JOINTS, clock, calculate_dynamics=True)
-        self.faults: dict[str, str] = {}
+        self.faults: dict[str, JointFault] = {}
         self.stuck: set[str] = set()
         self.slow: dict[str, float] = {}
         """How far a joint gets in one period."""
@@ -95,12 +96,13 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.hardware = ScriptedHardware(self.clock)
-        self.manager = ControllerManager(self.hardware.command_interfaces)
-        self.arm = JointTrajectoryController("arm", self.settings, [ARM_LIMITS] * 2, JOINTS, self.manager.settled)
+        components = Components([self.hardware], self.clock)
+        self.manager = ControllerManager(components, LIMITS)
+        self.arm = JointTrajectoryController("arm", self.settings, [ARM_LIMITS] * 2, JOINTS, self.manager.cycle.settled)
         self.hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), JOINTS)
         for controller in (self.arm, self.hand):
-            self.manager.add(self.wrap(controller))
-        self.loop = ControlLoop(self.hardware, self.manager, LIMITS, self.clock, PERIOD_S)
+            self.manager.registry.add(self.wrap(controller))
+        self.loop = ControlLoop(components, self.manager, LIMITS, self.clock, PERIOD_S)
 
     def up(self) -> "Bench":
         """Configured and active, standing at zero."""

@@ -1,17 +1,32 @@
 """Controllers that do nothing but what a test says, and a manager of three joints."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from controller.manager import ControllerManager
-from controller.order import Order
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.manager import ControllerManager
 from controller.parameters import Parameters
-from hal.types import FloatArray, JointState
+from hal.types import FloatArray, JointLimits, JointState
 
 JOINTS = ("a", "b", "c")
 HELD = np.array([0.1, 0.2, 0.3])
 STANDING = JointState(0.0, np.zeros(3), np.zeros(3), np.zeros(3))
+
+
+@dataclass
+class Interfaces:
+    """Of a hardware that offers all of them but ``lost``."""
+
+    command_interfaces: tuple[str, ...] = tuple(f"{joint}/position" for joint in JOINTS)
+    lost: str | None = None
+
+    def ready(self, interface: str) -> bool:
+        return interface != self.lost
+
+    def measured(self, interface: str) -> bool:
+        return interface != self.lost
 
 
 class Puppet:
@@ -50,22 +65,28 @@ class Puppet:
 
 
 def managing(
-    *puppets: Puppet, active: Sequence[str] = (), fallback: dict[str, tuple[str, ...]] | None = None
+    *puppets: Puppet,
+    active: Sequence[str] = (),
+    fallback: dict[str, tuple[str, ...]] | None = None,
+    limits: Mapping[str, JointLimits] | None = None,
+    hardware: Interfaces | None = None,
 ) -> ControllerManager:
     """A manager that has seen the joints stand, with these controllers inactive but for ``active``."""
-    made = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    made = ControllerManager(hardware or Interfaces(), limits or {})
     made.activate(STANDING, HELD)
     for puppet in puppets:
-        made.load(Order(puppet.name, puppet.kind, puppet.parameters, (fallback or {}).get(puppet.name, ())))
-        made.configure(puppet.name, puppet)
+        made.registry.load(
+            ControllerSpec(puppet.name, puppet.kind, puppet.parameters, (fallback or {}).get(puppet.name, ()))
+        )
+        made.registry.configure(puppet.name, puppet)
     if active:
-        from controller.switching import Strictness, Wish
+        from controller.manager.switch import Strictness, SwitchRequest
 
-        made.switch(Wish(tuple(active), strictness=Strictness.STRICT), HELD)
+        made.switch(SwitchRequest(tuple(active), strictness=Strictness.STRICT), HELD)
     return made
 
 
 def cycle(manager: ControllerManager, last: FloatArray = HELD) -> list[float]:
     """What is wanted of the three joints."""
-    wanted: list[float] = manager.update(STANDING, last, 0.0, 0.05).tolist()
+    wanted: list[float] = manager.cycle.update(STANDING, last, 0.0, 0.05).tolist()
     return wanted

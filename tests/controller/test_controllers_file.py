@@ -1,19 +1,26 @@
 """ros2_control's own file: what it makes, and every mistake in it at once, in words."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
+from pydantic import ValidationError
 
-from controller.controllers_file import ControllersFile, ControllersFileError, load_controller, load_controllers_file
-from controller.factory import build
-from controller.forward_command_controller import ForwardCommandController
-from controller.interface import Surroundings
-from controller.joint_state_broadcaster import JointStateBroadcaster
-from controller.joint_trajectory_controller import JointTrajectoryController
-from controller.manager import ControllerManager
-from controller.order import Order
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.interface import ControllerContext
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.controllers_file import (
+    ControllersFile,
+    ControllersFileError,
+    load_controller,
+    load_controllers_file,
+)
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.description import Component, Description, parse_urdf
+from tests.controller.manager_bench import Interfaces
 
 URDF = """
 <robot name="r">
@@ -86,8 +93,9 @@ def arm_of(file: ControllersFile) -> JointTrajectoryController:
 
     parsed, component = description()
     limits = {name: JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0) for name in component.joints}
-    settled = ControllerManager([f"{joint}/position" for joint in component.joints]).settled
-    controllers = build(file, Surroundings(parsed, component, limits, settled))
+    settled = ControllerManager(Interfaces(tuple(component.commands)), {}).cycle.settled
+    factory = Factory(file, ControllerContext(parsed, component, limits, settled))
+    controllers = [factory.make(spec) for spec in file.controllers]
     assert [type(c) for c in controllers] == [
         JointStateBroadcaster,
         JointTrajectoryController,
@@ -282,7 +290,7 @@ def test_patterns_and_slashes_count_as_for_ros(tmp_path: Path) -> None:
 # What a spawner brings later
 
 
-def order(tmp_path: Path, name: str, kind: str, *texts: str) -> Order:
+def spec(tmp_path: Path, name: str, kind: str, *texts: str) -> ControllerSpec:
     paths = []
     for number, text in enumerate(texts):
         paths.append(tmp_path / f"more{number}.yaml")
@@ -293,9 +301,22 @@ def order(tmp_path: Path, name: str, kind: str, *texts: str) -> Order:
 
 def test_a_controller_that_the_file_has_not(tmp_path: Path) -> None:
     text = "wrist: {ros__parameters: {type: ignored/Here, joints: [joint2], interface_name: position}}"
-    made = order(tmp_path, "wrist", HAND_TYPE, text)
+    made = spec(tmp_path, "wrist", HAND_TYPE, text)
     assert (made.name, made.kind, made.parameters.claims()) == ("wrist", HAND_TYPE, ("joint2/position",))
     assert made.parameters.unused() == []
+
+
+def test_a_spawner_may_leave_required_parameters_for_later(tmp_path: Path) -> None:
+    made = spec(tmp_path, "wrist", HAND_TYPE, "wrist: {ros__parameters: {joints: [joint2], command_timeout: 2.0}}")
+    assert made.parameters.missing() == ("interface_name",)
+    with pytest.raises(ValueError, match="wrist lacks interface_name: set it on its node /wrist"):
+        Factory(load(tmp_path, PLAIN, DEFAULTS), cast(Any, None)).make(made)
+    later = made.parameters.as_far_as_given(
+        {**made.parameters.model_dump(warnings=False), "interface_name": "position"}
+    )
+    assert (later.missing(), later.claims()) == ((), ("joint2/position",))
+    with pytest.raises(ValidationError, match="command_timeout"):
+        made.parameters.as_far_as_given({"joints": ["joint2"], "command_timeout": -1.0})
 
 
 def test_the_fallback_of_the_controllers_file_stays(tmp_path: Path) -> None:
@@ -310,13 +331,13 @@ def test_the_fallback_of_the_controllers_file_stays(tmp_path: Path) -> None:
 
 def test_later_files_count_more_and_the_controllers_file_and_defaults_least(tmp_path: Path) -> None:
     first = "arm_controller: {ros__parameters: {joints: [joint2], command_lead: 0.1}}"
-    made = order(tmp_path, "arm_controller", ARM_TYPE, first, "/**: {ros__parameters: {command_lead: 0.2}}")
+    made = spec(tmp_path, "arm_controller", ARM_TYPE, first, "/**: {ros__parameters: {command_lead: 0.2}}")
     assert made.parameters.model_dump(include={"joints", "command_lead", "wait_for"}) == {
         "joints": ("joint2",),
         "command_lead": 0.2,
         "wait_for": ("hand_controller",),
     }
-    assert order(tmp_path, "arm_controller", ARM_TYPE).parameters.claims() == ("joint1/position", "joint2/position")
+    assert spec(tmp_path, "arm_controller", ARM_TYPE).parameters.claims() == ("joint1/position", "joint2/position")
 
 
 @pytest.mark.parametrize(
@@ -337,8 +358,8 @@ def test_later_files_count_more_and_the_controllers_file_and_defaults_least(tmp_
         (
             "wrist",
             HAND_TYPE,
-            "wrist: {ros__parameters: {joints: [joint2]}}",
-            "more0.yaml:1: wrist.interface_name: Field",
+            "wrist: {ros__parameters: {joints: [], interface_name: smell}}",
+            "more0.yaml:1: wrist.interface_name: Input should be",
         ),
         ("wrist", HAND_TYPE, "wrist: [", "more0.yaml is not YAML"),
         (
@@ -353,7 +374,7 @@ def test_mistakes_of_a_spawner_are_said_with_the_file(
     tmp_path: Path, name: str, kind: str, text: str, said: str
 ) -> None:
     with pytest.raises(ControllersFileError) as error:
-        order(tmp_path, name, kind, text)
+        spec(tmp_path, name, kind, text)
     assert said in str(error.value)
 
 

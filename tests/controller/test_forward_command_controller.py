@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.forward_command_controller import ForwardCommandController
+from controller.forward.forward_command_controller import ForwardCommandController
 from hal.types import JointState
 from tests.controller.bench import HAND, HAND_LIMITS, PERIOD_S, Bench
 

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.forward_commands import ForwardParameters
+from controller.forward.commands import ForwardParameters
+from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import limits_of
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
-from controller.rate_command_controller import RateCommandController
+from controller.manager.manager import ControllerManager
+from hal.components import Components
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray
@@ -31,11 +32,12 @@ class Drive:
     def __post_init__(self) -> None:
         interfaces = tuple(f"{joint}/velocity" for joint in ARM)
         hardware = MockHardware("mock", ARM, self.clock, calculate_dynamics=True, command_interfaces=interfaces)
-        self.manager = ControllerManager(interfaces)
+        components = Components([hardware], self.clock)
+        self.manager = ControllerManager(components, LIMITS)
         parameters = ForwardParameters(joints=ARM, interface_name="velocity", **self.parameters)
         self.controller = RateCommandController("test", "drive", parameters, limits_of(ARM, LIMITS))
-        self.manager.add(self.controller)
-        self.loop = ControlLoop(hardware, self.manager, LIMITS, self.clock, PERIOD_S)
+        self.manager.registry.add(self.controller)
+        self.loop = ControlLoop(components, self.manager, LIMITS, self.clock, PERIOD_S)
         hardware.configure()
         self.loop.activate()
 
@@ -71,6 +73,6 @@ def test_after_a_message_of_the_wrong_length_it_is_active_or_as_upstream_not(str
     drive.controller.submit([0.5])
     velocities = drive.cycle(40)
     state = LifecycleState.INACTIVE if strict else LifecycleState.ACTIVE
-    assert drive.manager.state("drive") is state
+    assert drive.manager.registry.state("drive") is state
     assert velocities[-1] == pytest.approx([0.0, 0.0] if strict else [0.5, -1.0])
     assert steps(velocities) <= ARM_LIMITS.acceleration + 1e-6

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.forward_command_controller import (
+from controller.forward.commands import ForwardParameters
+from controller.forward.forward_command_controller import (
     ForwardCommandController,
     JointGroupEffortController,
     JointGroupPositionController,
     JointGroupVelocityController,
 )
-from controller.forward_commands import ForwardParameters
-from controller.interface import Surroundings
-from controller.rate_command_controller import RateCommandController
+from controller.forward.rate_command_controller import RateCommandController
+from controller.interface import ControllerContext
 from hal.description import Component, Description
 from hal.types import JointLimits, JointState
 
@@ -27,15 +27,15 @@ STANDING = JointState(0.0, np.zeros(2), np.zeros(2), np.zeros(2))
 NAN, INF = float("nan"), float("inf")
 
 
-def surroundings(limits: JointLimits = LIMITS) -> Surroundings:
+def context(limits: JointLimits = LIMITS) -> ControllerContext:
     interfaces = dict.fromkeys(JOINTS, ("position", "velocity", "effort"))
     component = Component("arm", "system", "mock", {}, interfaces, interfaces)
-    return Surroundings(Description("", {}), component, dict.fromkeys(JOINTS, limits), lambda name: True)
+    return ControllerContext(Description("", {}), component, dict.fromkeys(JOINTS, limits), lambda name: True)
 
 
 def rates(interface: str = "velocity", limits: JointLimits = AT_ONCE, **parameters: Any) -> RateCommandController:
     asked = ForwardParameters(joints=JOINTS, interface_name=interface, **parameters)  # type: ignore[arg-type]
-    made = ForwardCommandController.build("rates", asked, surroundings(limits))
+    made = ForwardCommandController.build("rates", asked, context(limits))
     assert isinstance(made, RateCommandController)
     made.activate(STANDING, np.full(2, NAN))
     return made
@@ -62,7 +62,7 @@ def test_upstreams_groups_know_their_interface(kind: type[ForwardCommandControll
     parameters = kind.parameters_type.model_validate({"joints": JOINTS})
     assert isinstance(parameters, ForwardParameters)
     assert parameters.unused() == []
-    made = kind.build("group", parameters, surroundings())
+    made = kind.build("group", parameters, context())
     assert made.kind == f"{interface}_controllers/JointGroup{interface.capitalize()}Controller"
     assert made.command_interfaces == tuple(f"{joint}/{interface}" for joint in JOINTS) == parameters.claims()
     assert made.parameters is parameters
@@ -79,7 +79,7 @@ def test_a_group_of_another_interface_is_refused(kind: type[ForwardCommandContro
 @pytest.mark.parametrize("interface", ["position", "velocity", "effort"])
 def test_the_plain_kind_takes_each_interface(interface: str) -> None:
     parameters = ForwardParameters.model_validate({"joints": JOINTS, "interface_name": interface})
-    made = ForwardCommandController.build("plain", parameters, surroundings())
+    made = ForwardCommandController.build("plain", parameters, context())
     assert made.kind == "forward_command_controller/ForwardCommandController"
     assert made.command_interfaces == tuple(f"{joint}/{interface}" for joint in JOINTS)
 
@@ -159,7 +159,7 @@ def test_the_time_out_can_be_set_while_it_runs() -> None:
 
 def test_a_time_out_of_positions_cannot_be_set() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position")
-    made: Any = ForwardCommandController.build("plain", parameters, surroundings())
+    made: Any = ForwardCommandController.build("plain", parameters, context())
     with pytest.raises(ValueError, match="a position is held"):
         made.reconfigure(parameters)
 
@@ -217,7 +217,7 @@ def test_upstreams_way_with_a_wrong_length_is_one_setting_away(interface: str) -
     parameters = ForwardParameters.model_validate(
         {"joints": JOINTS, "interface_name": interface, "deactivate_on_wrong_length": True}
     )
-    made: Any = ForwardCommandController.build("strict", parameters, surroundings())
+    made: Any = ForwardCommandController.build("strict", parameters, context())
     made.activate(STANDING, np.zeros(2))
     assert "send one value for each" in made.submit([1.0])
     with pytest.raises(ValueError, match=r"command size \(1\) does not match number of interfaces \(2\)"):

@@ -1,10 +1,12 @@
 """When joints have settled, with limits on both sides of zero."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from controller.settling import STILL_S, Settling
-from hal.types import JointLimits, JointState
+from hal.types import JointFault, JointLimits, JointState
 
 LIMITS = JointLimits(-2.0, 1.0, velocity=1.0, acceleration=10.0, jerk=100.0)
 PERIOD_S = 0.05
@@ -17,8 +19,8 @@ def state(position: float, velocity: float = 0.0) -> JointState:
 
 def looked(command: float, *states: JointState) -> list[bool]:
     """Whether it has settled after each cycle."""
-    settling = Settling([LIMITS], [1])
-    settling.told()
+    settling = Settling(["finger"], [LIMITS], [1])
+    settling.command_changed()
     settled = []
     for seen in states:
         settling.look(np.array([command]), seen, PERIOD_S)
@@ -46,7 +48,17 @@ def test_it_must_stand_still_for_a_while_and_not_be_about_to_begin() -> None:
     assert settled == [False] * 4 + [True] * 6 or settled == [False] * 3 + [True] * 7
 
 
+def test_a_joint_that_is_not_measured_has_neither_stalled_nor_arrived() -> None:
+    """A line that stalls for four cycles must not let the arm go with open fingers."""
+    silent = replace(state(0.0), faults={"finger": JointFault("silent", "servo 7 does not answer")})
+    moving, there = state(0.2, 0.9), state(0.5)
+    assert looked(0.5, state(0.0), *[silent] * 4, moving, there) == [False] * 6 + [True]
+    assert looked(0.5, *[replace(there, faults=silent.faults)] * 3, there) == [False] * 3 + [True]
+    elsewhere = replace(there, faults={"elbow": JointFault("silent", "servo 2 does not answer")})
+    assert looked(0.5, elsewhere) == [True]
+
+
 def test_who_was_told_nothing_has_settled() -> None:
-    settling = Settling([LIMITS], [1])
+    settling = Settling(["finger"], [LIMITS], [1])
     settling.look(np.array([0.5]), state(0.0, 0.5), PERIOD_S)
     assert settling.settled

@@ -4,16 +4,19 @@ import dataclasses
 
 import pytest
 
-from controller.goal import (
+from controller.trajectory.goal import (
+    LARGEST_GOAL,
+    Allowed,
     ErrorCode,
     GoalHandle,
     GoalPoint,
     GoalStatus,
     Tolerances,
     TrajectoryGoal,
-    resolve,
+    limits_reason,
+    reason_to_reject,
 )
-from controller.goal_checks import LARGEST_GOAL, Allowed, limits_reason, reason_to_reject
+from controller.trajectory.tolerances import resolve
 from hal.types import JointLimits
 
 JOINTS = ("joint1", "joint2")

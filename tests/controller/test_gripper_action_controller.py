@@ -6,19 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.goal import GoalStatus
-from controller.gripper_action_controller import (
+from controller.fault_timeout import FAULT_CYCLES
+from controller.gripper.goal import GripperGoal, GripperHandle, GripperParameters
+from controller.gripper.gripper_action_controller import (
     DEACTIVATED,
     NOT_RUNNING,
     PREEMPTED,
     GripperActionController,
     PositionGripperActionController,
 )
-from controller.gripper_goal import GripperGoal, GripperHandle, GripperParameters
-from controller.interface import Surroundings
+from controller.interface import ControllerContext
 from controller.motion import MotionError
+from controller.trajectory.goal import GoalStatus
 from hal.description import Component, Description
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointFault, JointLimits, JointState
 
 PERIOD_S = 0.05
 LIMITS = JointLimits(0.0, 0.05, velocity=0.1, acceleration=1.0, jerk=20.0)
@@ -47,7 +48,7 @@ class Fingers:
         self.controller.activate(self.state(), np.array([self.position]))
 
     def state(self) -> JointState:
-        faults = {"finger": "finger: no reply"} if self.silent else {}
+        faults = {"finger": JointFault("silent", "finger: no reply")} if self.silent else {}
         velocity = np.array([9.0, self.velocity if self.says_velocity else 0.0])
         return JointState(self.now_s, np.array([9.0, self.position]), velocity, np.array([9.0, 0.7]), faults)
 
@@ -288,12 +289,12 @@ def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not
     fingers = Fingers()
     handle = fingers.send(0.05)
     fingers.silent = True
-    fingers.cycle(4)
+    fingers.cycle(2)
     fingers.silent = False
     fingers.cycle(1)
     assert not handle.done
     fingers.silent = True
-    fingers.cycle(4)
+    fingers.cycle(FAULT_CYCLES - 1)
     assert not handle.done
     fingers.cycle(1)
     assert (handle.status, handle.text) == (GoalStatus.ABORTED, "finger: no reply")
@@ -302,12 +303,25 @@ def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not
     assert fingers.path[-1] == fingers.path[-2] < 0.05
 
 
+def test_fingers_that_are_not_measured_do_not_stand_still() -> None:
+    fingers = Fingers(gripper(allow_stalling=True, stall_timeout=0.1))
+    handle = fingers.send(0.05)
+    for _ in range(2):
+        fingers.cycle(2)
+        fingers.silent = True
+        fingers.cycle(4)
+        fingers.silent = False
+    assert not handle.done
+    fingers.cycles_until_done(handle)
+    assert handle.status is GoalStatus.SUCCEEDED and handle.state.reached_goal
+
+
 def test_a_goal_to_which_there_is_no_way_is_aborted_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_way(*arguments: object) -> None:
         raise MotionError("no motion within the limits")
 
     fingers = Fingers()
-    monkeypatch.setattr("controller.gripper_action_controller.plan", no_way)
+    monkeypatch.setattr("controller.gripper.gripper_action_controller.motion_to", no_way)
     handle = fingers.send(0.05)
     fingers.cycle(10)
     assert (handle.status, handle.text) == (GoalStatus.ABORTED, "no motion within the limits")
@@ -402,8 +416,8 @@ def test_it_is_built_from_the_controllers_file(kind: type[GripperActionControlle
     interfaces = dict.fromkeys(("joint1", "finger"), ("position",))
     component = Component("arm", "system", "mock", {}, interfaces, interfaces)
     limits = {"joint1": replace(LIMITS, upper=9.0), "finger": LIMITS}
-    surroundings = Surroundings(Description("", {}), component, limits, lambda name: True)
-    made = kind.build("gripper", GripperParameters(joint="finger"), surroundings)
+    context = ControllerContext(Description("", {}), component, limits, lambda name: True)
+    made = kind.build("gripper", GripperParameters(joint="finger"), context)
     assert made.kind.endswith("/GripperActionController")
     assert made.command_interfaces == ("finger/position",)
     fingers = Fingers(made)

@@ -4,14 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from controller.controllers_file import ControllersFileError, load_controllers_file
-from controller.factory import Factory
-from controller.gripper_action_controller import GripperActionController
-from controller.interface import Surroundings
-from controller.manager import ControllerManager
-from controller.servo_state_broadcaster import ServoStateBroadcaster
+from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster
+from controller.gripper.gripper_action_controller import GripperActionController
+from controller.interface import ControllerContext
+from controller.manager.controllers_file import ControllersFileError, load_controllers_file
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
 from hal.description import parse_urdf
 from tests.controller.bench import HAND_LIMITS
+from tests.controller.manager_bench import Interfaces
 
 URDF = """
 <robot name="hand">
@@ -50,16 +51,16 @@ def filled(folder: Path, text: str) -> ControllerManager:
     path = folder / "controllers.yaml"
     path.write_text(text)
     file = load_controllers_file(path, {}, component)
-    manager = ControllerManager(component.commands)
-    surroundings = Surroundings(description, component, {"finger": HAND_LIMITS}, manager.settled)
-    Factory(file, surroundings).fill(manager)
+    manager = ControllerManager(Interfaces(tuple(component.commands)), {})
+    context = ControllerContext(description, component, {"finger": HAND_LIMITS}, manager.cycle.settled)
+    Factory(file, context).fill(manager)
     return manager
 
 
 def test_they_are_made_and_what_has_no_effect_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     manager = filled(tmp_path, FILE)
-    assert isinstance(manager.controllers["gripper"], GripperActionController)
-    assert isinstance(manager.controllers["servos"], ServoStateBroadcaster)
+    assert isinstance(manager.registry.controllers["gripper"], GripperActionController)
+    assert isinstance(manager.registry.controllers["servos"], ServoStateBroadcaster)
     assert "max_effort (torque_limit in the robot file bounds the force)" in caplog.text
 
 

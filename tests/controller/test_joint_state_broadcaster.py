@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.interface import Surroundings
-from controller.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster, JointStates
-from drivers.counters import ServoCounters
+from controller.broadcasters.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster, JointStates
+from controller.interface import ControllerContext
+from drivers.bus.counters import ServoCounters
 from hal.description import Component, Description, Mimic, UrdfJoint
 from hal.types import JointState, ServoHealth
 
@@ -30,7 +30,7 @@ def broadcaster(**parameters: Any) -> JointStateBroadcaster:
 
 
 def state(stamp_s: float = 7.0) -> JointState:
-    health = {"wrist": ServoHealth(11.5, 41.0, ("overload",), ServoCounters(single_replies=9, silent=1), 0.25)}
+    health = {"wrist": ServoHealth(11.5, 41.0, ("overload",), ServoCounters(replies=9, silent=1), 0.25)}
     return JointState(
         stamp_s,
         np.array([1.0, 2.0, 3.0]),
@@ -124,8 +124,8 @@ def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_
 
     def positions(commands: Mapping[str, tuple[str, ...]], mimics: frozenset[str], *measured: float) -> list[float]:
         component = Component("hand", "system", "mock", {}, commands, states, mimics)
-        surroundings = Surroundings(Description("", joints), component, {}, lambda name: True)
-        made = JointStateBroadcaster.build("jsb", BroadcasterParameters(), surroundings)
+        context = ControllerContext(Description("", joints), component, {}, lambda name: True)
+        made = JointStateBroadcaster.build("jsb", BroadcasterParameters(), context)
         still = np.zeros(len(measured))
         sample = made.sample(JointState(0.0, np.array(measured), still, still))
         assert sample.names == ("left", "right")

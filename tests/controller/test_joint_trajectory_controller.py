@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
-from controller.judging import SILENT_CYCLES
-from hal.types import FloatArray, JointState
+from controller.fault_timeout import FAULT_CYCLES
+from controller.trajectory.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from hal.types import FloatArray, JointFault, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 
 REACHED = "Goal successfully reached!"
@@ -372,8 +372,8 @@ def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(5)
-    bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
-    bench.cycle(SILENT_CYCLES)
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.cycle(FAULT_CYCLES)
     assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "elbow: servo 2 does not answer")
     bench.cycle(20)
     assert_smooth(bench.path())
@@ -383,17 +383,31 @@ def test_a_short_servo_fault_disturbs_nobody() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     for _ in range(5):
-        bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
-        bench.cycle(SILENT_CYCLES - 1)
+        bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+        bench.cycle(FAULT_CYCLES - 1)
         bench.hardware.faults = {}
         bench.cycle()
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
 
 
+def test_a_joint_that_is_not_measured_has_not_left_its_path() -> None:
+    """The reference goes on while the last known position stands."""
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 1.0, path={"elbow": 0.15}))
+    bench.cycle(6)
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.hardware.stuck = {"elbow"}
+    bench.cycle(FAULT_CYCLES - 1)
+    assert not handle.done
+    bench.hardware.faults = {}
+    bench.cycle()
+    assert (handle.status, handle.error_code) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
+
+
 def test_a_fault_of_somebody_elses_joint_disturbs_nobody() -> None:
     bench = Bench().up()
-    bench.hardware.faults = {"finger": "finger: servo 7 does not answer"}
+    bench.hardware.faults = {"finger": JointFault("silent", "finger: servo 7 does not answer")}
     handle = bench.send(to(1.0, 0.0))
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
@@ -403,8 +417,8 @@ def test_a_fault_while_waiting_aborts_too() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     handle = bench.send(to(1.0, 0.0))
-    bench.hardware.faults = {"elbow": "elbow: servo 2 does not answer"}
-    bench.cycle(SILENT_CYCLES)
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.cycle(FAULT_CYCLES)
     assert handle.status is GoalStatus.ABORTED
     assert np.abs(bench.path()[:, :2]).max() == 0.0
 

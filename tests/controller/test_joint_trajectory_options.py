@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
-from controller.joint_trajectory_controller import JointTrajectoryController
-from controller.judging import DEACTIVATED, PREEMPTED, PREEMPTED_BY_TOPIC, TIMED_OUT
-from controller.tracking import shorter_way
+from controller.trajectory.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import shorter_way
+from controller.trajectory.tolerances import DEACTIVATED, PREEMPTED, PREEMPTED_BY_TOPIC, TIMED_OUT
 from hal.types import FloatArray, JointLimits, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 

@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from controller.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
 from hal.lifecycle import LifecycleState
+from hal.types import JointFault
 from tests.controller.bench import ARM, JOINTS, LIMITS, PERIOD_S, Bench, arm_parameters
 
 VELOCITY = np.array([LIMITS[name].velocity for name in JOINTS])
@@ -78,7 +79,7 @@ class Client(RuleBasedStateMachine):
 
     def submit(self, goal: TrajectoryGoal) -> None:
         if self.bench.arm.check(goal) is None:
-            with patch("controller.joint_trajectory_controller.GoalHandle", CountingHandle):
+            with patch("controller.trajectory.joint_trajectory_controller.GoalHandle", CountingHandle):
                 handle = self.bench.arm.submit(goal)
             assert isinstance(handle, CountingHandle)
             self.handles.append(handle)
@@ -104,11 +105,11 @@ class Client(RuleBasedStateMachine):
     @rule(stuck=st.sets(st.sampled_from(JOINTS)), silent=st.sets(st.sampled_from(JOINTS)))
     def trouble(self, stuck: set[str], silent: set[str]) -> None:
         self.bench.hardware.stuck = stuck
-        self.bench.hardware.faults = {name: f"{name} is silent" for name in sorted(silent)}
+        self.bench.hardware.faults = {name: JointFault("silent", f"{name} is silent") for name in sorted(silent)}
 
     @rule()
     def restart_controllers(self) -> None:
-        active = self.bench.manager.state("arm") is LifecycleState.ACTIVE
+        active = self.bench.manager.registry.state("arm") is LifecycleState.ACTIVE
         self.bench.manager.deactivate()
         assert not active or all(handle.done for handle in self.handles)
         self.bench.manager.activate(self.bench.hardware.read(), self.bench.loop.command)

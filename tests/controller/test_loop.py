@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
+from controller.manager.manager import ControllerManager
+from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
-from controller.switching import Wish
 from drivers.errors import PortLost
+from hal.components import Components
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointFault, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
 from tests.controller.bench import ARM_LIMITS, JOINTS, LIMITS, PERIOD_S, Bench, ScriptedHardware, to
 
@@ -49,10 +50,11 @@ class Puppet:
 def puppet_loop() -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock]:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
-    manager = ControllerManager(hardware.command_interfaces)
+    components = Components([hardware], clock)
+    manager = ControllerManager(components, LIMITS)
     puppet = Puppet()
-    manager.add(puppet)
-    loop = ControlLoop(hardware, manager, LIMITS, clock, PERIOD_S)
+    manager.registry.add(puppet)
+    loop = ControlLoop(components, manager, LIMITS, clock, PERIOD_S)
     hardware.configure()
     loop.activate()
     return puppet, loop, hardware, clock
@@ -83,7 +85,7 @@ def test_the_gate_speaks_once_an_episode(caplog: pytest.LogCaptureFixture) -> No
     for command in (NAN, NAN, 0.0, NAN):
         puppet.command = np.array([command, 0.0, 0.0])
         loop.step()
-    assert caplog.text.count("safety gate: shoulder: the command is nan: holding") == 2
+    assert caplog.messages.count("safety gate: shoulder: the command is nan: holding") == 2
 
 
 def test_cycles_come_at_the_rate() -> None:
@@ -131,6 +133,33 @@ def test_a_late_wake_up_is_in_the_figures() -> None:
     loop.run(lambda: loop.figures.cycles == 3)
     assert loop.figures.latest_wake_up_s == pytest.approx(0.01)
     assert loop.figures.missed == 0
+
+
+def test_a_cycle_without_a_measurement_is_counted_and_not_on_time(caplog: pytest.LogCaptureFixture) -> None:
+    _, loop, hardware, _ = puppet_loop()
+    assert loop.figures.summary == "every cycle on time"
+    hardware.faults = dict.fromkeys(JOINTS[:-1], JointFault("silent", "servo 1: silent"))
+    loop.step()
+    assert loop.figures.unmeasured == 0  # one joint was measured
+    for _ in range(2):
+        hardware.faults = dict.fromkeys(JOINTS, JointFault("silent", "servo 1: silent"))
+        for _ in range(3):
+            loop.step()
+        hardware.faults = {}
+        loop.step()
+    loop.step()
+    assert (loop.figures.unmeasured, loop.figures.summary) == (6, "6 cycles without a measurement")
+    assert caplog.text.count("no joint was measured in this cycle: servo 1: silent") == 2
+    assert caplog.text.count("joints are measured again, after 3 cycles") == 2
+
+
+def test_a_component_that_nobody_asks_is_not_missed() -> None:
+    _, loop, hardware, _ = puppet_loop()
+    loop.component_transitions.ask("scripted", LifecycleState.UNCONFIGURED)
+    for _ in range(5):
+        loop.step()
+    assert hardware.state is LifecycleState.UNCONFIGURED
+    assert loop.figures.unmeasured == 0
 
 
 @pytest.mark.parametrize("where", ["read", "write"])
@@ -192,11 +221,12 @@ def wheels() -> tuple[Wheels, ControlLoop, MockHardware]:
     clock = SimulatedClock(100.0)
     commands = ("wheel/velocity", "motor/effort", "arm/position")
     hardware = MockHardware("mixed", ("wheel", "motor", "arm"), clock, command_interfaces=commands)
-    manager = ControllerManager(commands)
-    made = Wheels()
-    manager.add(made)
+    components = Components([hardware], clock)
     limits = dict.fromkeys(hardware.joints, JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0))
-    loop = ControlLoop(hardware, manager, limits, clock, PERIOD_S)
+    manager = ControllerManager(components, limits)
+    made = Wheels()
+    manager.registry.add(made)
+    loop = ControlLoop(components, manager, limits, clock, PERIOD_S)
     hardware.configure()
     loop.activate()
     return made, loop, hardware
@@ -248,10 +278,10 @@ def test_a_controller_that_takes_over_begins_where_the_joints_come_to_rest() -> 
         loop.step()
     loop.manager.release(["shoulder/position"], "the test")
     loop.step()
-    loop.manager.switch(Wish(activate=("puppet",)), loop.command)
+    loop.manager.switch(SwitchRequest(activate=("puppet",)), loop.command)
     rest = puppet.command.copy()  # as it was activated
     assert 0.5 < rest[0] < 1.5
-    while loop.manager.coasting.holds([0]):
+    while loop.manager.stops.holds([0]):
         loop.step()
     np.testing.assert_allclose(loop.command, rest)
     velocity = np.diff(np.array(hardware.written)[:, 0]) / PERIOD_S
@@ -268,3 +298,99 @@ def test_a_goal_survives_the_gate_unchanged() -> None:
     while not handle.done:
         bench.cycle()
         assert bench.loop.command[:2] == pytest.approx(bench.arm.command, abs=1e-9)
+
+
+def test_times_and_misses_add_up_over_the_cycles(caplog: pytest.LogCaptureFixture) -> None:
+    puppet, loop, _, clock = puppet_loop()
+    stalls = iter([0.12, 0.0, 0.07, 0.01])
+    puppet.during_update = lambda: clock.sleep_until(clock.now() + next(stalls))
+    loop.run(lambda: loop.figures.cycles == 4)
+    figures = loop.figures
+    assert (figures.missed, figures.summary) == (3, "3 cycles missed")
+    assert figures.busy_s == pytest.approx(0.2)
+    assert caplog.messages == [f"missed {n} cycles: the loop was 0 ms late" for n in (2, 1)]
+
+
+def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -> None:
+    _, loop, _, clock = puppet_loop()
+    sleep = clock.sleep_until
+    clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.06)  # type: ignore[method-assign]
+    loop.run(lambda: loop.figures.cycles == 1)
+    assert caplog.messages == ["missed 1 cycles: the loop was 60 ms late"]
+
+
+def test_an_episode_of_one_cycle_without_a_measurement_is_told_too(caplog: pytest.LogCaptureFixture) -> None:
+    _, loop, hardware, _ = puppet_loop()
+    hardware.faults = dict.fromkeys(JOINTS, JointFault("silent", "servo 1: silent"))
+    loop.step()
+    hardware.faults = {}
+    loop.step()
+    assert caplog.messages == [
+        "no joint was measured in this cycle: servo 1: silent",
+        "joints are measured again, after 1 cycles without a measurement",
+    ]
+
+
+def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: pytest.LogCaptureFixture) -> None:
+    seen: list[JointState] = []
+
+    def observe(state: JointState) -> None:
+        seen.append(state)
+        raise RuntimeError("a defect")
+
+    clock = SimulatedClock(100.0)
+    components = Components([ScriptedHardware(clock)], clock)
+    loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S, observe)
+    components.configure()
+    loop.activate()
+    for _ in range(3):
+        loop.step()
+    assert len(seen) == loop.figures.observer_errors == 3
+    assert caplog.messages == ["the observer of the cycle failed; the loop goes on"]
+
+
+def test_a_velocity_brakes_before_the_end_of_the_measured_range() -> None:
+    made, loop, hardware = wheels()
+    hardware._position[:] = 1.99, 0.0, 0.0
+    made.command = np.array([4.0, 0.0])
+    for _ in range(3):
+        loop.step()
+    assert 0.0 < loop.command[0] < 0.2
+    made.command = np.array([-4.0, 0.0])  # back there is room
+    for _ in range(10):
+        loop.step()
+    assert loop.command[0] == -4.0
+
+
+def test_at_the_start_nothing_is_commanded_but_to_stand() -> None:
+    _, loop, _ = wheels()
+    np.testing.assert_array_equal(loop.previous_command, loop.command)
+    clock = SimulatedClock(100.0)
+    interfaces = ("left/wheel/velocity", "left/arm/position")
+    hardware = MockHardware("mixed", ("left/wheel", "left/arm"), clock, command_interfaces=interfaces)
+    components = Components([hardware], clock)
+    limits = {"left/wheel": JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0), "left/arm": ARM_LIMITS}
+    fresh = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
+    np.testing.assert_array_equal(fresh.command, [0.0, NAN])
+
+
+def test_all_joints_that_were_not_measured_are_named() -> None:
+    clock = SimulatedClock(100.0)
+    hardware = ScriptedHardware(clock)
+    hardware._position[:2] = NAN
+    components = Components([hardware], clock)
+    loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
+    components.configure()
+    with pytest.raises(ActivationError, match=r"^shoulder, elbow has not been measured, torque is off again"):
+        loop.activate()
+
+
+def test_hardware_that_takes_no_commands_is_read_all_the_same() -> None:
+    clock = SimulatedClock(100.0)
+    hardware = MockHardware("sensors", JOINTS, clock, command_interfaces=())
+    components = Components([hardware], clock)
+    loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
+    components.configure()
+    loop.activate()
+    assert loop.step().position.tolist() == [0.0, 0.0, 0.0]
+    assert loop.command.shape == (0,)

@@ -5,19 +5,19 @@ import logging
 import numpy as np
 import pytest
 
-from controller.manager import ControllerManager
-from controller.order import Order
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.manager import ControllerManager
+from controller.manager.registry import ClaimError, Transition
+from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from controller.parameters import Parameters
-from controller.roster import ClaimError, Transition
-from controller.switching import ManagerError, SwitchError, Wish
 from hal.lifecycle import LifecycleState
-from tests.controller.manager_bench import HELD, JOINTS, STANDING, Puppet, cycle, managing
+from tests.controller.manager_bench import HELD, STANDING, Interfaces, Puppet, cycle, managing
 
 UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
 
 def states(manager: ControllerManager) -> dict[str, LifecycleState]:
-    return {name: entry.state for name, entry in manager.loaded.items()}
+    return {name: entry.state for name, entry in manager.registry.loaded.items()}
 
 
 # Life cycles
@@ -25,24 +25,24 @@ def states(manager: ControllerManager) -> dict[str, LifecycleState]:
 
 def test_from_loading_to_unloading() -> None:
     manager, puppet = managing(), Puppet("p", "a")
-    manager.load(Order("p", puppet.kind, Parameters()))
-    assert (manager.state("p"), dict(manager.controllers)) == (UNCONFIGURED, {})
-    manager.configure("p", puppet)
-    assert (manager.state("p"), dict(manager.controllers)) == (INACTIVE, {"p": puppet})
-    manager.cleanup("p")
-    assert (manager.state("p"), dict(manager.controllers)) == (UNCONFIGURED, {})
-    manager.cleanup("p")  # upstream lets it be
-    manager.unload("p")
+    manager.registry.load(ControllerSpec("p", puppet.kind, Parameters()))
+    assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (UNCONFIGURED, {})
+    manager.registry.configure("p", puppet)
+    assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (INACTIVE, {"p": puppet})
+    manager.registry.cleanup("p")
+    assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (UNCONFIGURED, {})
+    manager.registry.cleanup("p")  # upstream lets it be
+    manager.registry.unload("p")
     assert states(manager) == {}
 
 
 def test_configuring_again_takes_the_new_controller() -> None:
     first, second = Puppet("p", "a"), Puppet("p", "b")
     manager = managing(first)
-    manager.transitions.clear()
-    manager.configure("p", second)
-    assert manager.controllers["p"] is second
-    assert list(manager.transitions) == [
+    manager.registry.transitions.clear()
+    manager.registry.configure("p", second)
+    assert manager.registry.controllers["p"] is second
+    assert list(manager.registry.transitions) == [
         Transition("p", INACTIVE, UNCONFIGURED),
         Transition("p", UNCONFIGURED, INACTIVE),
     ]
@@ -51,37 +51,46 @@ def test_configuring_again_takes_the_new_controller() -> None:
 @pytest.mark.parametrize(
     ("what", "text"),
     [
-        (lambda m: m.load(Order("p", "test", Parameters())), "A controller named 'p' was already loaded"),
-        (lambda m: m.configure("p", Puppet("p", "b")), "'p' can not be configured while it is active: deactivate it"),
-        (lambda m: m.cleanup("p"), "'p' can not be cleaned up while it is active: deactivate it"),
-        (lambda m: m.unload("p"), "'p' can not be unloaded while it is active: deactivate it"),
-        (lambda m: m.configure("nope", Puppet("nope", "b")), "'nope' can not be configured: no controller with this"),
-        (lambda m: m.cleanup("nope"), "'nope' can not be cleaned up: no controller with this name exists"),
-        (lambda m: m.unload("nope"), "'nope' can not be unloaded: no controller with this name exists"),
+        (
+            lambda m: m.registry.load(ControllerSpec("p", "test", Parameters())),
+            "A controller named 'p' was already loaded",
+        ),
+        (
+            lambda m: m.registry.configure("p", Puppet("p", "b")),
+            "'p' can not be configured while it is active: deactivate it",
+        ),
+        (lambda m: m.registry.cleanup("p"), "'p' can not be cleaned up while it is active: deactivate it"),
+        (lambda m: m.registry.unload("p"), "'p' can not be unloaded while it is active: deactivate it"),
+        (
+            lambda m: m.registry.configure("nope", Puppet("nope", "b")),
+            "'nope' can not be configured: no controller with this",
+        ),
+        (lambda m: m.registry.cleanup("nope"), "'nope' can not be cleaned up: no controller with this name exists"),
+        (lambda m: m.registry.unload("nope"), "'nope' can not be unloaded: no controller with this name exists"),
     ],
     ids=["load twice", "configure active", "cleanup active", "unload active", "configure", "cleanup", "unload"],
 )
 def test_what_is_refused_changes_nothing(what, text: str) -> None:  # type: ignore[no-untyped-def]
     puppet = Puppet("p", "a")
     manager = managing(puppet, active=["p"])
-    before = manager.loaded
+    before = manager.registry.loaded
     with pytest.raises(ManagerError, match=text):
         what(manager)
-    assert manager.loaded is before and manager.controllers["p"] is puppet
+    assert manager.registry.loaded is before and manager.registry.controllers["p"] is puppet
 
 
 def test_what_the_hardware_has_not_cannot_be_commanded() -> None:
     manager = managing()
-    manager.load(Order("p", "test", Parameters()))
+    manager.registry.load(ControllerSpec("p", "test", Parameters()))
     with pytest.raises(ClaimError, match=r"p commands d/position, which the hardware has not \(it has a/position, b/"):
-        manager.configure("p", Puppet("p", "a", "d"))
+        manager.registry.configure("p", Puppet("p", "a", "d"))
     assert states(manager) == {"p": UNCONFIGURED}
 
 
 def test_a_reader_of_another_thread_keeps_a_whole_picture() -> None:
     manager = managing(Puppet("p", "a"), Puppet("q", "b"))
-    seen = manager.loaded
-    manager.switch(Wish(("p", "q")), HELD)
+    seen = manager.registry.loaded
+    manager.switch(SwitchRequest(("p", "q")), HELD)
     manager.release({"b/position"}, "gone")
     assert [entry.state for entry in seen.values()] == [INACTIVE, INACTIVE]
     assert states(manager) == {"p": ACTIVE, "q": INACTIVE}
@@ -93,9 +102,9 @@ def test_a_reader_of_another_thread_keeps_a_whole_picture() -> None:
 def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inactive(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    manager = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    manager = ControllerManager(Interfaces(), {})
     for puppet in (Puppet("first", "a", "b"), Puppet("second", "b"), Puppet("third", "c"), Puppet("fourth")):
-        manager.add(puppet)
+        manager.registry.add(puppet)
     manager.activate(STANDING, HELD)
     assert states(manager) == {"first": ACTIVE, "second": INACTIVE, "third": ACTIVE, "fourth": ACTIVE}
     assert (
@@ -106,11 +115,11 @@ def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inact
 
 def test_at_the_start_a_broken_one_stays_inactive_and_a_fallback_waits(caplog: pytest.LogCaptureFixture) -> None:
     spare, broken, main = Puppet("spare", "a"), Puppet("broken", "b", failing=["activate"]), Puppet("main", "a")
-    manager = ControllerManager([f"{joint}/position" for joint in JOINTS])
+    manager = ControllerManager(Interfaces(), {})
     for puppet in (spare, broken):
-        manager.add(puppet)
-    manager.load(Order("main", "test", Parameters(), fallback=("spare",)))
-    manager.configure("main", main)
+        manager.registry.add(puppet)
+    manager.registry.load(ControllerSpec("main", "test", Parameters(), fallback=("spare",)))
+    manager.registry.configure("main", main)
     manager.activate(STANDING, HELD)
     assert states(manager) == {"spare": INACTIVE, "broken": INACTIVE, "main": ACTIVE}
     assert "broken stays inactive: Could not activate controller 'broken': broken is broken" in caplog.text
@@ -130,19 +139,19 @@ def test_an_inactive_controller_commands_nothing_and_takes_over_where_the_hardwa
     puppet = Puppet("p", "c", "b")
     manager = managing(puppet)
     assert cycle(manager) == HELD.tolist()
-    manager.switch(Wish(("p",)), HELD)
+    manager.switch(SwitchRequest(("p",)), HELD)
     assert puppet.command.tolist() == [0.3, 0.2]
     assert cycle(manager) == [0.1, 0.7, 0.7]
-    manager.switch(Wish((), ("p",)), HELD)
+    manager.switch(SwitchRequest((), ("p",)), HELD)
     assert cycle(manager) == HELD.tolist()
 
 
 def test_settled_is_the_controllers_own_word_while_it_is_active() -> None:
     manager = managing(Puppet("p", "a"))
-    assert manager.settled("nobody")
-    assert manager.settled("p")  # inactive: there is nothing to wait for
-    manager.switch(Wish(("p",)), HELD)
-    assert not manager.settled("p")
+    assert manager.cycle.settled("nobody")
+    assert manager.cycle.settled("p")  # inactive: there is nothing to wait for
+    manager.switch(SwitchRequest(("p",)), HELD)
+    assert not manager.cycle.settled("p")
 
 
 @pytest.mark.parametrize("failing", [["update"], ["update", "deactivate"]])
@@ -154,11 +163,13 @@ def test_a_controller_that_fails_is_deactivated_and_the_others_go_on(
     assert cycle(manager) == [0.1, 0.7, 0.3]
     assert states(manager) == {"broken": INACTIVE, "sound": ACTIVE}
     assert broken.calls == ["activate", "update", "deactivate"]
-    assert "broken failed and is deactivated: its joints come to rest" in caplog.text
+    assert "broken failed and is deactivated: its joints come to rest" in caplog.messages
     assert cycle(manager) == [0.1, 0.7, 0.3]
 
 
-def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_joints() -> None:
+def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_joints(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     class Short(Puppet):
         def update(self, state, now_s: float, period_s: float) -> None:  # type: ignore[no-untyped-def]
             self.command = np.array([0.7])
@@ -166,6 +177,7 @@ def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_join
     manager = managing(Short("short", "a", "b"), active=["short"])
     assert cycle(manager) == HELD.tolist()
     assert states(manager) == {"short": INACTIVE}
+    assert "a command of shape (1,) for 2 interfaces" in caplog.text
 
 
 def test_the_fallback_takes_over_from_the_next_cycle_on() -> None:
@@ -214,8 +226,8 @@ def test_nothing_starts_on_joints_that_were_never_measured() -> None:
     manager = managing(Puppet("p", "a"), Puppet("q", "b"))
     unknown = np.array([np.nan, 0.2, 0.3])
     with pytest.raises(SwitchError, match="'p': its joints have not been measured yet"):
-        manager.switch(Wish(("p",)), unknown)
-    manager.switch(Wish(("q",)), unknown)
+        manager.switch(SwitchRequest(("p",)), unknown)
+    manager.switch(SwitchRequest(("q",)), unknown)
     assert states(manager) == {"p": INACTIVE, "q": ACTIVE}
 
 
@@ -223,7 +235,7 @@ def test_every_transition_is_told(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)
     manager = managing(Puppet("p", "a", failing=["update"]), active=["p"])
     cycle(manager)
-    assert [(t.start, t.goal) for t in manager.transitions] == [
+    assert [(t.start, t.goal) for t in manager.registry.transitions] == [
         (UNCONFIGURED, INACTIVE),
         (INACTIVE, ACTIVE),
         (ACTIVE, INACTIVE),

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.controllers_file import ControllersFileError, load_controllers_file
-from controller.desk import Desk
-from controller.factory import Factory
-from controller.interface import Surroundings
-from controller.kinds import kinds, look_again
+from controller.interface import ControllerContext
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
-from controller.switching import ManagerError, SwitchError, Wish
+from controller.manager.client import ManagerClient
+from controller.manager.controllers_file import ControllersFileError, load_controllers_file
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.manager.plugins import controller_types, look_for_plugins_again
+from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
+from hal.components import Components
 from hal.description import parse_urdf
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -56,26 +57,28 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path
     sys.modules.pop("wave", None)
     monkeypatch.undo()
-    look_again()
+    look_for_plugins_again()
 
 
-def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, Desk]:
+def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, ManagerClient]:
     """A loop on the joints of the house's arm, with the controllers of a file."""
     path.write_text(settings)
     description = parse_urdf(URDF.read_text())
     component = description.components[0]
     limits = dict.fromkeys(component.joints, LIMIT)
     clock = SimulatedClock(10.0)
-    manager = ControllerManager(component.commands)
+    hardware = MockHardware(component.name, component.joints, clock, command_interfaces=component.commands)
+    components = Components([hardware], clock)
+    manager = ControllerManager(components, limits)
     factory = Factory(
-        load_controllers_file(path, {}, component), Surroundings(description, component, limits, manager.settled)
+        load_controllers_file(path, {}, component),
+        ControllerContext(description, component, limits, manager.cycle.settled),
     )
     factory.fill(manager)
-    hardware = MockHardware(component.name, component.joints, clock, command_interfaces=component.commands)
-    loop = ControlLoop(hardware, manager, limits, clock, PERIOD_S)
+    loop = ControlLoop(components, manager, limits, clock, PERIOD_S)
     hardware.configure()
     loop.activate()
-    return loop, manager, Desk(loop, factory)
+    return loop, manager, ManagerClient(loop, factory)
 
 
 def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
@@ -90,15 +93,15 @@ def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
 
 def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
     install(site, "wave", block("python"), block("toml").splitlines()[1].replace('"', ""))
-    look_again()
-    assert "wave/Wave" in kinds()
-    loop, manager, desk = made(site / "controllers.yaml", block("yaml"))
-    assert manager.state("wave") is LifecycleState.ACTIVE
-    assert dict(manager.claimed) == {"joint6/position": "wave"}
+    look_for_plugins_again()
+    assert "wave/Wave" in controller_types()
+    loop, manager, manager_client = made(site / "controllers.yaml", block("yaml"))
+    assert manager.registry.state("wave") is LifecycleState.ACTIVE
+    assert dict(manager.registry.claimed) == {"joint6/position": "wave"}
     told = cycles(loop, 80)
     expected = 0.2 * np.sin(2.0 * np.pi * PERIOD_S * np.arange(1, 81) / 4.0)
     np.testing.assert_allclose(told, expected, atol=1e-12)
-    desk.change("wave", manager.controllers["wave"].parameters.model_copy(update={"amplitude": 0.0}))
+    manager_client.change("wave", manager.registry.controllers["wave"].parameters.model_copy(update={"amplitude": 0.0}))
     assert cycles(loop, 1) == [pytest.approx(0.0, abs=1e-12)]
 
 
@@ -107,10 +110,10 @@ def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site:
         "self.elapsed_s += period_s", "self.elapsed_s += 1 / (self.elapsed_s < 0.3) * period_s"
     )
     install(site, "wave", broken, "wave/Wave = wave:Wave")
-    look_again()
+    look_for_plugins_again()
     loop, manager, _ = made(site / "controllers.yaml", block("yaml"))
     told = cycles(loop, 40)
-    assert manager.state("wave") is LifecycleState.INACTIVE
+    assert manager.registry.state("wave") is LifecycleState.INACTIVE
     assert 0.0 < told[5] < told[6] <= told[-1] == told[-2]
 
 
@@ -120,8 +123,8 @@ def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site:
 )
 def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(site: Path, source: str, why: str) -> None:
     install(site, "wave", source, "wave/Wave = wave:Wave")
-    look_again()
-    assert "wave/Wave" not in kinds() and len(kinds()) > 3
+    look_for_plugins_again()
+    assert "wave/Wave" not in controller_types() and len(controller_types()) > 3
     with pytest.raises(
         ControllersFileError, match=rf"the controller wave/Wave \(wave:Wave\) cannot be loaded: .*{why}"
     ):
@@ -129,22 +132,22 @@ def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(site: Path, so
 
 
 def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> None:
-    loop, manager, desk = made(site / "controllers.yaml", HAND)
+    loop, manager, manager_client = made(site / "controllers.yaml", HAND)
     install(site, "wave", block("python"), "wave/Wave = wave:Wave")
-    assert "wave/Wave" not in desk.kinds()
-    refused, forced = desk.reload(force=False), desk.reload(force=True)
+    assert "wave/Wave" not in manager_client.controller_types()
+    refused, forced = manager_client.reload(force=False), manager_client.reload(force=True)
     cycles(loop, 1)
     with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or force it"):
         refused.result()
     forced.result()
-    assert (dict(manager.loaded), "wave/Wave" in desk.kinds()) == ({}, True)
+    assert (dict(manager.registry.loaded), "wave/Wave" in manager_client.controller_types()) == ({}, True)
     extra = site / "wave.yaml"
     extra.write_text("wave: {ros__parameters: {joint: joint2}}")
-    for ask in (lambda: desk.load("wave", "wave/Wave", [extra]), lambda: desk.configure("wave")):
+    for ask in (lambda: manager_client.load("wave", "wave/Wave", [extra]), lambda: manager_client.configure("wave")):
         request = ask()
         cycles(loop, 1)
         request.result()
-    assert manager.state("wave") is LifecycleState.INACTIVE
+    assert manager.registry.state("wave") is LifecycleState.INACTIVE
 
 
 # The desk, where clients of other threads ask
@@ -152,8 +155,11 @@ def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> N
 
 def test_a_switch_that_comes_too_late_is_not_done() -> None:
     bench = Bench().up()
-    desk = Desk(bench.loop, None)  # type: ignore[arg-type]
-    late, soon = desk.switch(Wish((), ("arm",)), 0.04), desk.switch(Wish((), ("hand",)))
+    manager_client = ManagerClient(bench.loop, None)  # type: ignore[arg-type]
+    late, soon = (
+        manager_client.switch(SwitchRequest((), ("arm",)), 0.04),
+        manager_client.switch(SwitchRequest((), ("hand",))),
+    )
     assert not late.done and not soon.done
     bench.cycle()
     with pytest.raises(
@@ -161,4 +167,4 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
     ):
         late.result()
     assert soon.result() == "Successfully switched controllers!\nDeactivated controllers: [ hand ]"
-    assert bench.manager.state("arm") is LifecycleState.ACTIVE
+    assert bench.manager.registry.state("arm") is LifecycleState.ACTIVE

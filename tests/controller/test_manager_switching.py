@@ -6,26 +6,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.manager import ControllerManager
-from controller.switching import NOTHING, Strictness, SwitchError, Wish, taken
+from controller.manager.manager import ControllerManager
+from controller.manager.switch import NOTHING, Strictness, SwitchError, SwitchRequest, taken
 from hal.lifecycle import LifecycleState
-from tests.controller.manager_bench import HELD, Puppet, cycle, managing
+from tests.controller.manager_bench import HELD, Interfaces, Puppet, cycle, managing
 
 BEST, STRICT, AUTO, FORCE = Strictness.BEST_EFFORT, Strictness.STRICT, Strictness.AUTO, Strictness.FORCE_AUTO
 UNKNOWN = "Could not activate controller with name 'nope' because no controller with this name exists"
 
 
-def four() -> ControllerManager:
+def four(hardware: Interfaces | None = None) -> ControllerManager:
     """arm is active on a and b; rival wants b; hand wants c; raw is unconfigured."""
-    manager = managing(
-        Puppet("arm", "a", "b"), Puppet("rival", "b"), Puppet("hand", "c"), Puppet("raw"), active=["arm"]
-    )
-    manager.cleanup("raw")
+    puppets = Puppet("arm", "a", "b"), Puppet("rival", "b"), Puppet("hand", "c"), Puppet("raw")
+    manager = managing(*puppets, active=["arm"], hardware=hardware)
+    manager.registry.cleanup("raw")
     return manager
 
 
 def active(manager: ControllerManager) -> set[str]:
-    return {name for name, entry in manager.loaded.items() if entry.active}
+    return {name for name, entry in manager.registry.loaded.items() if entry.active}
 
 
 DONE = "Successfully switched controllers!"
@@ -75,24 +74,24 @@ REFUSED = [
 @pytest.mark.parametrize(("start", "stop", "strictness", "text", "then"), ANSWERED)
 def test_what_is_done(start: list[str], stop: list[str], strictness: Strictness, text: str, then: set[str]) -> None:
     manager = four()
-    assert manager.switch(Wish(tuple(start), tuple(stop), strictness), HELD) == text
+    assert manager.switch(SwitchRequest(tuple(start), tuple(stop), strictness), HELD) == text
     assert active(manager) == then
 
 
 @pytest.mark.parametrize(("start", "stop", "strictness", "text"), REFUSED)
 def test_what_is_refused_switches_nothing(start: list[str], stop: list[str], strictness: Strictness, text: str) -> None:
     manager = four()
-    before = manager.loaded
+    before = manager.registry.loaded
     with pytest.raises(SwitchError) as refusal:
-        manager.switch(Wish(tuple(start), tuple(stop), strictness), HELD)
+        manager.switch(SwitchRequest(tuple(start), tuple(stop), strictness), HELD)
     assert str(refusal.value) == text
-    assert manager.loaded is before
+    assert manager.registry.loaded is before
 
 
 def test_two_that_are_started_together_cannot_share_a_joint() -> None:
     manager = managing(Puppet("arm", "a", "b"), Puppet("rival", "b"))
     with pytest.raises(SwitchError, match="'rival' since the command interface 'b/position' is currently claimed"):
-        manager.switch(Wish(("arm", "rival"), strictness=FORCE), HELD)
+        manager.switch(SwitchRequest(("arm", "rival"), strictness=FORCE), HELD)
     assert active(manager) == set()
 
 
@@ -101,12 +100,11 @@ def test_two_that_are_started_together_cannot_share_a_joint() -> None:
 def test_an_interface_that_the_hardware_has_not_ready_refuses_the_switch(
     lost: str, kind: str, strictness: Strictness
 ) -> None:
-    manager = four()
-    manager.hardware_ready = manager.hardware_measured = lambda interface: interface != lost
+    manager = four(Interfaces(lost=lost))
     with pytest.raises(
         SwitchError, match=f"controller 'hand' since the {kind} interface '{lost}' is not available: is its"
     ):
-        manager.switch(Wish(("hand",), ("arm",), strictness), HELD)
+        manager.switch(SwitchRequest(("hand",), ("arm",), strictness), HELD)
     assert active(manager) == {"arm"}
 
 
@@ -118,7 +116,7 @@ def test_where_an_activation_fails_everything_is_as_before(caplog: pytest.LogCap
     old, fine, broken = Puppet("old", "a"), Puppet("fine", "b"), Puppet("broken", "c", "a", failing=["activate"])
     manager = managing(old, fine, broken, active=["old"])
     with pytest.raises(SwitchError) as refusal:
-        manager.switch(Wish(("fine", "broken"), ("old",), STRICT), HELD)
+        manager.switch(SwitchRequest(("fine", "broken"), ("old",), STRICT), HELD)
     assert str(refusal.value) == "Could not activate controller 'broken': broken is broken. Nothing was switched."
     assert active(manager) == {"old"}
     assert fine.calls == ["activate", "deactivate"]
@@ -132,7 +130,7 @@ def test_where_what_was_stopped_does_not_come_back_the_answer_says_so(caplog: py
     manager = managing(old, broken, active=["old"])
     old.failing.add("activate")
     with pytest.raises(SwitchError) as refusal:
-        manager.switch(Wish(("broken",), ("old",), STRICT), HELD)
+        manager.switch(SwitchRequest(("broken",), ("old",), STRICT), HELD)
     assert str(refusal.value) == (
         "Could not activate controller 'broken': broken is broken; "
         "and Could not activate controller 'old': old is broken: it stays inactive, its joints hold"
@@ -146,17 +144,19 @@ SOME = st.lists(st.sampled_from(NAMES), max_size=4).map(tuple)
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.lists(st.builds(Wish, SOME, SOME, st.sampled_from(Strictness)), max_size=6))
-def test_whatever_is_asked_no_joint_ever_has_two_masters_and_a_refusal_changes_nothing(wishes: list[Wish]) -> None:
+@given(st.lists(st.builds(SwitchRequest, SOME, SOME, st.sampled_from(Strictness)), max_size=6))
+def test_whatever_is_asked_no_joint_ever_has_two_masters_and_a_refusal_changes_nothing(
+    wishes: list[SwitchRequest],
+) -> None:
     manager = four()
-    manager.add(Puppet("broken", "a", "c", failing=["activate"]))
-    for wish in wishes:
+    manager.registry.add(Puppet("broken", "a", "c", failing=["activate"]))
+    for request in wishes:
         before = active(manager)
         try:
-            manager.switch(wish, HELD)
+            manager.switch(request, HELD)
         except SwitchError:
             assert active(manager) == before
-        claims = [claim for name in active(manager) for claim in manager.loaded[name].commands]
-        assert len(claims) == len(set(claims)) == len(taken(manager.loaded))
-        assert manager.loaded["raw"].state is LifecycleState.UNCONFIGURED
+        claims = [claim for name in active(manager) for claim in manager.registry.loaded[name].commands]
+        assert len(claims) == len(set(claims)) == len(taken(manager.registry.loaded))
+        assert manager.registry.loaded["raw"].state is LifecycleState.UNCONFIGURED
         assert "broken" not in active(manager)

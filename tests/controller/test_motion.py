@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from controller.motion import Kinematics, Motion, MotionError, WayPoint, plan, plan_stop, stretched
+from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop, segment, stretched
 from hal.types import FloatArray, JointLimits
 
 LOWER, UPPER = -3.0, 3.0
@@ -35,6 +35,15 @@ def at_rest(*position: float) -> Kinematics:
     return Kinematics.at_rest(np.array(position))
 
 
+def through(start: Kinematics, points: list[tuple[Kinematics, float]], limits: list[JointLimits]) -> Motion:
+    """Segment by segment through states at their times."""
+    before_s, trajectories = 0.0, []
+    for state, time_s in points:
+        trajectories.append(segment(start, state, limits, time_s - before_s))
+        start, before_s = state, time_s
+    return Motion.of(trajectories, before_s)
+
+
 def samples(motion: Motion, count: int = 200) -> list[Kinematics]:
     return [motion.sample(t) for t in np.linspace(0.0, motion.duration_s, count)]
 
@@ -57,8 +66,8 @@ def assert_within(motion: Motion, limits: list[JointLimits]) -> None:
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_from_rest_to_rest(task: tuple[list[JointLimits], FloatArray, FloatArray], asked_s: float) -> None:
     limits, start, target = task
-    motion = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), asked_s)], limits)
-    fastest_s = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), 0.0)], limits).duration_s
+    motion = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, asked_s)
+    fastest_s = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0).duration_s
     assert motion.duration_s == pytest.approx(max(asked_s, fastest_s), abs=1e-6)
     assert stretched(motion) == (fastest_s > asked_s + 1e-3)
     assert motion.sample(motion.duration_s).position == pytest.approx(target, abs=1e-7)
@@ -73,10 +82,10 @@ def test_a_motion_that_takes_over_another_goes_on_from_its_state_and_stays_betwe
     task: tuple[list[JointLimits], FloatArray, FloatArray], share: float, asked_s: float, data: st.DataObject
 ) -> None:
     limits, start, target = task
-    first = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), 0.0)], limits)
+    first = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
     at = first.sample(share * first.duration_s)
     other = np.array(data.draw(st.lists(positions, min_size=len(start), max_size=len(start))))
-    second = plan(at, [WayPoint(Kinematics.at_rest(other), asked_s)], limits)
+    second = motion_to(at, Kinematics.at_rest(other), limits, asked_s)
     begin = second.sample(0.0)
     assert begin.position == pytest.approx(at.position, abs=1e-9)
     assert begin.velocity == pytest.approx(at.velocity, abs=1e-9)
@@ -94,7 +103,7 @@ def test_a_stop_ends_at_rest_within_limits(
     task: tuple[list[JointLimits], FloatArray, FloatArray], share: float
 ) -> None:
     limits, start, target = task
-    motion = plan(Kinematics.at_rest(start), [WayPoint(Kinematics.at_rest(target), 0.0)], limits)
+    motion = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
     stop = plan_stop(motion.sample(share * motion.duration_s), limits)
     end = stop.sample(stop.duration_s)
     assert end.velocity == pytest.approx(0.0, abs=1e-6)
@@ -123,13 +132,12 @@ def test_way_points_are_passed_without_a_step_in_position_or_velocity(
     states = [Kinematics(np.array([p]), np.array([v]), np.zeros(1)) for p, v in way]
     states.append(at_rest(last))
     try:
-        motion = plan(at_rest(0.0), [WayPoint(s, (i + 1) * apart_s) for i, s in enumerate(states)], limits)
+        motion = through(at_rest(0.0), [(s, (i + 1) * apart_s) for i, s in enumerate(states)], limits)
     except MotionError:
         assume(False)
         return
     assert_within(motion, limits)
-    for segment, state in zip(motion.others, states, strict=False):
-        start_s = motion.others_from_s + segment.start_s
+    for start_s, state in zip(motion.starts_s[1:], states, strict=False):
         before, after = motion.sample(start_s - 1e-9), motion.sample(start_s)
         assert before.position == pytest.approx(after.position, abs=1e-6)
         assert before.velocity == pytest.approx(after.velocity, abs=1e-6)
@@ -140,7 +148,7 @@ def test_way_points_are_passed_without_a_step_in_position_or_velocity(
 def test_way_points_are_passed_at_their_times_when_the_limits_allow() -> None:
     limits = [limits_of(2.0, 10.0, 100.0)]
     way = Kinematics(np.array([0.5]), np.array([0.4]), np.zeros(1))
-    motion = plan(at_rest(0.0), [WayPoint(way, 1.0), WayPoint(at_rest(1.0), 2.5)], limits)
+    motion = through(at_rest(0.0), [(way, 1.0), (at_rest(1.0), 2.5)], limits)
     assert motion.sample(1.0).position == pytest.approx([0.5], abs=1e-6)
     assert motion.sample(1.0).velocity == pytest.approx([0.4], abs=1e-6)
     assert motion.duration_s == pytest.approx(2.5)
@@ -148,7 +156,7 @@ def test_way_points_are_passed_at_their_times_when_the_limits_allow() -> None:
 
 
 def test_before_its_start_and_after_its_end_it_stands() -> None:
-    motion = plan(at_rest(0.0), [WayPoint(at_rest(1.0), 1.5)], [limits_of(2.0, 10.0, 100.0)])
+    motion = motion_to(at_rest(0.0), at_rest(1.0), [limits_of(2.0, 10.0, 100.0)], 1.5)
     assert motion.sample(-1.0).position == pytest.approx([0.0])
     assert motion.sample(9.0).position == pytest.approx([1.0])
     assert motion.sample(9.0).velocity == pytest.approx([0.0])
@@ -157,13 +165,13 @@ def test_before_its_start_and_after_its_end_it_stands() -> None:
 def test_a_motion_never_swings_beyond_the_position_limits() -> None:
     """A way-point may lie within them and yet be passed too fast to stay within."""
     near_the_end = Kinematics(np.array([2.95]), np.array([4.0]), np.zeros(1))
-    points = [WayPoint(near_the_end, 3.0), WayPoint(at_rest(0.0), 6.0)]
+    points = [(near_the_end, 3.0), (at_rest(0.0), 6.0)]
     with pytest.raises(MotionError, match=r"joint 1 would swing to 3\.\d+, outside its limits -3\.0+ to 3\.0+"):
-        plan(at_rest(0.0), points, [limits_of(4.0, 12.0, 120.0)])
+        through(at_rest(0.0), points, [limits_of(4.0, 12.0, 120.0)])
 
 
 def test_a_joint_that_stands_outside_its_limits_may_come_back_in() -> None:
-    motion = plan(at_rest(3.1), [WayPoint(at_rest(0.0), 3.0)], [limits_of(4.0, 12.0, 120.0)])
+    motion = motion_to(at_rest(3.1), at_rest(0.0), [limits_of(4.0, 12.0, 120.0)], 3.0)
     assert motion.sample(0.0).position == pytest.approx([3.1])
     assert motion.sample(3.0).position == pytest.approx([0.0])
 
@@ -187,4 +195,4 @@ NAN, INF = float("nan"), float("inf")
 def test_an_impossible_target_is_an_error_of_ours(position: float, velocity: float, acceleration: float) -> None:
     target = Kinematics(np.array([position]), np.array([velocity]), np.array([acceleration]))
     with pytest.raises(MotionError):
-        plan(at_rest(0.0), [WayPoint(target, 1.0)], [limits_of(2.0, 10.0, 100.0)])
+        motion_to(at_rest(0.0), target, [limits_of(2.0, 10.0, 100.0)], 1.0)

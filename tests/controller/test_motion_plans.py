@@ -5,24 +5,27 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from controller.goal import GoalPoint
 from controller.motion import Kinematics, MotionError, stretched
-from controller.plans import FEW, Method, Task, prepare
-from controller.smoothing import smooth_path
-from controller.way_points import Course
-from tests.controller.courses import JOINTS, LIMITS, Trapezoid, assert_within, at_rest, course, courses
+from controller.trajectory.goal import GoalPoint
+from controller.trajectory.goal_planner import Method, prepare
+from controller.trajectory.paths import FEW, Task
+from controller.trajectory.smoothing import smooth_path
+from controller.trajectory.waypoints import Waypoints
+from tests.controller.waypoints import JOINTS, LIMITS, Trapezoid, assert_within, at_rest, random_waypoints, waypoints
+from tests.drivers.fault_lines import CYCLES
 
 START = at_rest(0.0, 0.0)
 METHODS: tuple[Method, ...] = ("splines", "ruckig", "none")
 
 
-def task(way: Course, start: Kinematics = START) -> Task:
+def task(way: Waypoints, start: Kinematics = START) -> Task:
     return Task(start, way, LIMITS, JOINTS)
 
 
-@given(courses())
-@settings(max_examples=60, deadline=None, derandomize=True)
-def test_smoothed_courses_keep_all_limits_and_both_ends(way: Course) -> None:
+@pytest.mark.soak
+@given(random_waypoints())
+@settings(max_examples=CYCLES // 40, deadline=None, derandomize=True)
+def test_smoothed_courses_keep_all_limits_and_both_ends(way: Waypoints) -> None:
     try:
         path = smooth_path(START, way, LIMITS, JOINTS)
     except MotionError:
@@ -36,9 +39,9 @@ def test_smoothed_courses_keep_all_limits_and_both_ends(way: Course) -> None:
         assert end.velocity == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-@given(courses(largest=6))
+@given(random_waypoints(largest=6))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_ruckig_keeps_all_limits_and_ends_where_it_should(way: Course) -> None:
+def test_ruckig_keeps_all_limits_and_ends_where_it_should(way: Waypoints) -> None:
     try:
         path = prepare("ruckig", task(way)).join(START, 0.0)
     except MotionError:
@@ -49,12 +52,16 @@ def test_ruckig_keeps_all_limits_and_ends_where_it_should(way: Course) -> None:
     assert path.duration_s >= path.asked_s - 1e-6
 
 
-@given(courses(largest=5), st.floats(0.0, 1.0), positions_ := st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)))
+@given(
+    random_waypoints(largest=5),
+    st.floats(0.0, 1.0),
+    positions_ := st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
+)
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_a_plan_is_joined_from_any_movement_without_a_step(
-    way: Course, share: float, target: tuple[float, float]
+    way: Waypoints, share: float, target: tuple[float, float]
 ) -> None:
-    before = prepare("ruckig", task(course(GoalPoint(target, 0.5)))).join(START, 0.0)
+    before = prepare("ruckig", task(waypoints(GoalPoint(target, 0.5)))).join(START, 0.0)
     moving = before.sample(share * before.duration_s)
     try:
         path = prepare("ruckig", task(way)).join(moving, 0.0)
@@ -76,7 +83,7 @@ def test_a_planners_many_points_take_no_more_than_its_client_waits_for(
 ) -> None:
     """MoveIt cancels after 1.1 times the duration and 0.5 s."""
     profile = Trapezoid(1.9, velocity, acceleration)
-    path = prepare("ruckig", task(profile.course(apart_s, fields))).join(START, 0.0)
+    path = prepare("ruckig", task(profile.waypoints(apart_s, fields))).join(START, 0.0)
     assert_within(path)
     assert path.duration_s <= 1.1 * profile.duration_s + 0.4
     late_s = (path.duration_s - profile.duration_s) / 2.0
@@ -85,7 +92,7 @@ def test_a_planners_many_points_take_no_more_than_its_client_waits_for(
 
 
 def test_few_points_are_passed_exactly_on_time_and_without_stopping_even_the_first() -> None:
-    way = course(*(GoalPoint((0.4 * i, 0.2 * i), float(i)) for i in (1, 2, 3)))
+    way = waypoints(*(GoalPoint((0.4 * i, 0.2 * i), float(i)) for i in (1, 2, 3)))
     path = prepare("ruckig", task(way)).join(START, 0.0)
     for i in (1, 2):
         assert path.sample(float(i)).position == pytest.approx((0.4 * i, 0.2 * i), abs=1e-6)
@@ -96,7 +103,7 @@ def test_few_points_are_passed_exactly_on_time_and_without_stopping_even_the_fir
 @pytest.mark.parametrize("count", [FEW + 1, 500, 5000])
 def test_many_points_are_sampled_as_cheaply_as_few(count: int) -> None:
     times = np.linspace(0.02, 0.02 * count, count)
-    way = course(*(GoalPoint((float(np.sin(t) - 0.0), float(0.3 * np.sin(2 * t))), float(t)) for t in times))
+    way = waypoints(*(GoalPoint((float(np.sin(t) - 0.0), float(0.3 * np.sin(2 * t))), float(t)) for t in times))
     path = prepare("ruckig", task(way)).join(START, 0.0)
     assert path.duration_s <= 0.02 * count + 0.6
     for t in (times[count // 2], times[-2]):
@@ -105,7 +112,7 @@ def test_many_points_are_sampled_as_cheaply_as_few(count: int) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_has_passed_while_waiting_is_left_out(method: Method) -> None:
-    way = course(GoalPoint((0.3, 0.0), 1.0), GoalPoint((0.6, 0.0), 3.0))
+    way = waypoints(GoalPoint((0.3, 0.0), 1.0), GoalPoint((0.6, 0.0), 3.0))
     path = prepare(method, task(way)).join(START, 1.5)
     assert path.asked_s == pytest.approx(1.5)
     assert path.duration_s == pytest.approx(1.5, abs=0.01)
@@ -113,14 +120,14 @@ def test_what_has_passed_while_waiting_is_left_out(method: Method) -> None:
 
 
 def test_none_leaps_to_the_next_point_at_each_points_time() -> None:
-    way = course(GoalPoint((0.1, 0.0), 1.0), GoalPoint((0.2, 0.0), 2.0), GoalPoint((0.3, 0.0), 3.0))
+    way = waypoints(GoalPoint((0.1, 0.0), 1.0), GoalPoint((0.2, 0.0), 2.0), GoalPoint((0.3, 0.0), 3.0))
     path = prepare("none", task(way)).join(at_rest(0.5, 0.5), 0.0)
     seen = [float(path.sample(t).position[0]) for t in (0.0, 0.9, 1.0, 1.9, 2.0, 2.9, 3.0, 9.0)]
     assert seen == [0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 0.3, 0.3]
 
 
 def test_splines_take_over_a_movement_that_the_goal_did_not_know_of() -> None:
-    way = course(GoalPoint((0.5, 0.0), 1.0, (0.2, 0.0)), GoalPoint((0.6, 0.0), 2.0, (0.0, 0.0)))
+    way = waypoints(GoalPoint((0.5, 0.0), 1.0, (0.2, 0.0)), GoalPoint((0.6, 0.0), 2.0, (0.0, 0.0)))
     moving = Kinematics(np.array([0.1, 0.0]), np.array([0.3, 0.0]), np.zeros(2))
     path = prepare("splines", task(way)).join(moving, 0.0)
     assert path.sample(0.0).position == pytest.approx((0.1, 0.0))

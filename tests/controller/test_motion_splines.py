@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from controller.goal import GoalPoint
 from controller.motion import Kinematics, MotionError
-from controller.splines import spline
-from controller.way_points import Course
-from tests.controller.courses import JOINTS, LIMITS, assert_within, at_rest, course, courses
+from controller.trajectory.goal import GoalPoint
+from controller.trajectory.splines import spline
+from controller.trajectory.waypoints import Waypoints
+from tests.controller.waypoints import JOINTS, LIMITS, assert_within, at_rest, random_waypoints, waypoints
 
 START = at_rest(0.0, 0.0)
 MOVING = Kinematics(np.array([0.0, 0.0]), np.array([0.4, -0.2]), np.array([0.5, 0.1]))
@@ -24,7 +24,7 @@ P, V, A = (1.0, -0.5), (0.3, 0.2), (0.4, -0.3)
     ],
 )
 def test_half_way_from_rest(first: GoalPoint, middle: tuple[float, ...]) -> None:
-    path = spline(START, course(first, GoalPoint(P, 4.0, (0.0, 0.0))), LIMITS)
+    path = spline(START, waypoints(first, GoalPoint(P, 4.0, (0.0, 0.0))), LIMITS)
     state = path.sample(1.0)
     assert state.position[0] == pytest.approx(middle[0])
     assert state.velocity[0] == pytest.approx(middle[2])
@@ -36,7 +36,7 @@ def test_half_way_from_rest(first: GoalPoint, middle: tuple[float, ...]) -> None
 def test_a_segment_meets_both_its_ends_with_all_that_they_have(
     start: Kinematics, velocity: tuple[float, ...], acceleration: tuple[float, ...]
 ) -> None:
-    path = spline(start, course(GoalPoint(P, 2.0, velocity, acceleration), GoalPoint((0.0, 0.0), 4.0)), LIMITS)
+    path = spline(start, waypoints(GoalPoint(P, 2.0, velocity, acceleration), GoalPoint((0.0, 0.0), 4.0)), LIMITS)
     begin, end = path.sample(0.0), path.sample(2.0 - 1e-12)
     assert begin.position == pytest.approx(start.position)
     assert end.position == pytest.approx(P)
@@ -51,22 +51,22 @@ def test_a_segment_meets_both_its_ends_with_all_that_they_have(
 
 
 def test_a_segment_is_only_as_smooth_as_both_its_ends() -> None:
-    path = spline(START, course(GoalPoint((1.0, 0.0), 1.0, (0.0, 0.0)), GoalPoint((2.0, 0.0), 2.0)), LIMITS)
+    path = spline(START, waypoints(GoalPoint((1.0, 0.0), 1.0, (0.0, 0.0)), GoalPoint((2.0, 0.0), 2.0)), LIMITS)
     assert path.sample(0.25).velocity[0] == pytest.approx(1.125)  # a cubic: 6 s (1 - s)
     assert path.sample(1.25).velocity[0] == pytest.approx(1.0)  # linear, the last point has no velocity
 
 
 def test_after_its_end_it_stands_at_the_last_point_and_before_its_start_at_the_first() -> None:
-    path = spline(START, course(GoalPoint(P, 2.0, V)), LIMITS)
+    path = spline(START, waypoints(GoalPoint(P, 2.0, V)), LIMITS)
     assert path.sample(-1.0).position == pytest.approx((0.0, 0.0))
     for time_s in (2.0, 5.0):
         assert path.sample(time_s).position == pytest.approx(P)
         assert path.sample(time_s).velocity == pytest.approx((0.0, 0.0))  # the last point is held: reached at rest
 
 
-@given(courses())
+@given(random_waypoints())
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_random_courses_pass_their_points_within_velocity_and_position_limits_or_are_refused(way: Course) -> None:
+def test_random_courses_pass_their_points_within_velocity_and_position_limits_or_are_refused(way: Waypoints) -> None:
     try:
         path = spline(START, way, LIMITS, JOINTS)
     except MotionError as error:
@@ -79,7 +79,7 @@ def test_random_courses_pass_their_points_within_velocity_and_position_limits_or
 
 
 def test_too_short_a_time_is_stretched_for_all_joints_together() -> None:
-    path = spline(START, course(GoalPoint((2.0, 2.0), 0.5)), LIMITS)  # the second joint may do 2 rad/s
+    path = spline(START, waypoints(GoalPoint((2.0, 2.0), 0.5)), LIMITS)  # the second joint may do 2 rad/s
     assert path.duration_s == pytest.approx(1.0)
     assert path.sample(0.5).position == pytest.approx((1.0, 1.0))
 
@@ -87,4 +87,4 @@ def test_too_short_a_time_is_stretched_for_all_joints_together() -> None:
 def test_a_cubic_that_swings_beyond_a_limit_is_refused_with_joint_and_numbers() -> None:
     near = GoalPoint((2.95, 0.0), 2.0, (3.0, 0.0))
     with pytest.raises(MotionError, match=r"a would swing to 3\.\d+ on the way to point #1, outside its limits -3"):
-        spline(START, course(near, GoalPoint((0.0, 0.0), 4.0, (0.0, 0.0))), LIMITS, JOINTS)
+        spline(START, waypoints(near, GoalPoint((0.0, 0.0), 4.0, (0.0, 0.0))), LIMITS, JOINTS)

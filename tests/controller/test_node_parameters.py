@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from controller.node_parameters import merged, parameters_in, parameters_of
+from controller.manager.node_parameters import merged, parameters_in, parameters_of
 
 
 @pytest.mark.parametrize(

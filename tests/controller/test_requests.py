@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from controller.requests import Requests
+from controller.manager.requests import Requests
 
 
 def test_what_was_asked_is_done_in_turn_when_the_loop_comes_to_it() -> None:

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.servo_state_broadcaster import ServoStateBroadcaster, ServoStateParameters
-from drivers.counters import ServoCounters
-from hal.types import JointState, ServoHealth
+from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster, ServoStateParameters
+from drivers.bus.counters import ServoCounters
+from hal.types import JointFault, JointState, ServoHealth
 
 NAN = float("nan")
 JOINTS = ("base", "wrist")
-COUNTERS = ServoCounters(
-    single_replies=9, silent=1, corrupt=2, late=3, refused=8, reset=7, alarms=4, retries=5, skipped=6
-)
+COUNTERS = ServoCounters(replies=9, silent=1, corrupt=2, late=3, refused=8, reset=7, alarms=4, retries=5, skipped=6)
 
 
 def state() -> JointState:
     health = {"wrist": ServoHealth(11.5, 41.0, ("overload", "overheating"), COUNTERS, -0.25, 0.4)}
-    return JointState(1.0, np.zeros(2), np.zeros(2), np.zeros(2), {"wrist": "wrist: no reply"}, health)
+    return JointState(
+        1.0, np.zeros(2), np.zeros(2), np.zeros(2), {"wrist": JointFault("silent", "wrist: no reply")}, health
+    )
 
 
 def broadcaster(**parameters: object) -> ServoStateBroadcaster:

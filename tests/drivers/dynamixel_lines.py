@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import pytest
 
-from drivers.bus import Reading, ServoFault, ServoState
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.series import ALARMED
-from drivers.registers import ServoModel
+from drivers.bus.bus import Bus
+from drivers.bus.types import Reading, ServoFault, ServoState
+from drivers.servos import x
+from drivers.servos.dynamixel import ALARMED
+from drivers.servos.register import ServoModel
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_servo import VirtualXServo
@@ -44,7 +44,7 @@ class TrueLine:
         self.clock = SimulatedClock(50.0)
         self.servos = VirtualDynamixelBus.of(BenchPlant(self.ids), models, firmware=firmware)
         self.port = TapedPort(self.servos, self.clock)
-        self.bus = DynamixelBus(self.port, self.clock, models)
+        self.bus = Bus(self.port, self.clock, models)
         self.number = 0
         self.errors = dict.fromkeys(self.ids, 0)
         for servo in self.servos.servos:

@@ -1,18 +1,19 @@
 """Lines of virtual servos of every make, and registers that say the servo and the cycle: a wrong or old value shows."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
-from drivers.counters import ServoCounters
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel1 import tables as dxl
-from drivers.feetech import scs, sts
-from drivers.makes import bus_for, language_of
-from drivers.registers import ByteOrder, Register, ServoModel
+from drivers.bus.bus import Bus
+from drivers.bus.counters import ServoCounters
+from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs, sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ByteOrder, Register, ServoModel
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -20,8 +21,11 @@ from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.line import ServoLine
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
+CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "1000"))
+"""How many cycles a test on a bad line lasts; ``make soak`` takes 10,000. Tests marked ``soak`` scale with it."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +70,12 @@ class Kind:
     """Whether goals go out with every question, the first of which has been answered."""
 
     @property
-    def goals_behind(self) -> bool:
-        """Whether the goals go out behind the answers and not before the question."""
-        return self.with_goals and self.model in sts.MODELS.values()
-
-    @property
     def model(self) -> ServoModel:
         return self.models[IDS[0]]
 
     @property
     def table(self) -> Table:
-        return TABLES[language_of(self.model)]
+        return TABLES[series_of(self.model).protocol.name]
 
     @property
     def order(self) -> ByteOrder:
@@ -125,12 +124,12 @@ class Line:
         self.kind = kind
         self.clock = clock or SimulatedClock(50.0)
         plant = BenchPlant(IDS, timestep_s=0.005)
-        language = language_of(kind.model)
+        language = series_of(kind.model).protocol.name
         of = VirtualDynamixelBus.of if language == "Dynamixel protocol 2.0" else VirtualBus.of
         self.servos: ServoLine[Any] = of(plant, kind.models)
         self.faults = self.servos.faults
         self.port = port(self.servos, self.clock)
-        self.bus = bus_for(kind.models, self.port, self.clock)
+        self.bus = Bus(self.port, self.clock, kind.models)
         self.goals: dict[int, ServoGoal] = {}
         for servo_id in IDS if kind.mapped else ():
             self.bus.identify(servo_id, kind.models[servo_id])
@@ -144,7 +143,7 @@ class Line:
     def states(self, deadline_s: float) -> Mapping[int, Reading]:
         """With ``goals`` beside them if there are any."""
         if self.goals:
-            return self.bus.exchange(self.goals, IDS, deadline_s)
+            return exchange(self.bus, self.goals, IDS, deadline_s)
         return self.bus.read_states(IDS, deadline_s)
 
     def cycle(self) -> Mapping[int, Reading]:
@@ -169,7 +168,7 @@ class Truth:
         self.kind = line.kind
         self.number = 0
         for servo in line.servos.servos:
-            if language_of(self.kind.model) == "Dynamixel protocol 2.0":
+            if series_of(self.kind.model).protocol.name == "Dynamixel protocol 2.0":
                 servo.firmware.publish = self._publish_of(servo)
             else:
                 servo.read = self._read_of(servo.servo_id)

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 import drivers.clock
-import drivers.serial_port
-from drivers.feetech import scs
-from drivers.makes import bus_for
-from drivers.read_each import series as read_each
+import drivers.port.serial_port
+from drivers.bus.bus import Bus
+from drivers.servos import catalog, dynamixel, scs
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -101,8 +100,8 @@ def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
 
 def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None:
     asked = (
-        "from drivers.makes import MODELS, language_of\n"
-        f"for name in {ADDED!r}: print(name, language_of(MODELS[name]), MODELS[name].last_count, sep=': ')"
+        "from drivers.servos.catalog import MODELS, series_of\n"
+        f"for name in {ADDED!r}: print(name, series_of(MODELS[name]).protocol.name, MODELS[name].last_count, sep=': ')"
     )
     assert run(package, "-c", asked).splitlines() == [
         "sts3046: Feetech STS: 4095",
@@ -114,18 +113,18 @@ def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None
     ]
 
 
-def test_a_series_that_no_bus_can_ask_is_refused_and_not_taken_for_an_sts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(read_each, "SERIES", (read_each.DYNAMIXEL1,))
+def test_a_model_of_no_series_is_refused_and_not_taken_for_an_sts(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS15), clock)
-    with pytest.raises(ValueError, match="scs15 are not of one series that is read one by one"):
-        bus_for({1: scs.SCS15}, port, clock)
+    monkeypatch.setattr(catalog, "SERIES", dynamixel.SERIES)
+    with pytest.raises(ValueError, match="scs15 is no servo that is known"):
+        Bus(port, clock, {1: scs.SCS15})
 
 
 def test_the_two_bytes_are_the_servo_s_number(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS0009), clock)
-    monkeypatch.setattr(drivers.serial_port, "SerialPort", lambda device, baud: port)
+    monkeypatch.setattr(drivers.port.serial_port, "SerialPort", lambda device, baud: port)
     monkeypatch.setattr(drivers.clock, "MonotonicClock", lambda: clock)
     names: dict[str, object] = {}
     exec(compile(RUNNABLE[0], "add-a-servo.md", "exec"), names)

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.eeprom import Lock, update
-from drivers.feetech import angles, sts
-from drivers.feetech.angles import LARGEST_OFFSET, TURN, Travel
-from drivers.feetech.bus import FeetechBus
-from drivers.registers import ByteOrder
+from drivers.bus.bus import Bus
+from drivers.eeprom import update
+from drivers.servos import angles, sts
+from drivers.servos.angles import LARGEST_OFFSET, TURN, Travel
+from drivers.servos.register import ByteOrder
+from drivers.servos.series import Lock
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -118,7 +119,7 @@ def test_the_servo_agrees(actual: int, old: int, wanted: int) -> None:
     plant = BenchPlant((1,))
     plant.place([(actual + 0.5) * 2.0 * pi / TURN])
     clock = SimulatedClock(0.0)
-    bus = FeetechBus(VirtualPort(VirtualBus.of(plant), clock), clock)
+    bus = Bus(VirtualPort(VirtualBus.of(plant), clock), clock)
 
     def position(offset: int) -> int:
         update(bus, 1, Lock(sts.lock), {sts.homing_offset: offset})

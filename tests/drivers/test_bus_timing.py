@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from drivers.burst import FIRST_REPLY_S
-from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.turns import Steps, Wait, finish, overlapped
+from drivers.bus.adaptive_timeout import FIRST_REPLY_S
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
+from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
 from tests.drivers.ports import EchoingPort, SlowPort
 
@@ -29,8 +29,7 @@ def test_late_replies_among_everything_else(kind: Kind) -> None:
             assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), (number, servo_id)
         truth.number += 1  # whatever arrives from now on is old
     accounts = [line.account(i) for i in IDS]
-    # Behind the goals it comes between two questions, and is thrown away.
-    assert sum(a.late for a in accounts) > 80 or kind.goals_behind
+    assert sum(a.late for a in accounts) > 80
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
     assert faults == pytest.approx(lost + 167, abs=12)  # a late reply can be dropped or flipped itself
@@ -49,8 +48,7 @@ def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: i
             assert not isinstance(reading, ServoState) or truth.holds(i, reading)
         truth.number += 1  # whatever arrives from now on is old
     account = line.account(servo_id)
-    # Behind the goals it comes between two questions, and is thrown away.
-    assert (account.silent, account.late) == ((12, 0) if kind.goals_behind else (0, 12))
+    assert (account.silent, account.late) == (0, 12)
     assert line.missing() == {}
 
 
@@ -94,7 +92,7 @@ def test_an_adapter_that_echoes_is_understood(kind: Kind) -> None:
     line.faults.silence(4)
     assert line.missing() == {4: "silent"}
     assert line.bus.goal(2) == middle
-    assert set(line.bus.exchange({1: ServoGoal(middle + 9)}, IDS, line.clock.now() + 0.01)) == set(IDS)
+    assert set(exchange(line.bus, {1: ServoGoal(middle + 9)}, IDS, line.clock.now() + 0.01)) == set(IDS)
     assert line.bus.goal(1) == middle + 9
     assert line.bus.counters.noise == line.bus.counters.strange == 0
 
@@ -104,13 +102,13 @@ def test_an_echo_that_is_longer_than_the_answer_is_learnt(kind: Kind) -> None:
     line = Line(kind, EchoingPort)
     for _ in range(5):
         goals = {1: ServoGoal(kind.table.middle)}
-        readings = line.bus.exchange(goals, (1,), line.clock.now() + kind.table.budget_s)
+        readings = exchange(line.bus, goals, (1,), line.clock.now() + kind.table.budget_s)
         assert isinstance(readings[1], ServoState)
         line.clock.sleep_until(line.clock.now() + kind.table.period_s)
     assert line.bus.counters.noise == line.bus.counters.strange == 0
 
 
-@every_kind
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.one_by_one], ids=lambda kind: kind.name)
 def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     """Two lines on one clock take hardly longer than one: the bytes of the second gather meanwhile."""
     clock = SimulatedClock(50.0)
@@ -119,7 +117,9 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     lines[0].bus.read_states(IDS, math.inf)
     alone_s = clock.now() - begin_s
     begin_s = clock.now()
-    both = finish(overlapped([line.bus.state_steps(IDS, math.inf) for line in lines]))
+    for line in lines:
+        line.bus.request(IDS, math.inf)
+    both = [line.bus.receive() for line in lines]
     assert clock.now() - begin_s < alone_s * 1.1
     assert all(isinstance(reading, ServoState) for readings in both for reading in readings.values())
     assert alone_s < FIRST_REPLY_S
@@ -139,8 +139,11 @@ def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: f
                 lines["dead"].faults.silence(servo_id)
         begin_s = clock.now()
         deadline_s = begin_s + period_s / 2.0
-        readings = finish(overlapped([lines[which].bus.state_steps(IDS, deadline_s) for which in order]))
-        of = dict(zip(order, readings, strict=True))
+        for which in order:
+            lines[which].bus.request(IDS, deadline_s)
+        # As hal/joint_buses.py has them: those first that are asked one by one, a line that is dead last.
+        in_turn = sorted(order, key=lambda which: (which == "dead", lines[which].bus.read_together))
+        of = {which: lines[which].bus.receive() for which in in_turn}
         assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number
         assert clock.now() <= deadline_s
         clock.sleep_until(begin_s + period_s)
@@ -153,31 +156,12 @@ def test_the_time_of_another_line_is_not_taken_for_that_of_this_one(kind: Kind) 
     def cost_s(other_line_s: float) -> float:
         line = Line(kind)
         for _ in range(10):
-            steps = line.bus.state_steps(IDS, line.clock.now() + 0.5)
-            try:
-                while True:
-                    next(steps)
-                    line.clock.sleep_until(line.clock.now() + other_line_s)
-            except StopIteration as end:
-                assert all(isinstance(reading, ServoState) for reading in end.value.values())
+            line.bus.request(IDS, line.clock.now() + 0.5)
+            line.clock.sleep_until(line.clock.now() + other_line_s)
+            assert all(isinstance(reading, ServoState) for reading in line.bus.receive().values())
         line.faults.silence(4)
         begin_s = line.clock.now()
         line.bus.read_states(IDS, begin_s + 0.5)
         return line.clock.now() - begin_s
 
     assert cost_s(0.015) <= cost_s(0.0) + 0.0005
-
-
-def test_steps_that_do_not_say_what_they_wait_for_have_asked_all_there_is() -> None:
-    """As a component does whose author has not read this package."""
-    log: list[str] = []
-
-    def one(name: str, *waits: Wait | None) -> Steps[str]:
-        for number, wait in enumerate(waits):
-            log.append(f"{name}{number}")
-            yield wait
-        return name
-
-    both = overlapped([one("a", None), one("b", Wait.NEXT, Wait.NEXT, Wait.DOUBTFUL)])
-    assert finish(both) == ["a", "b"]
-    assert log == ["a0", "b0", "b1", "b2"]

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.dynamixel1 import tables as dxl
-from drivers.read_each.series import DYNAMIXEL1
-from drivers.registers import Access, Register
+from drivers.servos import ax_mx as dxl
+from drivers.servos.dynamixel import AX_MX
+from drivers.servos.register import Access, Register
 
 every_model = pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda model: model.name)
 
@@ -43,7 +43,7 @@ def test_what_follows_from_being_an_ax_or_an_mx(model: dxl.Model) -> None:
     assert model.positions == (dxl.AX_POSITIONS if compliance else None)
     assert model.speed_unit_counts_s == dxl.SPEED_UNIT_COUNTS_S["ax-12a" if compliance else "mx-28"]
     assert model.byte_order == "little"
-    assert (model in DYNAMIXEL1.bulk_models) == model.bulk_read
+    assert (model in AX_MX.bulk_models) == model.bulk_read
 
 
 @every_model

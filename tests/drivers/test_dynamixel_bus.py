@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.absent import LONGEST_PAUSE_S
-from drivers.burst import FIRST_REPLY_S
-from drivers.bus import ServoBus, ServoFault, ServoGoal, ServoState
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.models import profile_units
+from drivers.bus.adaptive_timeout import FIRST_REPLY_S
+from drivers.bus.backoff import LONGEST_PAUSE_S
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
-from drivers.registers import Register
+from drivers.servos import x
+from drivers.servos.dynamixel import profile_units
+from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
@@ -44,7 +44,7 @@ class Line:
         self.port = VirtualPort(self.servos, self.clock)
         self.name, self.baud = "line", 1_000_000
         self.discard_input, self.read, self.close = self.port.discard_input, self.port.read, self.port.close
-        self.bus = DynamixelBus(self, self.clock, MODELS, position_p={1: 1234})
+        self.bus = Bus(self, self.clock, MODELS, position_p={1: 1234})
 
     def write(self, data: bytes) -> None:
         self.sent += self._parser.feed(data)
@@ -63,7 +63,7 @@ class Line:
 
 
 def test_it_is_a_servo_bus() -> None:
-    bus: ServoBus = Line().bus
+    bus: Bus = Line().bus
     assert bus.name == "line"
 
 

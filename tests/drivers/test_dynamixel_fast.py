@@ -1,19 +1,20 @@
 """Fast sync reads: used where all know them, given up where they do not, and never believed in part without proof."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import pytest
 
-from drivers.bus import Reading, ServoFault, ServoGoal, ServoState
-from drivers.dynamixel import state, wire
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.burst import FAST_TRIES
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.crc import crc16
-from drivers.dynamixel.models import X
-from drivers.owed import OWED_S
-from drivers.readings import refused
+from drivers.bus.bus import Bus
+from drivers.bus.group_read import FAST_TRIES
+from drivers.bus.late_replies import OPEN_S
+from drivers.bus.read_plan import ReadResult, fast_plan, fast_results
+from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState, fault
+from drivers.protocol import v2 as wire
+from drivers.protocol.crc import crc16
+from drivers.servos import x
+from drivers.servos.dynamixel import PROTOCOL_2, X
+from drivers.servos.series import StateBlock
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
@@ -21,10 +22,12 @@ from sim_backend.faults import Disturbance
 from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4)
 BLOCK = X.blocks[0]
 SIZE = BLOCK.size
+NONE = (None,) * len(IDS)
 Spoil = Callable[[bytes], bytes]
 
 
@@ -42,6 +45,18 @@ def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> 
     return packet
 
 
+def whole(data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE) -> object:
+    """All states, if the packet is whole."""
+    return fast_plan(block, dict(zip(ids, units_a, strict=True))).whole(data)
+
+
+def pieces(
+    data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE
+) -> dict[int, ReadResult]:
+    """What can be believed of the packet."""
+    return fast_results((ids, block, tuple(units_a)), PROTOCOL_2, data)
+
+
 class Line:
     """A port with servos that answer sync reads, and fast ones as a test says."""
 
@@ -55,7 +70,7 @@ class Line:
         self.echo = False
         self._parser = InstructionParser()
         self.input = b""
-        self.bus = DynamixelBus(self, self.clock)
+        self.bus = Bus(self, self.clock, dict.fromkeys(IDS, x.XL430_W250))
 
     def discard_input(self) -> None:
         self.input = b""
@@ -114,18 +129,18 @@ def right(readings: Mapping[int, Reading], but: frozenset[int] = frozenset()) ->
     )
 
 
-def test_a_cycle_is_one_packet_with_the_goals_before_it() -> None:
+def test_a_cycle_is_one_packet_with_the_goals_behind_it() -> None:
     line = ready()
     assert right(line.cycle())
-    assert right(line.bus.exchange({i: ServoGoal(0) for i in IDS}, IDS, line.clock.now() + 0.02))
-    assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_WRITE, Code.FAST_SYNC_READ]
+    assert right(exchange(line.bus, {i: ServoGoal(0) for i in IDS}, IDS, line.clock.now() + 0.02))
+    assert line.codes() == [Code.FAST_SYNC_READ, Code.FAST_SYNC_READ, Code.SYNC_WRITE]
     assert all(account.replies == 3 for account in line.bus.counters.servos.values())
 
 
 def test_the_bytes_of_an_exchange_are_those_of_the_fast_read() -> None:
     line = ready()
     goals = {i: ServoGoal(0) for i in IDS[1:]}
-    on_wire = len(state.goals_packet(goals))
+    on_wire = len(wire.sync_write(X.goal_address, X.goal_size, [bytes(9)] * len(goals)))
     assert line.bus.exchange_size(goals, IDS) == on_wire + len(wire.fast_sync_read(IDS, 124, SIZE)) + len(fast_reply())
 
 
@@ -176,14 +191,14 @@ def test_one_silent_servo_hides_nobody(silent: int) -> None:
 
 
 def test_no_flipped_bit_passes_and_every_reply_asked_for_ends_in_one_counter() -> None:
-    whole = fast_reply()
-    for bit in range(len(whole) * 8):
-        spoiled = bytearray(whole)
+    packet = fast_reply()
+    for bit in range(len(packet) * 8):
+        spoiled = bytearray(packet)
         spoiled[bit // 8] ^= 1 << bit % 8
-        found = state.fast_outcome(bytes(spoiled), IDS, BLOCK)
+        found = pieces(bytes(spoiled), IDS, BLOCK)
         piece = max(0, bit // 8 - wire.FAST_HEAD_SIZE) // (SIZE + wire.FAST_OVERHEAD)
         assert list(found) == list(IDS[:piece])
-        assert state.fast_whole(bytes(spoiled), IDS, BLOCK) is None
+        assert whole(bytes(spoiled), IDS, BLOCK) is None
         line = ready()
         before = {i: account.replies for i, account in line.bus.counters.servos.items()}
         line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
@@ -229,31 +244,31 @@ def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCapt
     line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
     for _ in range(FAST_TRIES + 3):
         assert right(line.cycle())
-        line.clock.sleep_until(line.clock.now() + 2.0 * OWED_S)  # nobody owes a reply any more
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no question is open any more
     assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
     assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
 
 
 def test_the_whole_and_its_pieces_give_the_same_states() -> None:
     for block in X.blocks:
-        whole = fast_reply(block.size, error=wire.ALERT)
+        packet = fast_reply(block.size, error=wire.ALERT)
         units_a = (None, 0.001, None, 0.00269)
-        states = state.fast_whole(whole, IDS, block, units_a)
-        assert states is not None
+        states = whole(packet, IDS, block, units_a)
+        assert isinstance(states, dict)
         assert [reading.current_a for reading in states.values()] == [None, 0.004, None, 8 * 0.00269]
-        assert states == state.fast_outcome(whole, IDS, block, units_a)
-        assert state.fast_whole(whole + b"\0", IDS, block) is state.fast_whole(whole, IDS[::-1], block) is None
-        assert state.fast_whole(fast_reply(block.size, error=2), IDS, block) is None
+        assert states == pieces(packet, IDS, block, units_a)
+        assert whole(packet + b"\0", IDS, block) is whole(packet, IDS[::-1], block) is None
+        assert whole(fast_reply(block.size, error=2), IDS, block) is None
 
 
 def test_alarms_come_with_the_piece() -> None:
-    found = state.fast_outcome(fast_reply(error=wire.ALERT), IDS, BLOCK)
+    found = pieces(fast_reply(error=wire.ALERT), IDS, BLOCK)
     assert [said.alarms for said in found.values() if isinstance(said, ServoState)] == [("hardware error",)] * 4
 
 
 def test_a_refusal_comes_with_the_piece_too() -> None:
-    found = state.fast_outcome(fast_reply(error=2), IDS, BLOCK)
-    assert found == {i: refused(i, "it does not know the instruction") for i in IDS}
+    found = pieces(fast_reply(error=2), IDS, BLOCK)
+    assert found == {i: fault(i, "refused", "it does not know the instruction") for i in IDS}
 
 
 def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:
@@ -266,7 +281,7 @@ def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
     ids = (1, 2, 3, 4, 5, 6, 7)
     clock = SimulatedClock(5.0)
     servos = VirtualDynamixelBus.of(BenchPlant(ids), dict.fromkeys(ids, x.XL430_W250))
-    bus = DynamixelBus(VirtualPort(servos, clock), clock)
+    bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys(ids, x.XL430_W250))
     good = bus.read_states(ids)
     servos.faults.disturbance = done = Disturbance(seed=5, drop=0.002, flip=0.001, noise=0.001)
     missing = 0
@@ -275,7 +290,7 @@ def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
         missing += sum(isinstance(reading, ServoFault) for reading in readings.values())
         assert all(reading == good[i] for i, reading in readings.items() if isinstance(reading, ServoState))
         clock.sleep_until(clock.now() + 0.015)
-    assert bus._burst.fast
+    assert bus._group.fast
     assert missing < 20
     faults = bus.counters.faults()
     assert faults["silent"] + faults["corrupt"] >= sum(n for (kind, _), n in done.done.items() if kind != "noise")

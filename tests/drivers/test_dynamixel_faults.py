@@ -2,9 +2,10 @@
 
 from collections import Counter
 
-from drivers.bus import ServoState
-from drivers.dynamixel import state, wire
-from drivers.dynamixel.models import X
+from drivers.bus.read_plan import state_plan
+from drivers.bus.types import ServoState
+from drivers.protocol import v2 as wire
+from drivers.servos.dynamixel import PROTOCOL_2, X
 from sim_backend.dynamixel_wire import status_packet
 from sim_backend.line import Reply
 from tests.drivers.fault_lines import IDS, KINDS, Line
@@ -32,14 +33,15 @@ def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> 
 def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
     blocks = [bytes((i * 37 + n * 11) & 0x7F for n in range(BLOCK.size)) for i in IDS]
     data = b"".join(status_packet(i, 0x80 * (i == 3), block) for i, block in zip(IDS, blocks, strict=True))
-    fast = state.burst(data, IDS, BLOCK)
+    whole = state_plan(PROTOCOL_2, dict.fromkeys(IDS, BLOCK), dict.fromkeys(IDS)).whole
+    fast = whole(data)
     replies = wire.ReplyDecoder(BLOCK.size).feed(data)
-    assert fast == {r.servo_id: BLOCK.decode(r.error, r.data) for r in replies}
+    assert fast == {r.servo_id: BLOCK.decode(None, r.error, r.data) for r in replies}
     spoiled = bytearray(data)
     counts: Counter[bool] = Counter()
     for bit in range(len(spoiled) * 8):
         spoiled[bit // 8] ^= 1 << bit % 8
-        counts[state.burst(bytes(spoiled), IDS, BLOCK) is None] += 1
+        counts[whole(bytes(spoiled)) is None] += 1
         spoiled[bit // 8] ^= 1 << bit % 8
     assert counts == {True: len(spoiled) * 8}
 
@@ -48,6 +50,6 @@ def test_a_stuffed_reply_and_a_longer_block_are_understood() -> None:
     longer = X.blocks[2]
     content = b"\xff\xff\xfd" + bytes(longer.size - 3)
     data = status_packet(1, 0, content)
-    assert state.burst(data, (1,), longer) is None
+    assert state_plan(PROTOCOL_2, {1: longer}, {1: None}).whole(data) is None
     (reply,) = wire.ReplyDecoder(longer.size).feed(data)
-    assert longer.decode(reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, (), None)
+    assert longer.decode(None, reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, (), None)

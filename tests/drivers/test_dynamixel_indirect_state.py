@@ -2,7 +2,7 @@
 
 import importlib
 import logging
-import os
+import math
 import random
 from collections import Counter
 from typing import Any
@@ -11,19 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.dynamixel import indirect, mapping, wire, xl320
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.indirect import AT_208, AT_224, MAP, block_for
-from drivers.dynamixel.series import ALARMED
-from drivers.registers import Register
+from drivers.bus import indirect as mapping
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
+from drivers.protocol import v2 as wire
+from drivers.servos import indirect, x, xl320
+from drivers.servos.dynamixel import ALARMED
+from drivers.servos.indirect import AT_208, AT_224, MAP, block_for
+from drivers.servos.register import Register
 from sim_backend.dynamixel_indirect import windows_of
 from sim_backend.dynamixel_memory import ACCESS, DATA_RANGE
 from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.dynamixel_wire import Code
 from sim_backend.faults import Disturbance
+from tests.drivers.cycles import exchange
 from tests.drivers.dynamixel_lines import TrueLine
+from tests.drivers.fault_lines import CYCLES
 from tests.drivers.tape import Tape
 
 # By name, because it has no types.
@@ -32,7 +35,6 @@ sdk: Any = importlib.import_module("dynamixel_sdk")
 SEVEN = {i: x.XL430_W250 if i % 2 else x.XM430_W350 for i in range(1, 8)}
 MIXED = {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XC330_T288, 4: x.MX_28_2}
 OLD_AND_NEW = {2: 52, 3: 53}
-CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "2000"))
 OVERLOAD = 1 << 5
 
 
@@ -127,7 +129,7 @@ def test_models_with_and_without_a_current_share_one_fast_read() -> None:
 def test_another_model_in_its_place_has_its_own_current() -> None:
     """As a program finds it that was told of no model before."""
     line = TrueLine({1: x.XM430_W350})
-    line.bus = DynamixelBus(line.port, line.clock)
+    line.bus = Bus(line.port, line.clock, {1: x.XM430_W210})
     for model, current in ((x.XM430_W350, 2 * 0.00269), (x.XL330_M288, 0.002), (x.XL430_W250, None)):
         line.servos.servo(1).memory.put(x.model_number, model.number)
         line.bus.identify(1, model)
@@ -168,7 +170,7 @@ def test_a_bulk_question_is_the_sdks_bytes() -> None:
         assert group.addParam(servo_id, 208 if servo_id == 2 else 224, 18)
     group.txPacket()
     line.port.write = ours.write  # type: ignore[method-assign]
-    line.bus.read_states(line.ids, line.clock.now())
+    line.bus.request(line.ids, math.inf)
     assert ours.sent == tape.sent
 
 
@@ -195,12 +197,12 @@ def test_the_map_names_the_registers_and_its_own_ends() -> None:
 
 def test_cells_that_were_reset_are_no_state() -> None:
     for block in (AT_208, AT_224):
-        assert block.decode(0, bytes(18)) is None
+        assert block.decode(None, 0, bytes(18)) is None
 
 
 @given(st.binary(min_size=18, max_size=18))
 def test_nothing_is_a_state_without_both_ends(data: bytes) -> None:
-    assert (AT_224.decode(0, data) is None) == ((data[0], data[-1]) != (168, 202))
+    assert (AT_224.decode(None, 0, data) is None) == ((data[0], data[-1]) != (168, 202))
 
 
 @pytest.mark.parametrize("make", [seven, mixed], ids=["fast", "bulk"])
@@ -302,7 +304,7 @@ def test_one_that_refuses_what_it_was_mapped_for_is_asked_directly(firmware: int
     for _ in range(5):
         assert line.faults() == {}
     assert line.bus.counters.of(6).retries == retries
-    assert line.bus._burst.fast == (firmware == 46)
+    assert line.bus._group.fast == (firmware == 46)
 
 
 # Set-up
@@ -402,9 +404,9 @@ def test_mapping_touches_nothing_else_and_works_under_torque() -> None:
 
 def test_goals_torque_and_another_rate_are_as_before() -> None:
     line = mixed()
-    states = line.bus.exchange({i: ServoGoal(100 * i) for i in line.ids}, line.ids, line.clock.now() + 0.012)
+    states = exchange(line.bus, {i: ServoGoal(100 * i) for i in line.ids}, line.ids, line.clock.now() + 0.012)
     assert all(isinstance(state, ServoState) for state in states.values())
-    assert [i.code for i in line.taken()] == [Code.SYNC_WRITE, Code.BULK_READ]
+    assert [i.code for i in line.taken()] == [Code.BULK_READ, Code.SYNC_WRITE]
     assert [line.bus.goal(i) for i in line.ids] == [100 * i for i in line.ids]
     line.bus.torque_on(1)
     assert line.bus.torque_off(line.ids) == []
@@ -443,6 +445,7 @@ def test_a_late_reply_is_never_taken_for_the_present_one(servo_id: int) -> None:
     assert line.mapped() == set(line.ids)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("make", "firmware"),
     [(SEVEN, {}), (SEVEN, dict.fromkeys(SEVEN, 44)), (MIXED, OLD_AND_NEW)],

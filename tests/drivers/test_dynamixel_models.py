@@ -6,20 +6,25 @@ from collections.abc import Mapping
 
 import pytest
 
-from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.dynamixel import models, wire, x_series, xl320
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.models import MODELS
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import ServoRefused
-from drivers.makes import bus_for
-from drivers.registers import Register, ServoModel
+from drivers.protocol import v2 as wire
+from drivers.servos import x as x_series
+from drivers.servos import xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import XL, X
+from drivers.servos.register import Register, ServoModel
+from drivers.servos.series import Series
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser, status_packet
 from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.drivers.cycles import exchange
 
+MODELS = {model.name: model for series in (X, XL) for model in series.models}
 TABLES = importlib.resources.files("dynamixel_easy_sdk") / "control_table"
 NAMES = {
     "return_delay": "return_delay_time",
@@ -66,14 +71,14 @@ def test_no_register_of_the_sdks_is_missing_but_the_indirect_ones(model: ServoMo
 
 def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
     for model in MODELS.values():
-        series = models.series_of(model)
+        series = series_of(model)
         assert model in series.models
         sizes = [block.size for block in series.blocks]
         assert len(set(sizes)) == len(sizes)
         assert min(sizes) == sizes[0] == series.blocks[0].fields.size
         assert len({block.address + block.size for block in series.blocks}) == 1
-    with pytest.raises(ValueError, match="no Dynamixel of protocol 2"):
-        models.series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
+    with pytest.raises(ValueError, match="other is no servo that is known"):
+        series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
 class Tables:
@@ -91,7 +96,10 @@ class Tables:
         self._parser = InstructionParser()
         self._input = b""
         for servo_id, model in servos.items():
-            self.put(servo_id, models.series_of(model).torque_ceiling, 600)
+            self.put(servo_id, series_of(model).max_torque, 600)
+            self.put(servo_id, x_series.model_number, model.number)
+            level = xl320.status_return_level if model is xl320.XL320 else x_series.status_return_level
+            self.put(servo_id, level, 2)
             mode = xl320.control_mode if model is xl320.XL320 else x_series.operating_mode
             self.put(servo_id, mode, 2 if model is xl320.XL320 else 3)
 
@@ -171,7 +179,7 @@ XL320_STATE = ServoState(
 @pytest.mark.parametrize("place", range(4))
 def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
     port = Tables({1: xl320.XL320, 2: xl320.XL320})
-    bus = bus_for({1: xl320.XL320, 2: xl320.XL320}, port, port.clock)
+    bus = Bus(port, port.clock, {1: xl320.XL320, 2: xl320.XL320})
     place_xl320(port, 2)
     for _ in range(place):  # who owes an answer is asked for another block
         port.silent = {1, 2}
@@ -181,17 +189,17 @@ def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
     assert {instruction.code for instruction in port.sent} == {Code.SYNC_READ}
 
 
-@pytest.mark.parametrize("series", models.SERIES, ids=lambda series: series.name)
+@pytest.mark.parametrize("series", (X, XL), ids=lambda series: series.name)
 @pytest.mark.parametrize("velocity_counts_s", [-1, -10, -100000])
-def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: models.Series, velocity_counts_s: int) -> None:
+def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: Series, velocity_counts_s: int) -> None:
     with pytest.raises(ValueError, match="nothing written"):
-        series.goal(ServoGoal(512, velocity_counts_s))
+        series.goal_of(1, series.models[0])(ServoGoal(512, velocity_counts_s))
 
 
 def test_the_xl320s_settings_goal_limit_and_torque() -> None:
     assert xl320.XL320.last_count == 1023
     port = Tables({3: xl320.XL320})
-    bus = DynamixelBus(port, port.clock, position_p={3: 40})
+    bus = Bus(port, port.clock, {3: xl320.XL320}, position_p={3: 40})
     bus.identify(3, xl320.XL320)
     bus.write_goals({3: ServoGoal(512, 100)})
     assert bus.goal(3) == 512
@@ -214,26 +222,26 @@ MIXED = {1: x_series.XL430_W250, 2: xl320.XL320, 5: x_series.MX_28_2, 9: x_serie
 IDS = tuple(MIXED)
 
 
-def mixed() -> tuple[Tables, DynamixelBus]:
+def mixed() -> tuple[Tables, Bus]:
     port = Tables(MIXED)
     place_xl320(port, 2)
     for servo_id in (1, 5, 9):
         port.put(servo_id, x_series.present_position, 100 * servo_id)
         port.put(servo_id, x_series.present_current, -50)  # only the last one's is none of its load
         port.put(servo_id, x_series.present_voltage, 120)
-    return port, DynamixelBus(port, port.clock, MIXED)
+    return port, Bus(port, port.clock, MIXED)
 
 
 def test_a_mixed_line_by_a_bulk_read_and_a_sync_write_a_series() -> None:
     port, bus = mixed()
     goals = {i: ServoGoal(100 + i) for i in IDS}
-    states = bus.exchange(goals, IDS, port.clock.now() + 0.02)
+    states = exchange(bus, goals, IDS, port.clock.now() + 0.02)
     assert list(states) == list(IDS)
     assert states[2] == XL320_STATE
     for i in (1, 5, 9):
         current = pytest.approx(-0.05) if i == 9 else None
         assert states[i] == (100 * i, 0, 0.0, pytest.approx(12.0), 0.0, (), current)
-    assert [i.code for i in port.sent] == [Code.SYNC_WRITE, Code.SYNC_WRITE, Code.BULK_READ]
+    assert [i.code for i in port.sent] == [Code.BULK_READ, Code.SYNC_WRITE, Code.SYNC_WRITE]
     assert [bus.goal(i) for i in IDS] == [101, 102, 105, 109]
     assert bus.read_states(IDS) == states
 
@@ -288,7 +296,7 @@ def test_the_bytes_of_an_exchange_are_those_of_the_wire() -> None:
 
     port.read = listen  # type: ignore[method-assign]
     goals = {i: ServoGoal(0) for i in IDS}
-    bus.exchange(goals, IDS, port.clock.now() + 0.02)
+    exchange(bus, goals, IDS, port.clock.now() + 0.02)
     assert sum(map(len, written)) == bus.exchange_size(goals, IDS)
 
 
@@ -307,6 +315,6 @@ def test_at_another_rate_servos_are_still_what_they_are() -> None:
     """Each would else be asked for the X series' block, which an XL-320 does not have."""
     clock = SimulatedClock()
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
-    bus = DynamixelBus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})
+    bus = Bus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})
     with bus.at_baud(57_600) as other:
         assert other.exchange_size({}, [1]) == bus.exchange_size({}, [1])

@@ -1,15 +1,18 @@
-"""The quick way of a Dynamixel line on which all is well: the same on the wire, and left as soon as one is missing."""
+"""A cycle of a Dynamixel line on which all was well: the same bytes, and piece by piece as soon as one is missing."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
-from drivers.bus import ServoFault, ServoGoal, ServoState
-from drivers.dynamixel import wire
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.burst import BurstReader
-from drivers.dynamixel.bus import DynamixelBus
+from drivers.bus.bus import Bus
+from drivers.bus.group_read import GroupRead
+from drivers.bus.read_plan import ReadPlan
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
+from drivers.protocol import v2 as wire
+from drivers.servos import x
 from sim_backend.dynamixel_wire import Code
+from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth
 from tests.drivers.ports import WatchedPort
 
@@ -20,16 +23,26 @@ each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: ki
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Of each quick cycle, whether all was well in it."""
+    """Of each question, whether its answer came as a whole."""
     went: list[bool] = []
-    real = BurstReader.cycle
+    real = GroupRead.collect
 
-    def cycle(self: BurstReader, *what: object) -> object:
-        states = real(self, *what)  # type: ignore[arg-type]
-        went.append(states is not None)
-        return states
+    def collect(self: GroupRead, plan: ReadPlan, *how: Any) -> object:
+        went.append(True)
+        return real(self, plan, *how)
 
-    monkeypatch.setattr(BurstReader, "cycle", cycle)
+    def otherwise(name: str) -> None:
+        careful = getattr(GroupRead, name)
+
+        def judge(self: GroupRead, *what: Any) -> object:
+            went[-1] = False
+            return careful(self, *what)
+
+        monkeypatch.setattr(GroupRead, name, judge)
+
+    monkeypatch.setattr(GroupRead, "collect", collect)
+    otherwise("_piecewise")
+    otherwise("_judge_broken")
     return went
 
 
@@ -45,7 +58,7 @@ def steady_line(kind: Kind, *, fast: bool = True) -> tuple[Line, WatchedPort]:
 
 
 @each_kind
-def test_cycle_after_cycle_the_same_piece_of_bytes(kind: Kind, quick: list[bool]) -> None:
+def test_cycle_after_cycle_the_same_bytes(kind: Kind, quick: list[bool]) -> None:
     line, port = steady_line(kind)
     truth, replies = Truth(line), line.account(1).replies
     quick.clear()
@@ -55,8 +68,8 @@ def test_cycle_after_cycle_the_same_piece_of_bytes(kind: Kind, quick: list[bool]
         assert list(readings) == list(IDS)
         assert all(isinstance(r, ServoState) and truth.holds(i, r) for i, r in readings.items())
     assert quick == [True] * 5
-    assert len(port.sent) == 5 and len(set(port.sent)) == 1
-    assert port.sent[0][7] == wire.SYNC_WRITE
+    assert len(port.sent) == 10 and len(set(port.sent)) == 2
+    assert [packet[7] == wire.SYNC_WRITE for packet in port.sent] == [False, True] * 5
     assert line.account(1).replies == replies + 5
 
 
@@ -79,7 +92,7 @@ def test_a_fault_is_the_careful_ways_and_the_goals_have_gone_out_once(
     FAULTS[fault](line)
     line.goals = {i: ServoGoal(2000 + i) for i in IDS}
     readings = line.cycle()
-    assert quick == [False]
+    assert quick[0] is False
     assert sum(packet[7] == wire.SYNC_WRITE for packet in port.sent) == 1
     wrong = {i for i, reading in readings.items() if isinstance(reading, ServoFault)}
     assert wrong <= (set(IDS) if "all" in fault else {3, 7})
@@ -113,7 +126,7 @@ def test_silence_is_not_waited_for_beyond_the_deadline(kind: Kind, quick: list[b
     quick.clear()
     deadline_s = line.clock.now() + kind.table.budget_s
     assert all(isinstance(reading, ServoFault) for reading in line.states(deadline_s).values())
-    assert quick == [False]
+    assert not any(quick)
     assert line.clock.now() <= deadline_s
 
 
@@ -130,13 +143,12 @@ def test_alarms_are_named_and_counted_in_every_cycle(kind: Kind) -> None:
 
 
 @each_kind
-def test_what_a_single_read_leaves_behind_is_thrown_away(kind: Kind, quick: list[bool]) -> None:
+def test_what_a_single_read_leaves_behind_is_thrown_away(kind: Kind) -> None:
     line, port = steady_line(kind)
-    quick.clear()
     line.bus.read(2, x.present_position)
     port.give(b"\x00\xff\x12")
     assert line.missing() == {}
-    assert quick == [] and line.bus.counters.noise == 0
+    assert line.bus.counters.noise == 0
 
 
 @each_kind
@@ -145,8 +157,8 @@ def test_other_servos_than_before_are_another_question(kind: Kind, quick: list[b
     quick.clear()
     goals = {i: line.goals[i] for i in (2, 5)}
     for _ in range(2):
-        assert list(line.bus.exchange(goals, (2, 5), line.clock.now() + 0.02)) == [2, 5]
-    assert quick == [True]
+        assert list(exchange(line.bus, goals, (2, 5), line.clock.now() + 0.02)) == [2, 5]
+    assert quick == [True, True]
 
 
 def test_a_servo_that_is_known_better_is_asked_anew(quick: list[bool]) -> None:
@@ -154,48 +166,36 @@ def test_a_servo_that_is_known_better_is_asked_anew(quick: list[bool]) -> None:
     (kind,) = DIRECT
     line, port = steady_line(kind)
     assert line.missing() == {}
-    before = port.sent[-1]
+    before = port.sent[-2]
     for servo_id in IDS:
         line.bus.identify(servo_id, kind.models[servo_id])
     quick.clear()
-    assert line.missing() == {} and quick == []
-    assert port.sent[-1] != before
-    assert line.missing() == {} and quick == [True]
+    assert line.missing() == {}
+    assert port.sent[-2] != before
+    assert line.missing() == {} and quick == [True, True]
 
 
 def test_a_servo_that_has_lost_its_map_is_named_and_read_otherwise() -> None:
     (kind,) = MAPPED
     line, port = steady_line(kind)
     assert line.missing() == {}
-    question = port.sent[-1]
+    question = port.sent[-2]
     port.write(wire.packet(3, Code.REBOOT, b""))
     seen = {fault for _ in range(200) for fault in line.missing().items()}
     assert seen and {servo_id for servo_id, _ in seen} == {3}
     port.sent = ()
     assert line.missing() == {}
-    assert port.sent == (question,), [p.hex() for p in port.sent] + [question.hex()]
+    assert port.sent[0] == question, [p.hex() for p in port.sent] + [question.hex()]
 
 
 def test_a_miss_counts_once_against_the_map() -> None:
     """Not again with every read without a deadline, in which the servo answers."""
     (kind,) = MAPPED
     line, _ = steady_line(kind)
-    assert isinstance(line.bus, DynamixelBus)
+    assert isinstance(line.bus, Bus)
     line.faults.silence(3)
     assert line.missing() == {3: "silent"}
     line.faults.restore(3)
     for _ in range(10):
         assert all(isinstance(reading, ServoState) for reading in line.bus.read_states(IDS).values())
         assert line.bus._servos.is_mapped(3)
-
-
-@each_kind
-def test_a_line_that_echoes_has_no_quick_way(kind: Kind, quick: list[bool]) -> None:
-    line, port = steady_line(kind)
-    port.echoes = True
-    for _ in range(5):
-        line.cycle()
-    quick.clear()
-    for _ in range(5):
-        assert line.missing() == {}
-    assert quick == []

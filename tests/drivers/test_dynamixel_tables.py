@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Access, Register, ServoModel
+from drivers.servos import x
+from drivers.servos.register import Access, Register, ServoModel
 
 MODELS = tuple(x.MODELS.values())
 ALL = tuple({register for model in MODELS for register in x.registers(model)})

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import ServoGoal
-from drivers.dynamixel import wire, x_series
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel.crc import crc16
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
+from drivers.protocol import v2 as wire
+from drivers.protocol.crc import crc16
+from drivers.servos import x as x_series
+from drivers.servos.x import XL430_W250
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_wire import InstructionParser, status_packet
 from tests.drivers.tape import Tape
@@ -51,7 +53,7 @@ def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
         (wire.packet(1, wire.WRITE, bytes.fromhex("7400 00020000")), "fffffd00 01 0900 03 740000020000 ca89"),
         (wire.sync_read((1, 2), 132, 4), "fffffd00 fe 0900 82 840004000102 cefa"),
         (
-            wire.sync_write(116, 4, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}),
+            wire.sync_write(116, 4, [b"\x01\x96\0\0\0", b"\x02\xaa\0\0\0"]),
             "fffffd00 fe 1100 83 74000400 0196000000 02aa000000 8287",
         ),
         (status_packet(1, 0, b"\xa6\0\0\0"), "fffffd00 01 0800 55 00 a6000000 8cc0"),
@@ -77,7 +79,7 @@ def test_sync_read_is_the_sdks(servo_ids: list[int], address: int, size: int) ->
 @given(ids, addresses, st.integers(1, 10), st.data())
 def test_sync_write_is_the_sdks(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
-    ours = wire.sync_write(address, size, contents)
+    ours = wire.sync_write(address, size, [bytes((i,)) + data for i, data in contents.items()])
     if PATTERN not in ours[3:]:
         assert ours == sdk_sync_write(address, size, contents)
 
@@ -96,7 +98,7 @@ def test_stuffing_is_what_the_sdk_computes(parameters: bytes) -> None:
 @given(st.dictionaries(st.integers(0, 252), st.tuples(st.integers(0, 4095), st.integers(0, 10000)), max_size=20))
 def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
     tape = Tape()
-    bus = DynamixelBus(tape, SimulatedClock())
+    bus = Bus(tape, SimulatedClock(), {1: XL430_W250})
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
     contents = {}
     for i, (position, velocity) in goals.items():
@@ -109,7 +111,7 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
 @given(ids)
 def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
     tape = Tape()
-    DynamixelBus(tape, SimulatedClock()).read_states(servo_ids[:1])
+    Bus(tape, SimulatedClock(), {1: XL430_W250}).read_states(servo_ids[:1])
     assert tape.sent == sdk_sync_read(servo_ids[:1], x_series.present_pwm.address, 23)
 
 

@@ -7,20 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.bus import ServoBus
-from drivers.dynamixel import xl320
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.bus import Bus
+from drivers.bus.retry import ATTEMPTS
 from drivers.eeprom import SILENCES, TRIES, Change, EepromError, Lock, eeprom, update
 from drivers.errors import PortLost, ServoError, ServoSilent
-from drivers.feetech import sts
-from drivers.feetech.bus import FeetechBus
-from drivers.makes import bus_for
-from drivers.registers import Register
-from drivers.tries import ATTEMPTS
+from drivers.servos import ax_mx as dxl
+from drivers.servos import sts, xl320
+from drivers.servos.register import Register
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.drivers.fault_lines import CYCLES
 
 LOCK = Lock(sts.lock)
 WRITE = 0x03
@@ -67,7 +65,7 @@ class Line:
 
     def __post_init__(self) -> None:
         self.port = RecordingPort(self.servos, self.clock)
-        bus: ServoBus = FeetechBus(self.port, self.clock)
+        bus: Bus = Bus(self.port, self.clock)
         self.bus = bus
         self.first = self.servos.servo(1)
 
@@ -132,7 +130,7 @@ def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register
 def test_a_servo_may_be_told_to_acknowledge_no_writes_and_then_to_do_so_again(model: dxl.Model) -> None:
     clock = SimulatedClock(10.0)
     servos = VirtualBus.of(BenchPlant((1, 2)), model)
-    bus = bus_for(dict.fromkeys((1, 2), model), VirtualPort(servos, clock), clock)
+    bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys((1, 2), model))
     level = dxl.status_return_level
     with pytest.raises(ValueError, match="nothing written"), eeprom(bus, 1, None) as memory:
         memory.write(level, 0)
@@ -302,7 +300,8 @@ class Stumble(BaseException):
     """Not an Exception: as Ctrl-C is none."""
 
 
-@settings(max_examples=500)
+@pytest.mark.soak
+@settings(max_examples=CYCLES // 10)
 @given(
     st.integers(0, 32),
     st.integers(1, TRIES - 1),

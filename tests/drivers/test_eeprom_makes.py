@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.bus import ServoBus
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.bus import Bus
 from drivers.eeprom import Change, EepromError, update
 from drivers.errors import ServoSilent
-from drivers.makes import bus_for
-from drivers.registers import Register, ServoModel
+from drivers.servos import ax_mx as dxl
+from drivers.servos import x
+from drivers.servos.register import Register, ServoModel
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -50,7 +49,7 @@ class Bench:
         of = VirtualDynamixelBus.of if self.protocol2 else VirtualBus.of
         self.servos = of(BenchPlant((1, 2)), models)
         self.port = WatchedPort(self.servos, clock)
-        self.bus: ServoBus = bus_for(models, self.port, clock)
+        self.bus: Bus = Bus(self.port, clock, models)
         self.first = self.servos.servo(1)
 
     def held(self, register: Register) -> int:

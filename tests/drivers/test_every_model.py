@@ -2,14 +2,14 @@
 
 import pytest
 
-from drivers.bus import ServoGoal, ServoState
-from drivers.dynamixel import x_series, xl320
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import ServoRefused
-from drivers.feetech import sts
-from drivers.feetech.models import series_of
-from drivers.makes import MODELS, bus_for, language_of
-from drivers.registers import Access, Register, ServoModel
+from drivers.servos import ax_mx as dxl
+from drivers.servos import sts, xl320
+from drivers.servos import x as x_series
+from drivers.servos.catalog import MODELS, series_of
+from drivers.servos.register import Access, Register, ServoModel
 from sim_backend.bus import VirtualBus, servo_of
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -29,9 +29,9 @@ class Bench:
         share = model.stall_torque_nm / sts.STS3215.stall_torque_nm
         plant = BenchPlant(IDS, inertia_kg_m2=share * 0.024, friction_nm=share * 0.06)
         models = dict.fromkeys(IDS, model)
-        protocol2 = language_of(model) == "Dynamixel protocol 2.0"
+        protocol2 = series_of(model).protocol.name == "Dynamixel protocol 2.0"
         line = VirtualDynamixelBus.of(plant, models) if protocol2 else VirtualBus.of(plant, models)
-        self.bus = bus_for(models, VirtualPort(line, self.clock), self.clock)
+        self.bus = Bus(VirtualPort(line, self.clock), self.clock, models)
 
     def run(self, seconds: float) -> dict[int, ServoState]:
         self.clock.sleep_until(self.clock.now() + seconds)
@@ -44,11 +44,13 @@ def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     if isinstance(model, dxl.Model):
         return dxl.registers(model), Code.BULK_READ if model.bulk_read else None
     series = series_of(model)
-    return series.registers, Code.SYNC_READ if series.sync_read else None
+    return series.registers, Code.SYNC_READ if series.protocol.group_read == "sync" else None
 
 
 @pytest.mark.parametrize(
-    "model", [m for m in MODELS.values() if language_of(m) != "Dynamixel protocol 2.0"], ids=lambda m: m.name
+    "model",
+    [m for m in MODELS.values() if series_of(m).protocol.name != "Dynamixel protocol 2.0"],
+    ids=lambda m: m.name,
 )
 def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: ServoModel) -> None:
     servo = servo_of(model, 1)
@@ -72,7 +74,9 @@ def test_it_is_known_by_its_number(model: ServoModel) -> None:
     for servo_id in IDS:
         bench.bus.identify(servo_id, model)
     others = [other for other in MODELS.values() if other.number != model.number]
-    stranger = next((other for other in others if language_of(other) == language_of(model)), others[0])
+    stranger = next(
+        (other for other in others if series_of(other).protocol.name == series_of(model).protocol.name), others[0]
+    )
     with pytest.raises(ServoRefused, match=f"is model {model.number} "):
         bench.bus.identify(1, stranger)
 

@@ -5,18 +5,20 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.burst import FIRST_REPLY_S
-from drivers.bus import ServoFault, ServoGoal, ServoState
+from drivers.bus.adaptive_timeout import FIRST_REPLY_S
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
-from drivers.feetech import sts, wire
-from drivers.feetech.bus import FeetechBus
 from drivers.port import Port
-from drivers.registers import Register, ServoModel
+from drivers.protocol import v1 as wire
+from drivers.servos import sts
+from drivers.servos.register import Register
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from sim_backend.sts_memory import Memory
+from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 
@@ -30,7 +32,7 @@ class Line:
 
     def __post_init__(self) -> None:
         self.port = VirtualPort(self.servos, self.clock)
-        self.bus = FeetechBus(self.port, self.clock)
+        self.bus = Bus(self.port, self.clock)
 
     def held(self, servo_id: int, register: Register) -> int:
         return self.servos.servo(servo_id).memory.get(register)
@@ -66,11 +68,11 @@ class ScriptedPort:
     def close(self) -> None: ...
 
 
-def scripted(*answers: bytes) -> tuple[FeetechBus, ScriptedPort, SimulatedClock]:
+def scripted(*answers: bytes) -> tuple[Bus, ScriptedPort, SimulatedClock]:
     clock = SimulatedClock(5.0)
     port = ScriptedPort(clock, *answers)
     typed: Port = port
-    return FeetechBus(typed, clock), port, clock
+    return Bus(typed, clock), port, clock
 
 
 def status(servo_id: int, data: bytes = b"", error: int = 0) -> bytes:
@@ -94,9 +96,8 @@ def test_identify_is_content_with_the_right_model() -> None:
 
 def test_identify_names_the_model_that_it_found_and_says_what_to_do() -> None:
     line = Line()
-    other = ServoModel("sts9999", 9999, "little", 4096, 12.0, 1.0, 1.0)
-    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(sts3215\), not 9999 \(sts9999\): correct"):
-        line.bus.identify(3, other)
+    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(.*sts3215.*\), not 2825 \(sts3250\): correct"):
+        line.bus.identify(3, sts.STS3250)
     line.servos.servo(3).memory.put(sts.model_number, 1234)
     with pytest.raises(ServoRefused, match=r"is model 1234 \(unknown\), not 777 \(sts3215\)"):
         line.bus.identify(3, sts.STS3215)
@@ -161,12 +162,12 @@ def test_a_goal_that_does_not_fit_spoils_no_answer(cycles_before: int) -> None:
     line = Line()
     goals = {i: ServoGoal(2000 + i) for i in IDS}
     for _ in range(cycles_before):
-        line.bus.exchange(goals, IDS, line.clock.now() + 0.01)
+        exchange(line.bus, goals, IDS, line.clock.now() + 0.01)
     held = [line.held(i, sts.goal_position) for i in IDS]
     with pytest.raises(ValueError, match="goal_position"):
-        line.bus.exchange(goals | {2: ServoGoal(40_000)}, IDS, line.clock.now() + 0.01)
+        exchange(line.bus, goals | {2: ServoGoal(40_000)}, IDS, line.clock.now() + 0.01)
     assert [line.held(i, sts.goal_position) for i in IDS] == held
-    readings = line.bus.exchange(goals, IDS, line.clock.now() + 0.01)
+    readings = exchange(line.bus, goals, IDS, line.clock.now() + 0.01)
     assert all(isinstance(r, ServoState) for r in readings.values())
     assert not any(line.bus.counters.faults().values())
 
@@ -407,7 +408,7 @@ def test_a_slow_line_is_waited_for(baud: int) -> None:
     servos = VirtualBus.of(BenchPlant(IDS))
     for servo in servos.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(baud))
-    bus = FeetechBus(VirtualPort(servos, clock, baud=baud), clock)
+    bus = Bus(VirtualPort(servos, clock, baud=baud), clock)
     assert all(map(is_state, bus.read_states(IDS).values()))
     servos.faults.silence(2)
     assert sum(map(is_state, bus.read_states(IDS).values())) == len(IDS) - 1

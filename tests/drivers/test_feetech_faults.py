@@ -10,28 +10,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import ServoGoal
-from drivers.feetech import state, sts, wire
+from drivers.bus.known_servos import KnownServos
+from drivers.bus.types import ServoGoal, ServoState
+from drivers.protocol import v1 as wire
+from drivers.protocol.decoder import Reply
+from drivers.servos import sts
+from drivers.servos.feetech import STS
 from tests.drivers.fault_lines import IDS
 
 
+def state(servo_id: int, status: int, data: bytes) -> ServoState:
+    """Of one reply by itself."""
+    result = KnownServos({}).plan((servo_id,)).result(Reply(servo_id, status, data))
+    assert isinstance(result, ServoState)
+    return result
+
+
 def test_lengths_that_tell_late_replies_survive_a_flipped_bit() -> None:
-    sizes = state.STATE_SIZES
-    assert sizes[0] == state.STATE_SIZE and all(a < b for a, b in pairwise(sizes))
+    sizes = [block.size for block in STS.blocks]
+    assert sizes[0] == sum(register.size for register in sts.STATE_BLOCK) and all(a < b for a, b in pairwise(sizes))
     lengths = [size + 2 for size in sizes]
     assert all((a ^ b).bit_count() >= 2 for a in lengths for b in lengths if a != b)
 
 
 def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
     frames = [wire.packet(i, i, bytes((i * 30 & 255, 0x80 | i, 9, 0x80, 0xF4, 5 + i, 118, 41))) for i in IDS]
-    fast = state.burst(b"".join(frames), IDS, state.STATE_SIZE)
-    replies = wire.ReplyDecoder(state.STATE_SIZE).feed(b"".join(frames))
-    assert fast == {r.servo_id: state.state(r.error, r.data) for r in replies}
+    whole = KnownServos({}).plan(IDS).whole
+    replies = wire.ReplyDecoder(8).feed(b"".join(frames))
+    assert whole(b"".join(frames)) == {r.servo_id: state(r.servo_id, r.error, r.data) for r in replies}
     spoiled = bytearray(b"".join(frames))
     counts: Counter[bool] = Counter()
     for bit in range(len(spoiled) * 8):
         spoiled[bit // 8] ^= 1 << bit % 8
-        counts[state.burst(bytes(spoiled), IDS, state.STATE_SIZE) is None] += 1
+        counts[whole(bytes(spoiled)) is None] += 1
         spoiled[bit // 8] ^= 1 << bit % 8
     assert counts == {True: len(spoiled) * 8}
 
@@ -45,22 +56,20 @@ some_ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=12, unique=True).
 def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.DataObject) -> None:
     blocks = {i: draw.draw(st.tuples(st.integers(0, 255), st.binary(min_size=8, max_size=8))) for i in servo_ids}
     data = b"".join(wire.packet(servo_id, status, block) for servo_id, (status, block) in blocks.items())
-    said = {servo_id: state.state(status, block) for servo_id, (status, block) in blocks.items()}
-    assert state.burst(data, servo_ids, state.STATE_SIZE) == said
-    assert any(status for status, _ in blocks.values()) == bool(
-        state.layout(servo_ids, state.STATE_SIZE).states(data)[1]
-    )
+    said = {servo_id: state(servo_id, status, block) for servo_id, (status, block) in blocks.items()}
+    assert KnownServos({}).plan(servo_ids).whole(data) == said
+    assert [bool(one.alarms) for one in said.values()] == [status != 0 for status, _ in blocks.values()]
 
 
-@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, st.integers(0, 0x7FFF)), max_size=12))
+@given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, st.integers(0, 0x7FFF)), min_size=1, max_size=12))
 def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, int]]) -> None:
     said = {}
     for servo_id, (position, velocity) in numbers.items():
         values = {sts.goal_position: position, sts.goal_velocity: velocity}
         said[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
-    packet = state.goals_packet({i: ServoGoal(*both) for i, both in numbers.items()})
-    assert packet == wire.sync_write(state.GOAL_ADDRESS, state.GOAL_SIZE, said)
-    assert len(packet) == state.goals_size(len(numbers))
+    packet = KnownServos({}).goals({i: ServoGoal(*both) for i, both in numbers.items()})
+    entries = [bytes((servo_id,)) + data for servo_id, data in said.items()]
+    assert packet == wire.sync_write(sts.acceleration.address, 7, entries)
 
 
 @pytest.mark.parametrize(
@@ -73,4 +82,4 @@ def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, i
 )
 def test_a_goal_that_does_not_fit_is_refused_among_others(wrong: ServoGoal, text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        state.goals_packet({1: ServoGoal(5, 5), 2: wrong, 3: ServoGoal(-5)})
+        KnownServos({}).goals({1: ServoGoal(5, 5), 2: wrong, 3: ServoGoal(-5)})

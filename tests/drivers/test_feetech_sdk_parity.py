@@ -7,10 +7,11 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.bus import ServoGoal
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
-from drivers.feetech import sts, wire
-from drivers.feetech.bus import FeetechBus
+from drivers.protocol import v1 as wire
+from drivers.servos import sts
 from tests.drivers.tape import SilentTape, Tape
 
 # By name, because it has no types.
@@ -47,7 +48,9 @@ def test_sync_read(servo_ids: list[int], address: int, size: int) -> None:
 @given(ids, st.integers(0, 255), st.integers(1, 10), st.data())
 def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
-    assert wire.sync_write(address, size, contents) == sdk_sync_write(address, size, contents)
+    assert wire.sync_write(address, size, [bytes((i,)) + data for i, data in contents.items()]) == sdk_sync_write(
+        address, size, contents
+    )
 
 
 @example({1: (-1, 0)})
@@ -57,7 +60,7 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
     if len(goals) > 24:  # the SDK's longest packet
         goals = dict(list(goals.items())[:24])
     tape = Tape()
-    bus = FeetechBus(tape, MonotonicClock())
+    bus = Bus(tape, MonotonicClock())
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
     low, high = sdk.SCS_LOBYTE, sdk.SCS_HIBYTE
     contents = {}
@@ -70,7 +73,7 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
 @given(ids)
 def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
     tape = Tape()
-    FeetechBus(tape, MonotonicClock()).read_states(servo_ids)
+    Bus(tape, MonotonicClock()).read_states(servo_ids)
     assert tape.sent == sdk_sync_read(servo_ids, sts.present_position.address, 8)
 
 
@@ -78,7 +81,7 @@ def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
 def test_torque_off_is_what_the_sdk_would_write(servo_ids: list[int]) -> None:
     """All at once, then each by itself, whoever answers."""
     ours, theirs = SilentTape(), SilentTape()
-    assert len(FeetechBus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
+    assert len(Bus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
     for servo_id in servo_ids:
         sdk.PacketHandler(0).write1ByteTxOnly(theirs, servo_id, 40, 0)
     assert ours.sent == sdk_sync_write(40, 1, dict.fromkeys(servo_ids, b"\0")) + theirs.sent

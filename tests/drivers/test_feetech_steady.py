@@ -1,17 +1,19 @@
-"""The quick way of an STS line on which all is well: what it must not lose, send twice or take for an answer."""
+"""A cycle of an STS line on which all was well: what it must not lose, send twice or take for an answer."""
 
 from collections.abc import Callable
 
 import pytest
 
-from drivers.bus import Reading, ServoGoal, ServoState
+from drivers.bus.bus import Bus
+from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.errors import ServoSilent
-from drivers.feetech import sts, wire
-from drivers.feetech.bus import FeetechBus
+from drivers.protocol import v1 as wire
+from drivers.servos import sts
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Line, Truth
 from tests.drivers.ports import WatchedPort
 
@@ -83,7 +85,7 @@ def test_an_old_answer_is_not_believed_where_one_servo_is_alone() -> None:
     take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]
 
     def state() -> Reading:
-        return line.bus.exchange({1: ServoGoal(500)}, (1,), line.clock.now() + 0.05)[1]
+        return exchange(line.bus, {1: ServoGoal(500)}, (1,), line.clock.now() + 0.05)[1]
 
     for _ in range(2):
         assert truth.holds(1, state())
@@ -109,6 +111,6 @@ def test_what_a_single_read_leaves_behind_is_thrown_away() -> None:
 def test_more_servos_than_goals_fit_a_packet_can_still_be_read() -> None:
     ids, clock = tuple(range(1, 41)), SimulatedClock(50.0)
     servos = VirtualBus.of(BenchPlant(ids, timestep_s=0.005), dict.fromkeys(ids, sts.STS3215))
-    bus = FeetechBus(VirtualPort(servos, clock), clock)
+    bus = Bus(VirtualPort(servos, clock), clock)
     for _ in range(2):
         assert all(isinstance(r, ServoState) for r in bus.read_states(ids, clock.now() + 0.1).values())

@@ -11,9 +11,12 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.feetech import models, scs, sts
-from drivers.feetech.models import SERIES, Series
-from drivers.registers import Access, Register, ServoModel
+from drivers.servos import feetech as models
+from drivers.servos import scs, sts
+from drivers.servos.catalog import MODELS, series_of
+from drivers.servos.feetech import SERIES
+from drivers.servos.register import Access, Register, ServoModel
+from drivers.servos.series import Series
 
 EVERY_REGISTER = [pytest.param(s, r, id=f"{s.name}.{r.name}") for s in SERIES for r in s.registers]
 series = pytest.mark.parametrize("series", SERIES, ids=lambda s: s.name)
@@ -58,9 +61,9 @@ def test_the_lock_is_where_the_series_has_it() -> None:
 @series
 def test_every_model_speaks_as_its_series(series: Series) -> None:
     for model in series.models:
-        assert model.byte_order == series.byte_order
-        assert models.MODELS[model.name] is model
-        assert models.series_of(model) is series
+        assert model.byte_order == series.protocol.byte_order
+        assert MODELS[model.name] is model
+        assert series_of(model) is series
         assert min(model.rated_voltage_v, model.stall_torque_nm, model.no_load_speed_rad_s) > 0.0
 
 
@@ -76,13 +79,13 @@ def test_every_model_speaks_as_its_series(series: Series) -> None:
     ],
 )
 def test_the_model_number_is_the_two_bytes_in_the_order_of_the_series(name: str, model_bytes: tuple[int, int]) -> None:
-    model = models.MODELS[name]
+    model = MODELS[name]
     assert model.number == int.from_bytes(bytes(model_bytes), model.byte_order)
 
 
 def test_a_model_of_another_make_has_no_series() -> None:
-    with pytest.raises(ValueError, match="other is no Feetech model: known are sts3215, "):
-        models.series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
+    with pytest.raises(ValueError, match="other is no servo that is known: known are ax-12a, "):
+        series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
 def test_a_potentiometer_sees_less_than_a_turn() -> None:

@@ -2,12 +2,11 @@
 
 import pytest
 
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel1 import tables as dxl
 from drivers.errors import DriverError, ServoRefused, ServoSilent
-from drivers.feetech import scs, sts
-from drivers.makes import language_of
-from drivers.registers import Register
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs, sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Register
 from tests.drivers.test_single_calls import Bench, Case, every_case
 
 LASTING: dict[str, tuple[Register, int]] = {
@@ -38,7 +37,7 @@ def test_a_ping_is_answered_or_not(case: Case) -> None:
 @every_case
 def test_a_reg_write_waits_for_the_action(case: Case) -> None:
     bench = Bench(case)
-    goal = GOALS[language_of(case.model)]
+    goal = GOALS[series_of(case.model).protocol.name]
     before = bench.held(goal)
     bench.bus.reg_write(1, goal, 700)
     assert bench.held(goal) == before != 700
@@ -66,7 +65,7 @@ def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -
 @every_case
 def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
     bench = Bench(case)
-    register, value = LASTING[language_of(case.model)]
+    register, value = LASTING[series_of(case.model).protocol.name]
     factory = bench.held(register)
     bench.servos.servo(1).memory.put(register, value)
     bench.bus.factory_reset(1)
@@ -77,7 +76,7 @@ def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
 @every_case
 def test_who_is_there_by_one_question(case: Case) -> None:
     bench = Bench(case)
-    if language_of(case.model) == "Dynamixel protocol 2.0":
+    if series_of(case.model).protocol.name == "Dynamixel protocol 2.0":
         assert bench.bus.broadcast_ping() == (1,)
         bench.servos.faults.silence(1)
         assert bench.bus.broadcast_ping() == ()

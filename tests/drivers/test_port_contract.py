@@ -13,9 +13,9 @@ import pytest
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import PortLost
-from drivers.feetech import wire
 from drivers.port import Port
-from drivers.serial_port import SerialPort
+from drivers.port.serial_port import SerialPort
+from drivers.protocol import v1 as wire
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant

@@ -1,23 +1,22 @@
-"""The bus that asks each servo by itself, over the virtual wire: what every ServoBus promises, and what differs."""
+"""The bus that asks each servo by itself, over the virtual wire: what every Bus promises, and what differs."""
 
 import logging
 from collections.abc import Callable
 
 import pytest
 
-from drivers.bus import ServoBus, ServoFault, ServoGoal, ServoState
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.clock import MonotonicClock
-from drivers.dynamixel import x_series
-from drivers.dynamixel.bus import DynamixelBus
-from drivers.dynamixel1 import tables as dxl
 from drivers.errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
-from drivers.feetech import scs, sts, wire
-from drivers.feetech.bus import FeetechBus
-from drivers.makes import MODELS, bus_for, language_of, make_of
-from drivers.read_each.bus import ReadEachBus
-from drivers.read_each.series import series_of
-from drivers.registers import ServoModel
+from drivers.protocol import v1 as wire
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs, sts
+from drivers.servos import x as x_series
+from drivers.servos.catalog import MODELS, series_of
+from drivers.servos.register import ServoModel
 from sim_backend.clock import SimulatedClock
+from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, Kind, Line
 from tests.drivers.fault_lines import READ_EACH as KINDS
 from tests.drivers.tape import Tape
@@ -49,10 +48,10 @@ class ScriptedPort(Tape):
         self.input = b""
 
 
-def scripted(kind: Kind, *answers: bytes) -> tuple[ReadEachBus, ScriptedPort, SimulatedClock]:
+def scripted(kind: Kind, *answers: bytes) -> tuple[Bus, ScriptedPort, SimulatedClock]:
     clock = SimulatedClock(5.0)
     port = ScriptedPort(clock, *answers)
-    return ReadEachBus(port, clock, kind.models), port, clock
+    return Bus(port, clock, kind.models), port, clock
 
 
 # One servo
@@ -109,7 +108,7 @@ def test_a_mode_in_which_goals_mean_something_else_is_refused(kind: Kind, limits
 )
 def test_a_servo_that_does_not_answer_everything_is_refused(kind: Kind, level: int, text: str) -> None:
     line = Line(kind)
-    line.servos.servo(3).memory.put(series_of((kind.model,)).status_level, level)
+    line.servos.servo(3).memory.put(series_of(kind.model).status_level, level)
     with pytest.raises(ServoRefused, match=text):
         line.bus.identify(3, kind.model)
 
@@ -133,8 +132,8 @@ def test_a_corrupt_reply_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(3)
     with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
-        line.bus.read(3, series_of((kind.model,)).goal_position)
-    assert line.bus.goal(3) == line.held(3, series_of((kind.model,)).goal_position)
+        line.bus.read(3, series_of(kind.model).goal_position)
+    assert line.bus.goal(3) == line.held(3, series_of(kind.model).goal_position)
 
 
 @every_kind
@@ -142,7 +141,7 @@ def test_a_reply_of_another_length_is_no_value(kind: Kind) -> None:
     for data in (b"", b"\x01", b"\x01\x02\x03"):
         bus, _, _ = scripted(kind, wire.packet(1, 0, data))
         with pytest.raises(ServoCorrupt, match=f"answered {len(data)} bytes for goal_position"):
-            bus.read(1, series_of((kind.model,)).goal_position)
+            bus.read(1, series_of(kind.model).goal_position)
 
 
 @ax_and_scs
@@ -228,7 +227,7 @@ def test_endless_noise_ends(kind: Kind, noise: bytes) -> None:
     assert not any(isinstance(reading, ServoState) for reading in readings.values())
     assert clock.now() - 5.0 < 0.051
     with pytest.raises(ServoError):
-        bus.read(1, series_of((kind.model,)).goal_position)
+        bus.read(1, series_of(kind.model).goal_position)
     assert clock.now() - 5.0 < 0.11
 
 
@@ -277,7 +276,7 @@ def test_an_exchange_puts_the_promised_bytes_on_the_wire(kind: Kind) -> None:
 
     line.port.write = counting  # type: ignore[method-assign]
     goals = {i: ServoGoal(600) for i in IDS}
-    readings = line.bus.exchange(goals, IDS, line.clock.now() + 0.02)
+    readings = exchange(line.bus, goals, IDS, line.clock.now() + 0.02)
     assert all(isinstance(reading, ServoState) for reading in readings.values())
     assert line.bus.exchange_size(goals, IDS) == sent + 14 * len(IDS)
     assert [line.bus.goal(i) for i in IDS] == [600] * len(IDS)
@@ -364,33 +363,32 @@ def test_that_a_cycle_takes_longer_is_said_once(caplog: pytest.LogCaptureFixture
 @pytest.mark.parametrize(
     ("models", "bus"),
     [
-        ((sts.STS3215, sts.STS3032), FeetechBus),
-        ((scs.SCS15, scs.SCS0009), ReadEachBus),
-        ((dxl.AX_12A, dxl.MX_28), ReadEachBus),
-        ((x_series.XL430_W250,), DynamixelBus),
+        ((sts.STS3215, sts.STS3032), Bus),
+        ((scs.SCS15, scs.SCS0009), Bus),
+        ((dxl.AX_12A, dxl.MX_28), Bus),
+        ((x_series.XL430_W250,), Bus),
     ],
 )
-def test_the_bus_fits_the_servos(models: tuple[ServoModel, ...], bus: type[ServoBus]) -> None:
-    assert type(bus_for(dict(enumerate(models, 1)), Tape(), MonotonicClock())) is bus
+def test_the_bus_fits_the_servos(models: tuple[ServoModel, ...], bus: type[Bus]) -> None:
+    assert type(Bus(Tape(), MonotonicClock(), dict(enumerate(models, 1)))) is bus
 
 
 def test_servos_that_speak_differently_cannot_share_a_line() -> None:
     with pytest.raises(ValueError, match=r"tape: these servos cannot share a line: Feetech STS: 1 \(sts3215\); ") as e:
-        bus_for({1: sts.STS3215, 2: scs.SCS0009, 3: dxl.MX_28}, Tape(), MonotonicClock())
+        Bus(Tape(), MonotonicClock(), {1: sts.STS3215, 2: scs.SCS0009, 3: dxl.MX_28})
     assert "Feetech SCS: 2 (scs0009); Dynamixel protocol 1.0: 3 (mx-28)" in str(e.value)
 
 
 def test_every_model_has_a_name_a_make_and_a_language() -> None:
     assert all(model.name == name for name, model in MODELS.items())
-    assert {make_of(model) for model in MODELS.values()} == {"feetech", "dynamixel"}
-    assert len({language_of(model) for model in MODELS.values()}) == 4
-    assert make_of(MODELS["ax-12a"]) == "dynamixel" and make_of(MODELS["scs15"]) == "feetech"
+    assert {series_of(model).make for model in MODELS.values()} == {"feetech", "dynamixel"}
+    assert len({series_of(model).protocol.name for model in MODELS.values()}) == 4
+    assert series_of(MODELS["ax-12a"]).make == "dynamixel" and series_of(MODELS["scs15"]).make == "feetech"
 
 
-def test_the_reply_of_a_servo_whose_model_is_not_known_is_a_strange_one() -> None:
-    line = Line(KINDS[0])
-    known = {1: line.kind.models[1]}
-    bus = ReadEachBus(line.port, line.clock, known)
-    readings = bus.read_states((1, 2), line.clock.now() + 0.01)
-    assert isinstance(readings[1], ServoState) and isinstance(readings[2], ServoFault)
-    assert bus.counters.strange > 0
+@every_kind
+def test_a_servo_whose_model_is_not_known_is_taken_for_the_lines_first(kind: Kind) -> None:
+    line = Line(kind)
+    bus = Bus(line.port, line.clock, {1: line.kind.models[1]})
+    readings = bus.read_states((1, 2), line.clock.now() + 0.02)
+    assert isinstance(readings[1], ServoState) and isinstance(readings[2], ServoState)

@@ -2,10 +2,12 @@
 
 import pytest
 
-from drivers.bus import ServoFault, ServoState
-from drivers.dynamixel1 import tables as dxl
-from drivers.feetech import scs
-from drivers.read_each.series import DYNAMIXEL1, SCS, Series
+from drivers.bus.types import ServoFault, ServoState
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs
+from drivers.servos.dynamixel import AX_MX
+from drivers.servos.feetech import SCS
+from drivers.servos.series import Series
 from tests.drivers.fault_lines import IDS, READ_EACH, Line
 
 
@@ -14,17 +16,18 @@ def test_who_was_not_asked_is_first_the_next_time() -> None:
     readings = line.bus.read_states(IDS, line.clock.now() + 0.001)
     unasked = [i for i, r in readings.items() if isinstance(r, ServoFault)]
     assert 0 < len(unasked) < len(IDS)
-    assert "was not asked: the cycle was over" in str(readings[unasked[0]])
-    assert line.account(unasked[0]).skipped == 1 and line.account(unasked[0]).silent == 0
+    assert "was not measured: the cycle had no time left" in str(readings[unasked[0]])
+    assert line.account(unasked[0]).no_time == 1 and line.account(unasked[0]).silent == 0
     again = line.bus.read_states(IDS, line.clock.now() + 0.001)
     assert all(isinstance(again[i], ServoState) for i in unasked)
 
 
-@pytest.mark.parametrize("series", (SCS, DYNAMIXEL1), ids=lambda series: series.name)
+@pytest.mark.parametrize("series", (SCS, AX_MX), ids=lambda series: series.name)
 def test_lengths_that_tell_late_replies_survive_a_flipped_bit(series: Series) -> None:
-    lengths = [size + 2 for size in series.state_sizes]
+    sizes = [block.size for block in series.blocks]
+    lengths = [size + 2 for size in sizes]
     assert all((a ^ b).bit_count() >= 2 for a in lengths for b in lengths if a != b)
     tables = [scs.REGISTERS] if series is SCS else [dxl.registers(m) for m in series.models]
     # Two bytes beyond the memory table stand in Feetech's header of the SCS series.
     ends = [max(r.address + r.size for r in table) for table in tables]
-    assert series.state_address + max(series.state_sizes) <= min(ends)
+    assert series.blocks[0].address + max(sizes) <= min(ends)

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import ServoGoal
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
-from drivers.dynamixel1 import tables as dxl
-from drivers.feetech import scs
-from drivers.read_each.bus import ReadEachBus
-from drivers.read_each.line import bulk_packet, read_packet
-from drivers.registers import ServoModel
+from drivers.protocol.v1 import bulk_read, read
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs
+from drivers.servos.register import ServoModel
 from tests.drivers.tape import Tape
 
 # By name, because they have no types.
@@ -47,9 +47,9 @@ def sdk_sync_write(sdk: str, address: int, size: int, data: dict[int, bytes]) ->
     return tape.sent
 
 
-def bus_of(models: dict[int, ServoModel]) -> tuple[ReadEachBus, Tape]:
+def bus_of(models: dict[int, ServoModel]) -> tuple[Bus, Tape]:
     tape = Tape()
-    return ReadEachBus(tape, MonotonicClock(), models, say_how_long=False), tape
+    return Bus(tape, MonotonicClock(), models), tape
 
 
 @pytest.mark.parametrize("model", scs.MODELS.values(), ids=lambda m: m.name)
@@ -87,7 +87,7 @@ def test_dynamixel_goals(model: ServoModel, data: st.DataObject) -> None:
 def test_torque_off(sdk: str, servo_ids: list[int]) -> None:
     model, address = (scs.SCS0009, 40) if sdk == "scs" else (dxl.AX_12A, 24)
     bus, tape = bus_of(dict.fromkeys(servo_ids, model))
-    bus._single.write = lambda *_: None  # type: ignore[method-assign]
+    bus.write = lambda *_: None
     bus.torque_off(servo_ids)
     assert tape.sent == sdk_sync_write(sdk, address, 1, dict.fromkeys(servo_ids, b"\0"))
 
@@ -99,17 +99,15 @@ def test_bulk_read(servo_ids: list[int], address: int, size: int) -> None:
     parameters = [number for servo_id in servo_ids for number in (size, servo_id, address)]
     # Not GroupBulkRead: it passes an argument that this handler does not take.
     assert handler.bulkReadTx(tape, parameters, len(parameters)) == dynamixel.COMM_SUCCESS
-    assert tape.sent == bulk_packet(tuple(servo_ids), address, size)
+    assert tape.sent == bulk_read(dict.fromkeys(servo_ids, (address, size)))
 
 
 @given(ids)
 def test_states_of_mx_are_asked_for_by_bulk_read(servo_ids: list[int]) -> None:
     bus, tape = bus_of(dict.fromkeys(servo_ids, dxl.MX_28))
-    steps = bus.state_steps(servo_ids, math.inf)
-    next(steps)
-    steps.close()
+    bus.request(servo_ids, math.inf)
     assert tape.sent == (
-        bulk_packet(tuple(servo_ids), 36, 8) if len(servo_ids) > 1 else read_packet(servo_ids[0], 36, 8)
+        bulk_read(dict.fromkeys(servo_ids, (36, 8))) if len(servo_ids) > 1 else read(servo_ids[0], 36, 8)
     )
 
 
@@ -119,4 +117,4 @@ def test_read(sdk: str, servo_id: int, address: int, size: int) -> None:
     module, handler = HANDLERS[sdk]
     tape = Tape()
     assert handler().readTx(tape, servo_id, address, size) == module.COMM_SUCCESS
-    assert tape.sent == read_packet(servo_id, address, size)
+    assert tape.sent == read(servo_id, address, size)

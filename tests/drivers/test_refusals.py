@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from drivers.bus import ServoFault, ServoState
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.burst import FAST_TRIES
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.group_read import FAST_TRIES
+from drivers.bus.late_replies import OPEN_S
+from drivers.bus.types import ServoFault, ServoState
 from drivers.errors import ServoRefused
-from drivers.feetech import wire
-from drivers.owed import OWED_S
+from drivers.protocol import v1 as wire
+from drivers.servos import ax_mx as dxl
+from drivers.servos import x
 from sim_backend.dynamixel_wire import status_packet
 from sim_backend.line import Reply
 from sim_backend.port import VirtualPort
@@ -42,9 +42,9 @@ def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
     [
         *((kind, RESULT_FAIL, "it could not do it") for kind in X_KINDS),
         *((kind, NO_ACCESS, "it has no such register") for kind in X_KINDS if not kind.mapped),
-        (AX, 0x08, "it names a range error"),
-        (AX, 0x51, "it names a checksum and instruction error"),
-        (MX, 0x48, "it names a range and instruction error"),
+        (AX, 0x08, "it refused the instruction (range error)"),
+        (AX, 0x51, "it refused the instruction (checksum and instruction error)"),
+        (MX, 0x48, "it refused the instruction (range and instruction error)"),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
@@ -175,12 +175,12 @@ def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple
 def test_a_servo_that_refuses_does_not_end_the_fast_reads_of_the_others() -> None:
     line = Line(next(kind for kind in X_KINDS if kind.mapped and not kind.with_goals))
     line.bus.read_states(IDS)
-    burst = line.bus._burst  # type: ignore[attr-defined]
+    burst = line.bus._group
     assert burst.fast
     end = refuse(line, 4, RESULT_FAIL)
     for _ in range(3 * FAST_TRIES):
         line.cycle()
-        line.clock.sleep_until(line.clock.now() + 2.0 * OWED_S)  # so that every cycle is asked fast
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle is asked fast
     end()
     assert burst.fast
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.feetech import sts
-from drivers.registers import Access, ByteOrder, Register
+from drivers.servos import sts
+from drivers.servos.register import Access, ByteOrder, Register
 
 BYTE = Register("byte", 0, 1)
 WORD = Register("word", 0, 2)

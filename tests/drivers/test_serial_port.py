@@ -18,12 +18,11 @@ from typing import Any
 import pytest
 import serial
 
-from drivers import port_owners as owners
-from drivers import serial_port
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
-from drivers.port_owners import port_owners
-from drivers.serial_port import SerialPort
+from drivers.port import owners, serial_port
+from drivers.port.owners import port_owners
+from drivers.port.serial_port import SerialPort
 
 HOLD = """
 import sys
@@ -249,7 +248,7 @@ def test_a_port_that_turns_out_not_to_fit_is_left_open_to_others(
 def test_a_program_that_is_killed_leaves_the_emulators_line_open_to_others(terminal: Terminal) -> None:
     """The kernel takes the mark off with the last close, and the far end of a pseudo-terminal stays open."""
     program = (
-        "import os, signal, sys; from drivers.serial_port import SerialPort\n"
+        "import os, signal, sys; from drivers.port.serial_port import SerialPort\n"
         "port = SerialPort(sys.argv[1]); os.kill(os.getpid(), signal.SIGKILL)"
     )
     killed = subprocess.run([sys.executable, "-c", program, terminal.device], cwd=Path(__file__).parents[2])

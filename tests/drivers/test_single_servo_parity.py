@@ -9,16 +9,18 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.bus import ServoBus
-from drivers.dynamixel import wire, x_series, xl320
-from drivers.dynamixel1 import tables as dxl
+from drivers.bus.bus import Bus
 from drivers.errors import DriverError, ServoRefused, ServoSilent
-from drivers.feetech import models as feetech_models
-from drivers.makes import MODELS, bus_for, language_of, make_of
-from drivers.registers import Access, Register, ServoModel
+from drivers.protocol import v2 as wire
+from drivers.servos import ax_mx as dxl
+from drivers.servos import x as x_series
+from drivers.servos import xl320
+from drivers.servos.catalog import MODELS, series_of
+from drivers.servos.register import Access, Register, ServoModel
+from tests.drivers.fault_lines import CYCLES
 from tests.drivers.tape import SilentTape
 
 # By name, because they have no types.
@@ -35,6 +37,8 @@ HANDLERS: dict[str, Callable[[], Any]] = {
 BROADCAST = 0xFE
 ids = st.integers(0, wire.LARGEST_ID)
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+some = settings(max_examples=CYCLES // 40)
+"""There are more models than reasons for one of them to be sent anything else."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -52,28 +56,28 @@ def table_of(model: ServoModel) -> tuple[Register, ...]:
             return x_series.registers(model)
         case xl320.XL320:
             return xl320.REGISTERS
-    return feetech_models.series_of(model).registers
+    return series_of(model).registers
 
 
-def ours(model: ServoModel, servo_id: int, tell: Callable[[ServoBus], object]) -> bytes:
+def ours(model: ServoModel, servo_id: int, tell: Callable[[Bus], object]) -> bytes:
     """What our bus sends. Nobody answers."""
     feetech.SCS_SETEND(0)
     tape = SilentTape()
     with suppress(ServoSilent):
-        tell(bus_for({servo_id: model}, tape, tape.clock))
+        tell(Bus(tape, tape.clock, {servo_id: model}))
     return tape.sent
 
 
 def theirs(model: ServoModel, tell: Callable[[Any, SilentTape], object]) -> bytes:
     """What the SDK sends."""
     tape = SilentTape()
-    tell(HANDLERS[language_of(model)](), tape)
+    tell(HANDLERS[series_of(model).protocol.name](), tape)
     return tape.sent
 
 
 def contents(model: ServoModel, register: Register, value: int) -> list[int]:
     """A value's bytes by the SDK's own macros, signs too."""
-    if make_of(model) == "feetech":
+    if series_of(model).make == "feetech":
         raw = value if register.sign_bit is None else feetech.SCS_TOSCS(value, register.sign_bit)
         return [raw] if register.size == 1 else [feetech.SCS_LOBYTE(raw), feetech.SCS_HIBYTE(raw)]
     words = [dynamixel.DXL_LOWORD(value), dynamixel.DXL_HIWORD(value)]
@@ -88,6 +92,8 @@ def same(sent: bytes, sdk_sent: bytes, content: list[int]) -> bool:
 
 
 @every_model
+@pytest.mark.soak
+@some
 @given(servo_id=ids, data=st.data())
 def test_read(model: ServoModel, servo_id: int, data: st.DataObject) -> None:
     register = data.draw(st.sampled_from(table_of(model)))
@@ -97,6 +103,8 @@ def test_read(model: ServoModel, servo_id: int, data: st.DataObject) -> None:
 
 @every_model
 @pytest.mark.parametrize(("call", "sdk_call"), [("write", "writeTxOnly"), ("reg_write", "regWriteTxOnly")])
+@pytest.mark.soak
+@some
 @given(servo_id=ids, data=st.data())
 def test_write_and_reg_write(model: ServoModel, call: str, sdk_call: str, servo_id: int, data: st.DataObject) -> None:
     register = data.draw(st.sampled_from([r for r in table_of(model) if r.access is Access.READ_WRITE]))
@@ -122,6 +130,8 @@ def test_what_the_sdk_forgets_to_stuff_is_stuffed(call: str, code: int, value: i
 
 
 @every_model
+@pytest.mark.soak
+@some
 @given(servo_id=ids)
 def test_ping(model: ServoModel, servo_id: int) -> None:
     packet = theirs(model, lambda sdk, tape: sdk.ping(tape, servo_id))
@@ -137,13 +147,13 @@ def test_action(model: ServoModel) -> None:
 @every_model
 def test_broadcast_ping(model: ServoModel) -> None:
     """Protocol 2.0 alone has it; in dynamixel_sdk's protocol 1.0 it is not available, and scservo_sdk lacks it."""
-    if language_of(model) == "Dynamixel protocol 2.0":
+    if series_of(model).protocol.name == "Dynamixel protocol 2.0":
         packet = theirs(model, lambda sdk, tape: sdk.broadcastPing(tape))
         assert ours(model, 1, lambda bus: bus.broadcast_ping()) == packet != b""
         return
     tape = SilentTape()
     with pytest.raises(DriverError, match="ping each ID"):
-        bus_for({1: model}, tape, tape.clock).broadcast_ping()
+        Bus(tape, tape.clock, {1: model}).broadcast_ping()
     assert tape.sent == b""
 
 
@@ -153,15 +163,17 @@ def by_the_manual(servo_id: int, instruction: int) -> bytes:
 
 
 @every_model
+@pytest.mark.soak
+@some
 @given(servo_id=ids)
 def test_reboot(model: ServoModel, servo_id: int) -> None:
     """scservo_sdk has none; protocol 1.0 has none, which dynamixel_sdk says by sending nothing."""
-    if language_of(model) == "Dynamixel protocol 1.0":
+    if series_of(model).protocol.name == "Dynamixel protocol 1.0":
         with pytest.raises(ServoRefused, match="cannot be rebooted"):
             ours(model, servo_id, lambda bus: bus.reboot(servo_id))
         assert theirs(model, lambda sdk, tape: sdk.reboot(tape, servo_id)) == b""
         return
-    if make_of(model) == "feetech":
+    if series_of(model).make == "feetech":
         packet = by_the_manual(servo_id, 8)
     else:
         packet = theirs(model, lambda sdk, tape: sdk.reboot(tape, servo_id))
@@ -169,12 +181,14 @@ def test_reboot(model: ServoModel, servo_id: int) -> None:
 
 
 @every_model
+@pytest.mark.soak
+@some
 @given(servo_id=ids)
 def test_factory_reset(model: ServoModel, servo_id: int) -> None:
     """scservo_sdk has none. In protocol 2.0 ID and baud rate are kept: option 2."""
-    if make_of(model) == "feetech":
+    if series_of(model).make == "feetech":
         packet = by_the_manual(servo_id, 6)
     else:
-        option = (2,) if language_of(model) == "Dynamixel protocol 2.0" else ()
+        option = (2,) if series_of(model).protocol.name == "Dynamixel protocol 2.0" else ()
         packet = theirs(model, lambda sdk, tape: sdk.factoryReset(tape, servo_id, *option))
     assert ours(model, servo_id, lambda bus: bus.factory_reset(servo_id)) == packet != b""

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.bus import ServoBus
-from drivers.feetech import sts
-from drivers.feetech.bus import FeetechBus
-from drivers.registers import Register
+from drivers.bus.bus import Bus
+from drivers.servos import sts
+from drivers.servos.register import Register
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
@@ -94,17 +93,19 @@ class Bench:
         self.place(counts)
         self.servos = VirtualBus.of(self.plant)
         self.opened = 0
+        self.watch_next_port: Callable[[int, Instruction], None] = lambda number, instruction: None
         self.port = self._new_port()
         self.hardware = ServoHardware("arm", joints, self.open_bus, self.clock)
 
     def _new_port(self) -> WatchedPort:
         return WatchedPort(VirtualPort(self.servos, self.clock))
 
-    def open_bus(self) -> ServoBus:
+    def open_bus(self) -> Bus:
         if self.opened:
             self.port = self._new_port()
+            self.port.before_write = self.watch_next_port
         self.opened += 1
-        return FeetechBus(self.port, self.clock)
+        return Bus(self.port, self.clock)
 
     def place(self, counts: Sequence[int]) -> None:
         """Turn the shafts by hand; whoever asks then is told so."""

@@ -12,6 +12,7 @@ from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import JointCommand, JointState
 from sim_backend.clock import SimulatedClock
+from tests.hal.faults import fault_texts
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 NAMES = ("first", "second", "third")
@@ -101,8 +102,8 @@ def test_staying_the_others_go_on_without_those_that_fail(caplog: pytest.LogCapt
     components, made = three()
     made[0].failing["configure"] = PortMissing("plug it in")
     made[1].failing["activate"] = ActivationError("move it by hand")
-    components.configure(stay=True)
-    components.activate(stay=True)
+    components.configure(keep_alive=True)
+    components.activate(keep_alive=True)
     assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
     assert "first stays unconfigured: plug it in" in caplog.text
     assert "second stays inactive: move it by hand" in caplog.text
@@ -112,7 +113,7 @@ def test_staying_is_no_excuse_for_a_defect() -> None:
     components, made = three()
     made[1].failing["configure"] = RuntimeError("a defect")
     with pytest.raises(RuntimeError, match="a defect"):
-        components.configure(stay=True)
+        components.configure(keep_alive=True)
     assert states(components) == [UNCONFIGURED] * 3
 
 
@@ -169,7 +170,7 @@ def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_ever
         components.write(np.zeros(3), 0.05)
     assert [len(one.written) for one in made] == [6, 6, 2]
     assert [one.written[-1].period_s for one in made] == pytest.approx([0.05, 0.05, 0.15])
-    components.hasten()
+    components.update_every_cycle()
     for _ in range(6):
         components.read()
         components.write(np.zeros(3), 0.05)
@@ -181,4 +182,4 @@ def test_before_anything_is_read_nothing_is_known() -> None:
     components.configure(["second", "third"])
     state = components.read()
     np.testing.assert_array_equal(state.position, [0.0, np.nan, np.nan])
-    assert state.faults == {"second_joint": "second is unconfigured", "third_joint": "third is unconfigured"}
+    assert fault_texts(state) == {"second_joint": "second is unconfigured", "third_joint": "third is unconfigured"}

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.dynamixel import x_series
-from drivers.makes import bus_for
+from drivers.bus.bus import Bus
+from drivers.servos import x as x_series
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servo_hardware import ServoHardware
@@ -12,6 +12,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from tests.hal.faults import fault_texts
 
 MODELS = {1: x_series.XM430_W350, 2: x_series.XL430_W250}
 JOINTS = [
@@ -24,13 +25,13 @@ JOINTS = [
 def test_one_that_was_reset_is_named_then_asked_for_its_torque_and_can_be_activated_again(victim: Joint) -> None:
     clock = SimulatedClock(20.0)
     servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
-    hardware = ServoHardware("arm", JOINTS, lambda: bus_for(MODELS, VirtualPort(servos, clock), clock), clock)
+    hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
     hardware.configure()
     hardware.activate()
 
     def faults() -> dict[str, str]:
         clock.sleep_until(clock.now() + 0.05)
-        return dict(hardware.read().faults)
+        return fault_texts(hardware.read())
 
     called = f"{victim.name}: servo {victim.servo_id}"
     assert faults() == {}

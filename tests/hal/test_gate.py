@@ -16,7 +16,6 @@ LIMITS = (
     JointLimits(0.5, 1.5, 1.0, 10.0, 100.0),
     JointLimits(0.0, 0.05, 0.2, 1.0, 20.0),
 )
-GATE = SafetyGate(LIMITS)
 LOWER = np.array([limit.lower for limit in LIMITS])
 UPPER = np.array([limit.upper for limit in LIMITS])
 REACH = np.array([limit.velocity for limit in LIMITS]) * PERIOD_S
@@ -29,13 +28,18 @@ inside = st.tuples(*(st.floats(limit.lower, limit.upper) for limit in LIMITS)).m
 shares = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
+def gate() -> SafetyGate:
+    """A new one for each test: how a gate is made is tested too."""
+    return SafetyGate(LIMITS)
+
+
 def gated(wanted: list[float], last: FloatArray = MIDDLE) -> Gated:
-    return GATE.limit(np.array(wanted), last, PERIOD_S)
+    return gate().limit(np.array(wanted), last, PERIOD_S)
 
 
 @given(commands, inside)
 def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: FloatArray) -> None:
-    out = GATE.limit(wanted, last, PERIOD_S).values
+    out = gate().limit(wanted, last, PERIOD_S).values
     assert np.isfinite(out).all()
     assert (out >= LOWER).all() and (out <= UPPER).all()
     assert (np.abs(out - last) <= REACH + ROUNDING).all()
@@ -43,21 +47,21 @@ def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: Flo
 
 @given(commands, inside, st.sampled_from((0.001, 0.01, 0.02, 0.1, 1.0)))
 def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, period_s: float) -> None:
-    out = GATE.limit(wanted, last, period_s).values
+    out = gate().limit(wanted, last, period_s).values
     assert (np.abs(out - last) <= REACH / PERIOD_S * period_s + ROUNDING).all()
 
 
 @given(inside, shares)
 def test_a_legal_command_passes_as_it_is_and_without_a_word(last: FloatArray, share: FloatArray) -> None:
     wanted = np.clip(last + share * REACH, LOWER, UPPER)
-    out = GATE.limit(wanted, last, PERIOD_S)
+    out = gate().limit(wanted, last, PERIOD_S)
     np.testing.assert_allclose(out.values, wanted, rtol=0.0, atol=ROUNDING)
     assert out.reasons == {}
 
 
 @given(commands, inside)
 def test_the_reasons_name_exactly_the_joints_that_were_changed(wanted: FloatArray, last: FloatArray) -> None:
-    out = GATE.limit(wanted, last, PERIOD_S)
+    out = gate().limit(wanted, last, PERIOD_S)
     changed = {i for i in range(3) if not abs(out.values[i] - wanted[i]) <= 1e-9}
     assert out.reasons.keys() == changed
 
@@ -65,14 +69,14 @@ def test_the_reasons_name_exactly_the_joints_that_were_changed(wanted: FloatArra
 @given(commands, inside)
 def test_one_joint_does_not_move_another(wanted: FloatArray, last: FloatArray) -> None:
     alone = np.where([True, False, False], wanted, last)
-    assert GATE.limit(alone, last, PERIOD_S).values[0] == GATE.limit(wanted, last, PERIOD_S).values[0]
+    assert gate().limit(alone, last, PERIOD_S).values[0] == gate().limit(wanted, last, PERIOD_S).values[0]
 
 
 @given(st.lists(commands, max_size=20), inside)
 def test_no_sequence_of_commands_outruns_the_velocity(sequence: list[FloatArray], start: FloatArray) -> None:
     last = start
     for wanted in sequence:
-        last = GATE.limit(wanted, last, PERIOD_S).values
+        last = gate().limit(wanted, last, PERIOD_S).values
     assert (np.abs(last - start) <= len(sequence) * REACH + ROUNDING * (1 + len(sequence))).all()
 
 
@@ -98,7 +102,7 @@ def test_a_reason_says_what_was_asked_and_what_is_allowed(wanted: float, reason:
 
 def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
     wanted, last = np.array([math.nan, 9.0, 0.0]), MIDDLE.copy()
-    out = GATE.limit(wanted, last, PERIOD_S).values
+    out = gate().limit(wanted, last, PERIOD_S).values
     out[:] = 77.0
     np.testing.assert_array_equal(wanted, [math.nan, 9.0, 0.0])
     np.testing.assert_array_equal(last, MIDDLE)
@@ -111,7 +115,7 @@ def test_from_a_little_outside_it_only_comes_nearer(
     """A joint may begin outside by play. No command takes it further out, none makes it leap back in."""
     ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
     last = ends + np.array(side) * REACH * reaches
-    out = GATE.limit(wanted, last, PERIOD_S).values
+    out = gate().limit(wanted, last, PERIOD_S).values
     outside_before = np.maximum(LOWER - last, last - UPPER)
     outside_after = np.maximum(LOWER - out, out - UPPER)
     assert (np.abs(out - last) <= REACH + ROUNDING).all()
@@ -122,11 +126,12 @@ def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:
     """Nothing safe can be made of it; whoever sends it must at least be told."""
     last = MIDDLE.copy()
     last[1] = math.nan
-    assert 1 in GATE.limit(MIDDLE, last, PERIOD_S).reasons
+    assert 1 in gate().limit(MIDDLE, last, PERIOD_S).reasons
 
 
-KINDS = ("position", "velocity", "effort")
-MIXED = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0)] * 3, KINDS)
+def mixed() -> SafetyGate:
+    """A position, a velocity and an effort."""
+    return SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0)] * 3, ["position", "velocity", "effort"])
 
 
 @given(st.lists(commands, max_size=20))
@@ -135,7 +140,7 @@ def test_velocities_and_efforts_stay_within_theirs_and_velocities_within_the_acc
 ) -> None:
     last = np.zeros(3)
     for wanted in sequence:
-        now = MIXED.limit(wanted, last, PERIOD_S).values
+        now = mixed().limit(wanted, last, PERIOD_S).values
         assert np.isfinite(now).all()
         assert (np.abs(now) <= [2.0, 4.0, 3.0]).all()
         assert (np.abs(now - last)[:2] <= np.array([4.0, 10.0]) * PERIOD_S + ROUNDING).all()
@@ -144,7 +149,7 @@ def test_velocities_and_efforts_stay_within_theirs_and_velocities_within_the_acc
 
 @pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
 def test_no_number_means_neither_moving_nor_pushing(nothing: float) -> None:
-    out = MIXED.limit(np.full(3, nothing), np.array([1.0, 0.2, 2.0]), PERIOD_S)
+    out = mixed().limit(np.full(3, nothing), np.array([1.0, 0.2, 2.0]), PERIOD_S)
     np.testing.assert_array_equal(out.values, [1.0, 0.0, 0.0])
     assert out.reasons[1] == f"the command is {nothing}: stopping"
 
@@ -170,6 +175,35 @@ def test_at_the_end_of_its_range_a_joint_may_only_go_back() -> None:
     out = gate.limit(np.array([0.4, -0.4]), np.zeros(2), PERIOD_S, np.array([2.0, 2.0]))
     np.testing.assert_allclose(out.values, [0.0, -0.4])
     assert out.reasons == {0: "0.4000 is too fast so near to the end of the joint's range: going at 0.0000"}
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("room", [0.001, 0.05, 0.4])
+@pytest.mark.parametrize("acceleration", [0.5, 10.0])
+@pytest.mark.parametrize("period_s", [0.01, 0.1])
+def test_towards_its_end_a_joint_is_as_fast_as_one_period_and_then_braking_allow(
+    side: float, room: float, acceleration: float, period_s: float
+) -> None:
+    """Not slower either: v * T + v² / (2 a) is what is left of the range."""
+    gate = SafetyGate([JointLimits(-2.0, 2.0, 90.0, acceleration, 100.0)], ["velocity"])
+    braked = acceleration * (math.sqrt(period_s**2 + 2.0 * room / acceleration) - period_s)
+    assert braked * period_s + braked**2 / (2.0 * acceleration) == pytest.approx(room)
+    measured, last = np.array([side * (2.0 - room)]), np.array([side * braked])
+    out = gate.limit(np.array([side * 90.0]), last, period_s, measured)
+    np.testing.assert_allclose(out.values, last, rtol=1e-6)
+    assert "is too fast so near to the end" in out.reasons[0]  # and not outside its limits, which are 90
+
+
+def test_a_command_changed_into_its_opposite_is_not_passed_over_in_silence() -> None:
+    gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)])
+    out = gate.limit(np.array([-0.1]), np.array([0.3]), PERIOD_S)
+    np.testing.assert_allclose(out.values, [0.1])
+    assert out.reasons == {0: "-0.1000 is too far for one period: going to 0.1000"}
+
+
+def test_a_kind_for_each_limit_is_wanted() -> None:
+    with pytest.raises(ValueError):
+        SafetyGate(LIMITS, ["position"])
 
 
 def test_a_joint_whose_place_is_unknown_or_whose_range_has_no_end_is_driven_as_asked() -> None:

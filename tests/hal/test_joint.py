@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from drivers.feetech.sts import STS3215
+from drivers.servos.sts import STS3215
 from hal.joint import Joint
 from hal.types import JointLimits
 

@@ -8,18 +8,17 @@ from typing import cast
 import numpy as np
 import pytest
 
-from drivers.bus import Reading, ServoBus
-from drivers.counters import BusCounters
+from drivers.bus.bus import Bus
+from drivers.bus.counters import BusCounters
+from drivers.bus.retry import ATTEMPTS
+from drivers.bus.types import Reading, ServoState
 from drivers.errors import DriverError, PortLost
-from drivers.feetech import sts
-from drivers.feetech.bus import FeetechBus
-from drivers.tries import ATTEMPTS
-from drivers.turns import Steps, Wait, finish
+from drivers.servos import sts
 from hal.components import Components
 from hal.errors import ActivationError
 from hal.joint import Joint
+from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState
-from hal.lines import Lines
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
 from hal.types import JointCommand
@@ -30,6 +29,7 @@ from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from tests.hal.bench import JOINTS, PERIOD_S, WatchedPort, at, switches_torque_on
+from tests.hal.faults import fault_texts
 
 SHOULDER, ELBOW, FINGER = (
     replace(JOINTS[0], bus="arm"),
@@ -54,8 +54,8 @@ class Ports:
             self.ports[name] = WatchedPort(VirtualPort(self.servos[name], self.clock, name=f"/dev/{name}"))
         self.hardware = ServoHardware("arm", (SHOULDER, FINGER, ELBOW), self.open, self.clock)
 
-    def open(self) -> Mapping[str, ServoBus]:
-        return {name: FeetechBus(port, self.clock) for name, port in self.ports.items()}
+    def open(self) -> Mapping[str, Bus]:
+        return {name: Bus(port, self.clock) for name, port in self.ports.items()}
 
     def active(self) -> "Ports":
         self.hardware.configure()
@@ -157,12 +157,12 @@ def test_a_silent_servo_is_named_with_its_bus_and_hides_nobody() -> None:
     bench = Ports().active()
     bench.servos["arm"].faults.silence(1)
     state = bench.hardware.read()
-    assert state.faults == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
+    assert fault_texts(state) == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
     bench.servos["arm"].faults.restore(1)
     bench.clock.sleep_until(bench.clock.now() + 1.0)  # one that was silent is not asked in every cycle
     assert bench.hardware.read().faults == {}
     bench.servos["hand"].faults.silence(1)
-    assert bench.hardware.read().faults == {"finger": "finger (bus hand): servo 1 does not answer"}
+    assert fault_texts(bench.hardware.read()) == {"finger": "finger (bus hand): servo 1 does not answer"}
 
 
 def test_refusals_name_joint_servo_and_bus() -> None:
@@ -219,6 +219,9 @@ def test_every_servo_that_could_not_be_let_go_is_named_with_its_joint() -> None:
     assert hand.startswith("finger (bus hand): servo 1: does not answer")
 
 
+STATES = {"arm": ServoState(1, 0, 0.0, 12.0, 30.0), "hand": ServoState(2, 0, 0.0, 12.0, 30.0)}
+
+
 def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
     log: list[str] = []
 
@@ -227,15 +230,20 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
             self.name = name
             self.counters = BusCounters()
 
-        def state_steps(self, servo_ids: list[int], deadline_s: float) -> Steps[Mapping[int, Reading]]:
+        read_together = True
+
+        def request(self, servo_ids: list[int], deadline_s: float) -> None:
             log.append(f"ask {self.name}")
-            yield Wait.LAST
+            self.asked = servo_ids
+
+        def receive(self) -> Mapping[int, Reading]:
             log.append(f"wait {self.name}")
-            return {i: cast(Reading, self.name) for i in servo_ids}
+            return dict.fromkeys(self.asked, STATES[self.name])
 
     joints: list[Joint] = [SHOULDER, FINGER, ELBOW]
-    lines = Lines(joints, cast(Mapping[str, ServoBus], {"arm": Line("arm"), "hand": Line("hand")}))
-    assert finish(lines.reading(1.0)) == {"shoulder": "arm", "finger": "hand", "elbow": "arm"}
+    lines = JointBuses(joints, cast(Mapping[str, Bus], {"arm": Line("arm"), "hand": Line("hand")}))
+    lines.request(1.0)
+    assert lines.receive() == {"shoulder": STATES["arm"], "finger": STATES["hand"], "elbow": STATES["arm"]}
     assert log == ["ask arm", "ask hand", "wait arm", "wait hand"]
 
 

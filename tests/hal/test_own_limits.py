@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel1 import tables as dxl
 from drivers.errors import DriverError, ServoRefused
-from drivers.feetech import scs, sts
-from drivers.registers import Register, ServoModel
+from drivers.servos import ax_mx as dxl
+from drivers.servos import scs, sts, x
+from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
-from hal.lines import _refuse_short_reach
+from hal.joint_buses import _refuse_short_reach
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits
 from tests.drivers.fault_lines import KINDS, Line

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.dynamixel.x_series import XL430_W250
-from drivers.feetech.sts import STS3215
+from drivers.servos.sts import STS3215
+from drivers.servos.x import XL430_W250
 from hal.description import Component, Description, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from drivers.dynamixel import x_series
-from drivers.feetech import sts
-from drivers.makes import bus_for
+from drivers.bus.bus import Bus
+from drivers.servos import sts
+from drivers.servos import x as x_series
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits
@@ -25,7 +25,7 @@ def test_it_has_the_joints_direction_and_is_nan_where_a_model_measures_none() ->
     clock, plant = SimulatedClock(20.0), BenchPlant(list(models))
     servos = VirtualDynamixelBus.of(plant, models)
     joints = [Joint(f"joint{i}", i, model, LIMITS, sign=signs[i]) for i, model in models.items()]
-    hardware = ServoHardware("arm", joints, lambda: bus_for(models, VirtualPort(servos, clock), clock), clock)
+    hardware = ServoHardware("arm", joints, lambda: Bus(VirtualPort(servos, clock), clock, models), clock)
     hardware.configure()
     hardware.activate()
     plant.load_nm = [-1.0, -1.0, -1.0]  # pulls backwards, so the motors drive forwards
@@ -43,6 +43,6 @@ def test_it_is_not_among_what_a_cycle_reads_of_a_feetech_servo() -> None:
     servos = VirtualBus.of(BenchPlant([1]))
     joints = [Joint("joint1", 1, sts.STS3215, LIMITS)]
     models = {1: sts.STS3215}
-    hardware = ServoHardware("arm", joints, lambda: bus_for(models, VirtualPort(servos, clock), clock), clock)
+    hardware = ServoHardware("arm", joints, lambda: Bus(VirtualPort(servos, clock), clock, models), clock)
     hardware.configure()
     assert math.isnan(hardware.read().health["joint1"].current_a)

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from drivers.bus.retry import ATTEMPTS
 from drivers.errors import DriverError, PortLost, PortMissing
-from drivers.feetech import sts
-from drivers.tries import ATTEMPTS
+from drivers.servos import sts
 from hal.errors import ActivationError, LifecycleError
 from hal.lifecycle import LifecycleState
 from hal.servo_hardware import ServoHardware
@@ -255,7 +255,7 @@ def test_a_joint_a_little_outside_is_held_there_and_brought_in_within_its_veloci
 
 # Whatever fails on the way
 
-STEPS = len(IDS) * 5 + 1 + 1
+STEPS = len(IDS) * 5 + 1 + 2
 """Instructions of an activation: measure; of each its torque, two limits, goal and torque on; all goals."""
 
 Disturbance = Callable[[Bench], None]

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.errors import PortLost
-from drivers.feetech import sts
+from drivers.servos import sts
 from hal.lifecycle import LifecycleState
-from hal.types import JointCommand
+from hal.types import FloatArray, JointCommand
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at
+from tests.hal.faults import fault_texts
 
 HERE = at(0.0, 0.0, JOINTS[2].position(1500))
 """Where the bench's joints stand at the beginning."""
@@ -147,17 +148,28 @@ def test_a_silent_servo_is_named_while_the_others_go_on(
     for _ in range(4):
         position = position + at(0.05, 0.05, 0.001)
         state = bench.cycle(position)
-    assert state.faults == {name: f"{name}: servo {servo_id} does not answer"}
+    assert fault_texts(state) == {name: f"{name}: servo {servo_id} does not answer"}
     moved = np.abs(state.position - before.position) > [0.05, 0.05, 0.001]
     assert list(moved) == [joint.servo_id != servo_id for joint in JOINTS]
     assert set(state.health) == set(NAMES)
-    assert caplog.text.count(f"servo {servo_id} does not answer") == 1, "once an episode, not once a cycle"
+    assert [record.getMessage() for record in caplog.records] == [f"{name}: servo {servo_id} does not answer"], (
+        "once an episode, not once a cycle"
+    )
+
+
+def test_what_is_counted_of_a_silent_servo_goes_on() -> None:
+    bench = Bench().active()
+    bench.wait()
+    bench.servos.faults.silence(1)
+    counted = [bench.wait().health["shoulder"].counters for _ in range(12)]
+    silent = [account.silent for account in counted if account is not None]
+    assert silent[0] < silent[1] and counted[-1] is not None and counted[-1].skipped > 0
 
 
 def test_a_corrupt_reply_is_a_fault_of_one_cycle() -> None:
     bench = Bench().active()
     bench.servos.faults.corrupt_next(2, replies=3)
-    assert bench.wait().faults == {"elbow": "elbow: servo 2 answered with a wrong checksum"}
+    assert fault_texts(bench.wait()) == {"elbow": "elbow: servo 2 answered with a wrong checksum"}
     assert bench.wait().faults == {}
 
 
@@ -167,7 +179,7 @@ def test_a_servo_that_comes_back_with_torque_is_as_before(caplog: pytest.LogCapt
     bench.wait()
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
-    assert caplog.text.count("servo 2 answers again") == 1
+    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == ["elbow: servo 2 answers again"]
 
 
 def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
@@ -180,10 +192,11 @@ def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
     bench.servos.faults.restore(2)
     for _ in range(5):
         state = bench.cycle(HERE)
-        assert state.faults == {
+        assert fault_texts(state) == {
             "elbow": "elbow: servo 2 came back without torque (power dip?): activate again",
         }
-    assert caplog.text.count("came back without torque") == 1
+    said = [r.getMessage() for r in caplog.records if "came back without torque" in r.getMessage()]
+    assert said == ["elbow: servo 2 came back without torque (power dip?): activate again"]
     assert bench.torque() == [1, 7], "nobody but activate switches torque on"
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
@@ -191,8 +204,16 @@ def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
     assert bench.wait().faults == {}
 
 
+def comes_back(bench: Bench, position: FloatArray) -> None:
+    """Cycles until nobody is missing any more; the next one's goals are for all."""
+    for _ in range(20):
+        if not bench.cycle(position).faults:
+            return
+    pytest.fail("the servo was not taken back within a second")
+
+
 def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
-    """It missed goals meanwhile: the next one is far, and the speed that goes with it is small."""
+    """It got no goals meanwhile: the next one is as far from its last as the joint may go in a period."""
     bench = Bench().active()
     bench.servos.faults.silence(1)
     position = HERE
@@ -201,9 +222,11 @@ def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
         bench.cycle(position)
     bench.servos.faults.restore(1)
     begin = bench.measured(1)
+    comes_back(bench, position)
     bench.cycle(position)
-    assert bench.held(1, sts.goal_position) - begin > 300
-    assert bench.measured(1) - begin < 30
+    reach = JOINTS[0].limits.velocity * PERIOD_S / JOINTS[0].units_per_count
+    assert 0 < bench.held(1, sts.goal_position) - begin < 3.0 * reach
+    assert bench.measured(1) - begin < 2.0 * reach
 
 
 def missed_goals(*, interpolate: bool) -> Bench:
@@ -214,6 +237,8 @@ def missed_goals(*, interpolate: bool) -> Bench:
     for share in np.linspace(0.05, 0.5, 10):
         bench.cycle(HERE + at(share, 0.0, 0.0))
     bench.servos.faults.restore(1)
+    comes_back(bench, HERE + at(0.5, 0.0, 0.0))
+    bench.cycle(HERE + at(0.5, 0.0, 0.0))
     return bench
 
 
@@ -227,7 +252,11 @@ def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: 
         state = bench.cycle(HERE + at(0.5, 0.0, 0.0))
         assert abs(bench.measured(1) - before) <= bound * PERIOD_S * 1.1
         if abs(state.position[0] - 0.5) > 0.1:
-            assert 0 < bench.held(1, sts.goal_velocity) <= bound + 1
+            # Told a little faster than needed.
+            velocity = bench.held(1, sts.goal_velocity)
+            # 0, as fast as it can, is for goals that it reaches within a period.
+            near = abs(bench.held(1, sts.goal_position) - bench.measured(1)) <= 2.0 * bound * PERIOD_S
+            assert velocity <= bound * 1.05 + 21 and (velocity > 0 or (near and not interpolate))
     assert state.position[0] == pytest.approx(0.5, abs=0.03)
 
 

@@ -90,6 +90,7 @@ def test_programs_run(workspace: Path) -> None:
     assert "--controllers" in run.stdout
 
 
+@pytest.mark.slow
 def test_symlink_installation_runs_too_and_follows_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """colcon build --symlink-install: what is edited in the checkout needs no new build."""
     pytest.importorskip("ament_package")

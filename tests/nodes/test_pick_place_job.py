@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from nodes.pick_place_job import Ending, Outcome, PickPlaceJob, Result, State
-from nodes.pick_place_settings import Settings
+from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
+from nodes.pick_place.settings import Settings
 
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)

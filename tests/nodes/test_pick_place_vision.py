@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from nodes.pick_place_job import Phase, State
-from nodes.pick_place_state import state_json
-from nodes.pick_place_vision import candidate, reason_not_fresh
+from nodes.pick_place.job import Phase, State
+from nodes.pick_place.state import state_json
+from nodes.pick_place.vision import candidate, reason_not_fresh
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from controller.interface import Surroundings
+from controller.interface import ControllerContext
 from controller.parameters import Parameters
 from hal.types import FloatArray, JointState
 
@@ -38,7 +38,7 @@ class Troublesome:
         self.command: FloatArray = np.full(1, np.nan)
 
     @classmethod
-    def build(cls, name: str, parameters: Any, surroundings: Surroundings) -> "Troublesome":
+    def build(cls, name: str, parameters: Any, context: ControllerContext) -> "Troublesome":
         return cls(name, parameters)
 
     def activate(self, state: JointState, command: FloatArray) -> None:

@@ -62,6 +62,7 @@ MANAGER: Final = {
     "cm-services": "the eleven services with upstream's types",
     "cm-parameter-services": "list, get, get_types, set, set_atomically, describe",
     "cm-load": "load fails for a loaded name, a missing or an unknown type",
+    "cm-late-parameters": "a controller whose parameters are missing can be loaded, set on its node, then configured",
     "cm-configure": "configure: inactive once more, active not",
     "cm-cleanup": "cleanup: unconfigured yes, active not",
     "cm-unload": "unload: active not",

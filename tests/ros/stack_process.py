@@ -57,10 +57,10 @@ def until(ready: Callable[[], bool], failed: Callable[[], object] = lambda: None
 
 
 @contextmanager
-def running(folder: Path, *arguments: str) -> Iterator[StackProcess]:
+def running(folder: Path, *arguments: str, module: str = "servoloop") -> Iterator[StackProcess]:
     """``servoloop up`` until the end of the block, ready for goals."""
     ready = folder / "ready"
-    stack = StackProcess(folder / "up.log", "up", "--ready-file", str(ready), *arguments)
+    stack = StackProcess(folder / "up.log", "up", "--ready-file", str(ready), *arguments, module=module)
     try:
         stack.wait_for(ready)
         yield stack

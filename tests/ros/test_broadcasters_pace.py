@@ -6,12 +6,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from nodes.pace import Pace
+from nodes.publishing import RateLimiter
 
 
 def times(stamps_s: Sequence[float], rate_hz: float) -> list[float]:
     """When it was due."""
-    pace = Pace()
+    pace = RateLimiter()
     return [stamp_s for stamp_s in stamps_s if pace.due(stamp_s, rate_hz)]
 
 

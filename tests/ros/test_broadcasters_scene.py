@@ -14,18 +14,18 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
-from controller.joint_state_broadcaster import JointStates
+from controller.broadcasters.joint_state_broadcaster import JointStates
 from hal.description import Description
-from nodes.conversions import time_message
 from nodes.robot_state_publisher import RobotStatePublisher
 from tests.ros.stack_process import until
+from tests.ros.stamps import time_message
 
 pytestmark = pytest.mark.ros
 
 CYCLE_S = 0.05
 
 
-class Links:
+class EmptyRobot:
     """A robot state publisher of a robot without joints, and how often it has looked at the scene."""
 
     def __init__(self, parameters: dict[str, Any]) -> None:
@@ -60,10 +60,10 @@ def executor(ros_domain: int) -> Iterator[SingleThreadedExecutor]:
 
 
 def test_the_scene_is_looked_at_once_a_second_while_nobody_listens(executor: SingleThreadedExecutor) -> None:
-    links = Links({})
-    executor.add_node(links.publisher.node)
-    links.cycle(200)
-    assert 9 <= links.looks <= 12
+    robot = EmptyRobot({})
+    executor.add_node(robot.publisher.node)
+    robot.cycle(200)
+    assert 9 <= robot.looks <= 12
 
 
 @pytest.mark.parametrize(
@@ -76,24 +76,24 @@ def test_those_who_listen_see_it_as_often_as_the_links(
     node = Node("onlooker")
     node.create_subscription(TFMessage, "/tf", seen.append, 200)
     executor.add_node(node)
-    links = Links({"frame_prefix": "left/", **parameters})
-    executor.add_node(links.publisher.node)
-    until(lambda: links.publisher._tf.get_subscription_count() == 1)
-    links.looks = 0
-    links.cycle(100)
+    robot = EmptyRobot({"frame_prefix": "left/", **parameters})
+    executor.add_node(robot.publisher.node)
+    until(lambda: robot.publisher._tf.get_subscription_count() == 1)
+    robot.looks = 0
+    robot.cycle(100)
     until(lambda: executor.spin_once(timeout_sec=0.1) or bool(seen))
     (transform,) = seen[0].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("left/base_link", "left/cube")
     assert transform.transform.translation.z == 0.3
-    assert links.looks == pytest.approx(looks, abs=1)
+    assert robot.looks == pytest.approx(looks, abs=1)
 
 
 @pytest.mark.parametrize("parameters", [{"publish_frequency": 0.0}, {"frame_prefix": 7}, {"ignore_timestamp": []}])
 def test_a_wrong_beginning_is_told_and_the_defaults_count(
     executor: SingleThreadedExecutor, parameters: dict[str, Any], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    links = Links(parameters)
-    executor.add_node(links.publisher.node)
+    robot = EmptyRobot(parameters)
+    executor.add_node(robot.publisher.node)
     (name,) = parameters
-    assert links.publisher.node.get_parameter("publish_frequency").value == 20.0
+    assert robot.publisher.node.get_parameter("publish_frequency").value == 20.0
     assert f"{name}: " in capfd.readouterr().err

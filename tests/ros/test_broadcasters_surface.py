@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from nodes.qos import LATCHED
+from nodes.publishing import LATCHED
 from tests.ros.onlooker import Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running
 

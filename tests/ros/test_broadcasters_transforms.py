@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from nodes.qos import LATCHED
+from nodes.publishing import LATCHED
 from servoloop.files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker
 from tests.ros.stack_process import JOINTS, StackProcess, running

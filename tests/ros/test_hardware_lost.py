@@ -18,7 +18,7 @@ from tests.ros.hardware_plugin import DEFECT, Orders, install
 from tests.ros.stack_process import READY, StackProcess, arm_client, running
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 

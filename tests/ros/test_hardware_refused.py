@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from servoloop.files import CONTROLLERS
+from tests.complaint import complaint
 from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.ros.two_components import MOCK, write_urdf
@@ -79,13 +80,16 @@ def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str
 
 @pytest.mark.row("cm-urdf-errors")
 @pytest.mark.parametrize("kind", [*BROKEN])
-def test_a_mistake_in_the_blocks_is_said_in_one_line(ros_domain: int, tmp_path: Path, kind: str) -> None:
+def test_a_mistake_in_the_blocks_is_said_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """In this process: each is found before there is a node."""
     what, by_what, says = BROKEN[kind]
     urdf = write_urdf(tmp_path)
     text = urdf.read_text()
     assert what in text
     urdf.write_text(text.replace(what, by_what, 1))
-    (line,) = refusal(tmp_path, "--urdf", str(urdf)).splitlines()
+    (line,) = complaint(capsys, monkeypatch, "up", "--urdf", str(urdf)).splitlines()
     assert line.startswith("servoloop: ") and says in line
 
 

@@ -19,13 +19,13 @@ from tests.servoloop.test_own_hardware import code
 
 pytestmark = pytest.mark.ros
 
-FACES = """
+INTERFACE_NODE = """
 from rcl_interfaces.msg import ParameterDescriptor
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 
-class Face:
+class WaveNode:
     def __init__(self, node, controller):
         self.controller = controller
         self.publisher = node.create_publisher(Float64, "~/swing", 10)
@@ -52,9 +52,16 @@ VELOCITY = '<state_interface name="velocity"/>'
 
 
 @pytest.mark.row("trouble-python")
-def test_a_users_controller_and_its_face(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(tmp_path, "wave", block("python"), "wave/Wave = wave:Wave\n[servoloop.faces]\nwave/Wave = wave_face:Face")
-    (tmp_path / "wave_face.py").write_text(FACES)
+def test_a_users_controller_and_its_interface_node(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(
+        tmp_path,
+        "wave",
+        block("python"),
+        "wave/Wave = wave:Wave\n[servoloop.controller_nodes]\nwave/Wave = wave_node:WaveNode",
+    )
+    (tmp_path / "wave_node.py").write_text(INTERFACE_NODE)
     (tmp_path / "controllers.yaml").write_text(block("yaml"))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     options = ("--hardware", "mock", "--controllers", str(tmp_path / "controllers.yaml"))
@@ -65,7 +72,7 @@ def test_a_users_controller_and_its_face(ros_domain: int, tmp_path: Path, monkey
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)
         assert "read-only" in client.put("/wave", "joint", "joint1")
         assert "greater than or equal to 0" in client.put("/wave", "amplitude", -1.0)
-        assert client.put("/wave", "amplitude", 0.6) == ""  # its face fails from here on, and nobody else
+        assert client.put("/wave", "amplitude", 0.6) == ""  # its interface fails from here on, and nobody else
         client.spin_until(lambda: "wave shows nothing from here on" in stack.words)
         assert client.states() == {"wave": "active"}
         assert client.switch((), ["wave"])[0] and client.cleanup("wave")
@@ -76,7 +83,7 @@ def test_a_users_controller_and_its_face(ros_domain: int, tmp_path: Path, monkey
         assert client.get("/wave", "unit", "amplitude") == ["rad", 0.2]
         swings.clear()
         assert client.switch(["wave"])[0]
-        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new face, on the same node
+        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new interface, on the same node
         assert "its ROS node lacks" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())

@@ -186,18 +186,18 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
         ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
         ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such', known types are"),
         ("hand", "nowhere", FORWARD, "load", "cannot read"),
-        ("hand", "arm", FORWARD, "load", "joints: Field required"),
-        ("hand", "narrow", FORWARD, "load", "hand.interface_name: Field required"),
+        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node /hand"),
+        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node /hand"),
     ],
 )
-def test_what_cannot_be_loaded_is_said_in_the_log(
+def test_what_cannot_be_loaded_or_configured_is_said_in_the_log(
     spawner: Spawner, stack: StackProcess, files: Path, name: str, file: str, kind: str, step: str, said: str
 ) -> None:
     # the manager still knows what was set for the tests before
     assert spawner.client.set_from_text(MANAGER, f"{name}.type", kind or "''")
     assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
     assert said in stack.words
-    assert spawner.client.states() == {}
+    assert spawner.client.states() == ({name: "unconfigured"} if step == "configure" else {})
 
 
 # Answers that are late

@@ -79,6 +79,7 @@ def link(tmp_path: Path) -> Iterator[Path]:
         yield link
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(SERVERS))
 def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
     """Where a port is named, an emulator's stands in for it: this machine has no arm."""
@@ -96,6 +97,7 @@ def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Pat
         assert served.end() == 0
 
 
+@pytest.mark.slow
 def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environment: dict[str, str]) -> None:
     stack = Served("servoloop up", tmp_path / "up", environment)
     stack.wait_for("ready: ")
@@ -109,6 +111,7 @@ def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environmen
         assert stack.end() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(ONCE))
 def test_what_ends_by_itself_does_its_work(
     command: str, tmp_path: Path, link: Path, environment: dict[str, str]

@@ -17,7 +17,18 @@ ROOT = Path(__file__).resolve().parents[2]
 def tests_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     """The tests of each row, of those that talk over a real middleware."""
     marked = tmp_path_factory.mktemp("rows") / "marked.json"
-    collect = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "ros", "-p", "tests.ros.marked", "tests"]
+    collect = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "--collect-only",
+        "-q",
+        "-m",
+        "ros",
+        "-p",
+        "tests.ros.marked",
+        "tests/ros",
+    ]
     subprocess.run(collect, cwd=ROOT, env={**os.environ, "MARKED": str(marked)}, check=True, capture_output=True)
     marks: dict[str, list[str]] = json.loads(marked.read_text())
     return marks

@@ -16,11 +16,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.task import Future
 from scservo_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
-from drivers.feetech import sts
-from servoloop.files import CONFIG
-from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, arm_client, emulating, running, until
+from drivers.servos import sts
+from servoloop.files import CONFIG, CONTROLLERS
+from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, StackProcess, arm_client, emulating, running, until
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 IDS = range(1, 8)
 ZERO_COUNTS = 2048
@@ -147,3 +147,16 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
         assert int(sound["replies"]) > int(silent["replies"]) > 0 == int(sound["corrupt"])
         assert set(counts[f"servoloop: {link}"]) == {"noise", "strange"}
         assert "joint4: servo 4 does not answer" in stack.words
+
+
+def test_a_rate_that_the_line_cannot_carry_is_refused_before_any_servo_gets_torque(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    controllers = tmp_path / "fast.yaml"
+    controllers.write_text(CONTROLLERS.read_text().replace("update_rate: 20", "update_rate: 600"))
+    with emulating(tmp_path) as link:
+        stack = StackProcess(tmp_path / "up.log", "up", "--port", str(link), "--controllers", str(controllers))
+        assert stack.process.wait(60.0) == 1
+        assert f"servoloop: {controllers}: 600 Hz are more than {link} carries" in stack.words
+        assert "set update_rate to 564 at most" in stack.words
+        assert torque(link) == [0] * 7

@@ -139,6 +139,7 @@ def test_the_stack_says_when_it_is_ready(stack: StackProcess) -> None:
     until(lambda: "ready: robot_arm at 20 Hz" in stack.words)
 
 
+@pytest.mark.slow
 def test_a_node_that_is_not_ours_gets_its_cubes_into_their_bins(stack: StackProcess) -> None:
     program = Path(__file__).with_name("foreign_pick_place.py")
     done = subprocess.run([sys.executable, str(program), "A", "B", "C"], capture_output=True, text=True, timeout=110)

@@ -12,7 +12,8 @@ pytest.importorskip("rclpy")
 
 from bench import storms
 from bench.ros import stack
-from bench.storms import STORMS, Watch, goals, run
+from bench.storm_watch import Watch
+from bench.storms import STORMS, goals, run
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

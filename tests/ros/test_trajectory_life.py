@@ -15,7 +15,7 @@ from action_msgs.msg import GoalStatusArray
 from controller_manager_msgs.srv import CleanupController, ConfigureController
 from sensor_msgs.msg import JointState
 
-from nodes.goals import RESULT_TIMEOUT_S
+from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from tests.ros.stack_process import JOINTS
 from tests.ros.trajectory_client import (
     ABORTED,

@@ -15,7 +15,7 @@ from tests.ros.stack_process import JOINTS, READY, StackProcess
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROBOT = ("--robot", str(CONFIG / "robot_arm_two_buses.yaml"))
 HAND = "hand_right_joint"

@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 from tf2_msgs.msg import TFMessage
 
-from nodes.qos import LATCHED
+from nodes.publishing import LATCHED
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import StackProcess, running
 

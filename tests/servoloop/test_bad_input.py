@@ -12,6 +12,7 @@ import pytest
 from servoloop import cli
 from servoloop.files import CONFIG, CONTROLLERS, URDF
 from sim_backend.world_feed import feed_path
+from tests.complaint import complaint
 
 
 @pytest.fixture
@@ -25,13 +26,11 @@ def line(tmp_path: Path) -> Iterator[Path]:
     os.close(master)
 
 
-def complaint(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
-    """Run the command line, which must fail; returns what it says."""
-    monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
-    with pytest.raises(SystemExit) as exit_:
-        cli.main()
-    assert exit_.value.code == 1
-    return capsys.readouterr().err
+@pytest.fixture(autouse=True)
+def ordinary_priority() -> Iterator[None]:
+    """A verb that has claimed real-time priority before it failed leaves none to the tests behind it."""
+    yield
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def edited(folder: Path, original: Path, old: str, new: str) -> str:
@@ -91,6 +90,7 @@ def test_of_several_buses_each_needs_its_port(
     assert "no --port for bus hand. The robot file has the buses arm, hand: say --port arm=PATH --port hand=" in words
 
 
+@pytest.mark.slow
 def test_a_port_without_servos_is_told_from_a_missing_one(
     line: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,6 +133,9 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),
         (("demo", "--grades", ""), "--grades takes grades such as A,B,C, not ''"),
         (("demo", "--grades", " ,"), "--grades takes grades such as A,B,C, not ' ,'"),
+        (("demo", "--grades", "A, Z,b,yy"), "--grades Z, yy: there is no bin for it. "),
+        (("demo", "--grades", "Z"), "vision_pick_place_controller.yaml has the grades A, B, C"),
+        (("pick", " "), "GRADE is empty, and every pick-place node refuses that: name one, such as A"),
         (("demo", "--out", "/proc/nix"), "cannot write into /proc/nix: No such file"),
     ],
     ids=lambda a: " ".join(a) if isinstance(a, tuple) else "",

@@ -5,15 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from controller.controllers_file import ControllersFileError
-from controller.kinds import PluginError
+from controller.manager.controllers_file import ControllersFileError
+from controller.manager.plugins import PluginError
 from hal.errors import DescriptionError, HalError, RobotFileError
 from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
-from servoloop.files import CONFIG, CONTROLLERS, Files, read_files
+from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
 from servoloop.hardware import HardwareKind, build
-from servoloop.initial_states import initial_states
 from sim_backend.clock import SimulatedClock
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 

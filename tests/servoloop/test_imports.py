@@ -1,8 +1,13 @@
 """Everything but nodes/ can be imported on a machine without ROS."""
 
+import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,4 +32,45 @@ for package in ("drivers", "hal", "controller", "sim_backend", "servoloop"):
 def test_all_rooms_but_nodes_import_without_ros() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert "servoloop.demo" in done.stdout and "controller.loop" in done.stdout
+    assert "servoloop.demo.demo" in done.stdout and "controller.loop" in done.stdout
+
+
+def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
+    out = log.open("w") if log else subprocess.PIPE
+    command = [sys.executable, "-m", "tests.servoloop.without_ros", *arguments]
+    return subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
+
+
+def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
+    """What a Raspberry Pi without ROS can do with its arm: serve it, measure its line."""
+    link = tmp_path / "bus"
+    emulator = start("emulate", str(link), log=tmp_path / "emulate.log")
+    try:
+        deadline_s = time.monotonic() + 60.0
+        while not link.exists():
+            assert emulator.poll() is None, (tmp_path / "emulate.log").read_text()
+            assert time.monotonic() < deadline_s, "never came"
+            time.sleep(0.05)
+        bench = start("bench", "bus", "--port", str(link), "--ids", "1-7", "--cycles", "20", "--json")
+        out, _ = bench.communicate(timeout=60)
+        assert bench.returncode == 0, out
+        assert json.loads(out.splitlines()[-1])["faults"]["silent"] == 0
+    finally:
+        emulator.send_signal(signal.SIGINT)
+        assert emulator.wait(60) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["--help"], 0, "Bring the arm up under ROS 2"),
+        (["bench", "bus", "--help"], 0, "--ids"),
+        (["up", "--hardware", "mock"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
+        (["pick", "A"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
+    ],
+    ids=["help", "bench", "up", "pick"],
+)
+def test_a_verb_that_needs_ros_says_so_and_the_others_do_not(arguments: list[str], status: int, words: str) -> None:
+    verb = start(*arguments)
+    out, _ = verb.communicate(timeout=60)
+    assert (verb.returncode, words in out) == (status, True), out

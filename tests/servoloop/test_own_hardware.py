@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
+from controller.manager.manager import ControllerManager
 from hal.lifecycle import LifecycleState
 from servoloop.files import HOME, read_files
 from servoloop.hardware import build
@@ -60,9 +60,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
 def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> None:
     read, clock = read_files(*files), SimulatedClock()
     hardware = build(None, read, {}, clock).hardware
-    manager = ControllerManager(hardware.command_interfaces)
+    manager = ControllerManager(hardware, read.limits)
     driver = Driver()
-    manager.add(driver)
+    manager.registry.add(driver)
     loop = ControlLoop(hardware, manager, read.limits, clock, 0.05)
     hardware.configure()
     loop.activate()
@@ -72,7 +72,7 @@ def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> Non
         state = loop.step()
     assert state.velocity[0] == pytest.approx(0.3)
     assert 0.2 < state.position[0] < 0.3
-    change = loop.changes.ask("conveyor", LifecycleState.INACTIVE)
+    change = loop.component_transitions.ask("conveyor", LifecycleState.INACTIVE)
     for _ in range(10):
         loop.step()
     assert change.done and change.result() is None

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DriverError
-from servoloop.ports import links, parse_ports, port_options, world_feed
+from servoloop.ports import device_paths, parse_ports, port_options, world_feed
 from sim_backend.world_feed import WorldFeed, feed_path
 
 TWO = ("arm", "hand")
@@ -57,17 +57,17 @@ def test_two_ports_for_one_bus() -> None:
 
 def test_an_emulators_places_are_the_stacks_ports(tmp_path: Path) -> None:
     link = tmp_path / "bus"
-    assert links(link, [""]) == {"": link}
+    assert device_paths(link, [""]) == {"": link}
     assert port_options(link, [""]) == ["--port", str(link)]
-    assert links(link, TWO) == {"arm": tmp_path / "bus.arm", "hand": tmp_path / "bus.hand"}
+    assert device_paths(link, TWO) == {"arm": tmp_path / "bus.arm", "hand": tmp_path / "bus.hand"}
     options = port_options(link, TWO)
-    assert parse_ports(options[1::2], TWO) == {name: str(path) for name, path in links(link, TWO).items()}
+    assert parse_ports(options[1::2], TWO) == {name: str(path) for name, path in device_paths(link, TWO).items()}
 
 
 @pytest.mark.parametrize("buses", [("",), TWO])
 def test_the_world_of_an_emulator_is_found_from_its_lines(tmp_path: Path, buses: tuple[str, ...]) -> None:
     link = tmp_path / "bus"
-    devices = {name: str(path) for name, path in links(link, buses).items()}
+    devices = {name: str(path) for name, path in device_paths(link, buses).items()}
     assert world_feed(devices) is None
     with WorldFeed(feed_path(link)):
         assert world_feed(devices) == feed_path(link)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from servoloop.ros import PACKAGES
-from tests.servoloop.test_bad_input import complaint
+from tests.complaint import complaint
 
 VERBS = [["up", "--hardware", "mock"], ["pick", "B"], ["demo", "--grades", "A"]]
 

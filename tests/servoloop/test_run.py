@@ -1,22 +1,23 @@
 """The loop's thread, whatever ends it: the arm is brought to its end, and the other thread learns of it."""
 
+import threading
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import PortLost
-from servoloop.aside import Aside
+from servoloop.background_worker import BackgroundWorker
 from servoloop.files import read_files
+from servoloop.loop_thread import HANG_S, LoopThread
 from servoloop.signals import Signals
-from servoloop.up import _Run
 from tests.controller.bench import Bench
 from tests.ros.two_components import write_urdf
 
 
-def run_of(folder: Path) -> tuple[Bench, _Run]:
+def run_of(folder: Path) -> tuple[Bench, LoopThread]:
     """Three cycles, and then the signal."""
     bench, signals = Bench().up(), Signals()
-    run = _Run(bench.loop, Aside(), False, read_files(write_urdf(folder)), signals)
+    run = LoopThread(bench.loop, BackgroundWorker(), False, read_files(write_urdf(folder)), signals)
     bench.loop.on_cycle = lambda state: signals.ask() if len(bench.hardware.written) > 2 else None
     return bench, run
 
@@ -56,8 +57,32 @@ def test_a_failure_on_the_way_out_is_one(tmp_path: Path) -> None:
 
 def test_what_is_done_aside_is_waited_for() -> None:
     done: list[int] = []
-    aside = Aside()
+    worker = BackgroundWorker()
     for number in range(3):
-        aside(lambda number=number: done.append(number))  # type: ignore[misc]
-    aside.join()
+        worker(lambda number=number: done.append(number))  # type: ignore[misc]
+    worker.join()
     assert sorted(done) == [0, 1, 2]
+
+
+def test_work_that_does_not_end_is_not_waited_for_for_ever() -> None:
+    worker, blocked = BackgroundWorker(join_s=0.01), threading.Event()
+    worker(blocked.wait)
+    with pytest.raises(TimeoutError, match="a hardware change is still under way after 0 s"):
+        worker.join()
+    blocked.set()
+    BackgroundWorker.join(worker)
+
+
+def test_a_loop_that_gets_on_does_not_hang_and_one_that_does_not_does(tmp_path: Path) -> None:
+    bench, run = run_of(tmp_path)
+    later = bench.clock.now() + HANG_S
+    run.alive_s = bench.clock.now()
+    bench.clock.sleep_until(later + 1.0)
+    assert not run.hangs()  # nobody has told it to end
+    run.signals.ask()
+    bench.clock.sleep_until(later + HANG_S)
+    assert not run.hangs()
+    bench.clock.sleep_until(later + HANG_S + 2.0)
+    assert run.hangs()
+    run()
+    assert not run.hangs()

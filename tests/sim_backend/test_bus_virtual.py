@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.feetech import sts
+from drivers.servos import sts
 from sim_backend.bus import Reply, VirtualBus
 from sim_backend.plant import BenchPlant, Coupling, WorldPlant
 from sim_backend.rig import Rig

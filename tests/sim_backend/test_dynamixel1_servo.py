@@ -2,11 +2,10 @@
 
 import pytest
 
-from drivers.bus import ServoGoal, ServoState
-from drivers.dynamixel1 import tables as dxl
-from drivers.feetech import wire
-from drivers.read_each.bus import ReadEachBus
-from drivers.read_each.line import bulk_packet, read_packet
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal, ServoState
+from drivers.protocol import v1 as wire
+from drivers.servos import ax_mx as dxl
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -21,7 +20,7 @@ class Bench:
         self.clock = SimulatedClock(10.0)
         self.plant = BenchPlant(IDS)
         self.servos = VirtualBus.of(self.plant, dxl.MODELS[model])
-        self.bus = ReadEachBus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, dxl.MODELS[model]))
+        self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, dxl.MODELS[model]))
         self.servo = self.servos.servo(1)
 
     def run(self, seconds: float) -> ServoState:
@@ -41,8 +40,8 @@ def ids_in(replies: bytes, size: int) -> list[int]:
 
 
 def test_an_mx_answers_a_bulk_read_and_an_ax_does_not() -> None:
-    assert ids_in(Bench("mx-28").ask(bulk_packet((3, 1, 2), 36, 8)), 8) == [3, 1, 2]
-    assert Bench("ax-12a").ask(bulk_packet(IDS, 36, 8)) == b""
+    assert ids_in(Bench("mx-28").ask(wire.bulk_read(dict.fromkeys((3, 1, 2), (36, 8)))), 8) == [3, 1, 2]
+    assert Bench("ax-12a").ask(wire.bulk_read(dict.fromkeys(IDS, (36, 8)))) == b""
     for model in dxl.MODELS:
         assert Bench(model).ask(wire.sync_read(IDS, 36, 8)) == b""
 
@@ -50,7 +49,7 @@ def test_an_mx_answers_a_bulk_read_and_an_ax_does_not() -> None:
 def test_a_silent_mx_hides_those_after_it_in_a_bulk_read() -> None:
     bench = Bench("mx-28")
     bench.servos.faults.silence(2)
-    assert ids_in(bench.ask(bulk_packet(IDS, 36, 8)), 8) == [1]
+    assert ids_in(bench.ask(wire.bulk_read(dict.fromkeys(IDS, (36, 8)))), 8) == [1]
 
 
 @every_model
@@ -96,7 +95,7 @@ def test_an_mx_reads_within_the_turn() -> None:
 def test_the_status_return_level_says_what_is_answered(model: str, level: int) -> None:
     bench = Bench(model)
     bench.servo.memory.put(dxl.status_return_level, level)
-    ping, read = wire.packet(1, 1, b""), read_packet(1, 36, 8)
+    ping, read = wire.packet(1, 1, b""), wire.read(1, 36, 8)
     write = wire.packet(1, 3, bytes((dxl.led.address, 1)))
     assert [bool(bench.ask(packet)) for packet in (ping, read, write)] == [True, level >= 1, level == 2]
     assert bench.servo.memory.get(dxl.led) == 1

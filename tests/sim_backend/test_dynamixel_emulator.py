@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.dynamixel import x_series as x
+from drivers.servos import x
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.emulator import serve
 from sim_backend.plant import BenchPlant

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivers.dynamixel import x_series as x
-from drivers.dynamixel.crc import crc16
-from drivers.dynamixel.wire import BROADCAST_ID, SYNC_READ, packet, span
-from drivers.sdk_port import SdkPort
+from drivers.bus.sdk_adapter import SdkAdapter
+from drivers.port.echo import Echo
+from drivers.protocol.crc import crc16
+from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, packet, span
+from drivers.servos import x
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import BROADCAST, Code, fast_block, fast_head, fast_length
@@ -29,7 +30,7 @@ class Group:
     def __init__(self) -> None:
         self.clock = SimulatedClock()
         self.bus = VirtualDynamixelBus.of(BenchPlant(tuple(MODELS)), MODELS)
-        self.port = SdkPort(VirtualPort(self.bus, self.clock), self.clock)
+        self.port = SdkAdapter(VirtualPort(self.bus, self.clock), self.clock, Echo())
 
     def reader(self, address: int = ADDRESS, size: int = 4) -> Any:
         reader = sdk.GroupSyncRead(self.port, handler, address, size)

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Register
+from drivers.servos import x
+from drivers.servos.register import Register
 from sim_backend.dynamixel_indirect import LONG, MIDDLE, SHORT, Window, windows_of
 from sim_backend.dynamixel_servo import VirtualXServo
 

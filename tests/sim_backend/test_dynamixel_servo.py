@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from drivers.dynamixel import x_series as x
-from drivers.registers import Access, Register
-from drivers.sdk_port import SdkPort
+from drivers.bus.sdk_adapter import SdkAdapter
+from drivers.port.echo import Echo
+from drivers.servos import x
+from drivers.servos.register import Access, Register
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_servo import REBOOT_S, VirtualXServo
@@ -27,7 +28,7 @@ class Bench:
         self.plant = BenchPlant((1,))
         self.plant.load_nm = [load_nm]
         self.bus = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
-        self.port = SdkPort(VirtualPort(self.bus, self.clock), self.clock)
+        self.port = SdkAdapter(VirtualPort(self.bus, self.clock), self.clock, Echo())
         self.servo = self.bus.servo(1)
 
     def run(self, seconds: float) -> None:
@@ -186,7 +187,7 @@ def test_overload_shuts_down_until_a_reboot() -> None:
 
 def test_a_baud_that_is_not_the_servos_is_not_understood() -> None:
     bench = Bench()
-    port = SdkPort(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock)
+    port = SdkAdapter(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock, Echo())
     assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
 
 

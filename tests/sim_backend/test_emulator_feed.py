@@ -1,7 +1,9 @@
 """The side channel beside the emulated bus: newest first, never in anybody's way."""
 
 import json
+import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,3 +142,18 @@ def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(PortBusy, match="no emulator's socket"):
         WorldFeed(path)
     assert path.read_text() == "mine"
+
+
+def test_nobody_waits_for_an_emulator_that_accepts_no_one(tmp_path: Path) -> None:
+    """One that hangs: its queue is full."""
+    path = feed_path(tmp_path / "bus")
+    with ExitStack() as ends:
+        server = ends.enter_context(socket.socket(socket.AF_UNIX))
+        server.bind(str(path))
+        server.listen(0)
+        first = ends.enter_context(socket.socket(socket.AF_UNIX))
+        first.connect(str(path))
+        with pytest.raises(OSError):
+            WorldFeedClient(path)
+        with pytest.raises(PortBusy, match="is served by another emulator"):
+            WorldFeed(path)

@@ -15,7 +15,7 @@ import pytest
 
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortError
-from drivers.feetech import sts
+from drivers.servos import sts
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
@@ -220,3 +220,17 @@ def test_ticks_are_served_and_stop_is_obeyed(tmp_path: Path) -> None:
         clock=MonotonicClock(),
     )
     assert ticks == sorted(ticks)
+
+
+def test_a_tick_has_the_time_of_the_world_and_not_of_the_clock(tmp_path: Path) -> None:
+    """Where the process is held up behind the physics, what is seen of the world is as old as that."""
+    bus, clock = VirtualBus.of(BenchPlant(IDS)), MonotonicClock()
+    begin_s = clock.now()
+    seen: list[tuple[float, float]] = []
+
+    def look(reached_s: float) -> None:
+        seen.append((reached_s, bus.reached_s))
+
+    serve(bus, tmp_path / "bus", stop=lambda: len(seen) >= 20, on_tick=look, clock=clock)
+    assert all(told_s == reached_s for told_s, reached_s in seen)
+    assert begin_s <= seen[0][0] < seen[-1][0] <= clock.now()

@@ -100,11 +100,26 @@ def test_a_pause_above_the_bin_does_not_end_the_job(run, world):
     assert run(1.0, joint=0, speed=0.5) == 1
 
 
-@pytest.mark.parametrize("cube", [{"place": "stand"}, {"touched": True}, {"at_rest": False}])
+@pytest.mark.parametrize(
+    "cube",
+    [
+        {"place": "stand"},
+        {"touched": True, "pose": (*READY[:6], 0.027)},
+        {"touched": True, "pose": (*PICK[:6], 0.0)},
+        {"at_rest": False},
+    ],
+)
 def test_a_cube_that_is_not_done_stays(run, world, cube):
     vars(world).update(cube)
     run(20.0)
     assert run(2.0, joint=5, speed=1.0) == 0
+
+
+def test_a_cube_that_leans_against_the_open_hand_at_ready_is_done(run, world):
+    """A job that failed has left it there, and the arm has come home without it."""
+    world.touched = True
+    run(1.0)
+    assert run(2.0, joint=5, speed=1.0) == 1
 
 
 def test_a_moving_hand_alone_is_no_new_job(run):

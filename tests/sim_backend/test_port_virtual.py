@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from drivers.errors import PortLost
-from drivers.feetech import sts
 from drivers.port import Port
+from drivers.servos import sts
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant

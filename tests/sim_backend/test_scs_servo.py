@@ -4,10 +4,12 @@ from math import pi
 
 import pytest
 
-from drivers.bus import ServoGoal, ServoState
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal, ServoState
 from drivers.eeprom import eeprom
-from drivers.feetech import models, scs, wire
-from drivers.read_each.bus import ReadEachBus
+from drivers.protocol import v1 as wire
+from drivers.servos import feetech as models
+from drivers.servos import scs
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -22,7 +24,7 @@ class Bench:
         self.clock = SimulatedClock(10.0)
         self.plant = BenchPlant(IDS)
         self.servos = VirtualBus.of(self.plant, scs.MODELS[model])
-        self.bus = ReadEachBus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, scs.MODELS[model]))
+        self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, scs.MODELS[model]))
 
     def run(self, seconds: float) -> ServoState:
         self.clock.sleep_until(self.clock.now() + seconds)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.feetech import sts
-from drivers.registers import Register
+from drivers.servos import sts
+from drivers.servos.register import Register
 from sim_backend.motion_profile import UNLIMITED, MotionProfile
 from sim_backend.motor import MotorConstants, Thermometer
 from sim_backend.plant import BenchPlant

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.feetech import sts
-from drivers.registers import Access, Register
+from drivers.servos import sts
+from drivers.servos.register import Access, Register
 from sim_backend.instructions import Instruction
 from sim_backend.servo import REBOOT_S, VirtualServo
 from sim_backend.sts_wire import Code, status_packet

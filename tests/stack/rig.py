@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller import factory
-from controller.forward_command_controller import ForwardCommandController
-from controller.goal import GoalHandle, GoalPoint, TrajectoryGoal
-from controller.interface import Controller, Surroundings
-from controller.joint_trajectory_controller import JointTrajectoryController
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.interface import Controller, ControllerContext
 from controller.loop import ControlLoop
-from controller.manager import ControllerManager
-from drivers.bus import ServoBus
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.bus.bus import Bus
 from hal.component import Component
 from hal.components import Components
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
+from servoloop.demo.following_error import reference_at
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
-from servoloop.following import reference_at
 from servoloop.hardware import servo_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
@@ -108,7 +108,7 @@ class StackRig:
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
-        stay: bool = False,
+        keep_alive: bool = False,
     ) -> None:
         self.files = files or read_files()
         self.clock = SimulatedClock()
@@ -129,16 +129,19 @@ class StackRig:
         self.hardware = self.made[0]
         components = Components(self.made, self.clock)
         limits = self.files.limits
-        self.manager = ControllerManager(components.command_interfaces)
-        surroundings = Surroundings(self.files.description, self.files.component, limits, self.manager.settled)
-        built = factory.build(self.files.controllers, surroundings)
+        self.manager = ControllerManager(components, limits)
+        context = ControllerContext(self.files.description, self.files.component, limits, self.manager.cycle.settled)
+        factory = Factory(self.files.controllers, context)
+        built = [factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
         self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
         for controller in built:
-            self.manager.add(wrap(controller))
+            self.manager.registry.add(wrap(controller))
         self.after_cycle: Callable[[], None] = lambda: None
         period_s = 1.0 / self.files.controllers.update_rate_hz
-        self.loop = ControlLoop(components, self.manager, limits, self.clock, period_s, self._on_cycle, stay=stay)
+        self.loop = ControlLoop(
+            components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
+        )
 
     def up(self) -> "StackRig":
         """Configure and activate."""
@@ -150,14 +153,14 @@ class StackRig:
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         names = {joint.bus for joint in joints}
 
-        def open_buses() -> dict[str, ServoBus]:
+        def open_buses() -> dict[str, Bus]:
             return {name: bus for name, bus in self._open_buses().items() if name in names}
 
         made = ServoHardware(component.name, joints, open_buses, self.clock)
         made.interpolate = interpolate
         return made
 
-    def _open_buses(self) -> dict[str, ServoBus]:
+    def _open_buses(self) -> dict[str, Bus]:
         return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.goal import GoalStatus
+from controller.trajectory.goal import GoalStatus
 from servoloop.files import CONFIG, read_files
 from tests.stack.rig import BINS, StackRig, UnpacedJob
 

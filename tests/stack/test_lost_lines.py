@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.ending import end
-from controller.goal import GoalStatus
+from controller.shutdown import shut_down
+from controller.trajectory.goal import GoalStatus
 from drivers.errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
@@ -23,9 +23,9 @@ def one_component() -> StackRig:
     return StackRig(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml"))
 
 
-def two_components(folder: Path, stay: bool = False) -> StackRig:
+def two_components(folder: Path, keep_alive: bool = False) -> StackRig:
     """A line each."""
-    return StackRig(files=read_files(write_servos(folder)), stay=stay)
+    return StackRig(files=read_files(write_servos(folder)), keep_alive=keep_alive)
 
 
 def sent(rig: StackRig) -> list[FloatArray]:
@@ -58,7 +58,7 @@ def test_with_the_hands_line_lost_the_arm_is_braked_and_parked_before_it_is_let_
         rig.run(0.5)
     commands, packets = sent(rig), len(rig.ports["arm"].sent)
     assert np.abs(commands[1] - commands[0]).max() > 0.05, "it is moving"
-    problems = end(rig.loop, relax, dict.fromkeys(ARM, 0.0), 0.25)
+    problems = shut_down(rig.loop, relax, dict.fromkeys(ARM, 0.0), 0.25)
     assert all("bus hand" in problem for problem in problems)
     assert len(commands) > 8
     assert len(rig.ports["arm"].sent) - packets >= len(commands) - 2, "each of them went to the arm"
@@ -77,7 +77,7 @@ def test_a_lost_hand_leaves_the_arm_its_goal(tmp_path: Path) -> None:
     assert handle.status is GoalStatus.SUCCEEDED
     np.testing.assert_allclose(rig.world.position()[:6], PICK, atol=0.05)
     assert [hardware.state for hardware in rig.made] == [ACTIVE, UNCONFIGURED]
-    assert rig.manager.state("hand_controller") is LifecycleState.INACTIVE
+    assert rig.manager.registry.state("hand_controller") is LifecycleState.INACTIVE
 
 
 def test_a_lost_arm_ends_its_goal_in_words(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_lost_arm_ends_its_goal_in_words(tmp_path: Path) -> None:
     rig.ports["arm"].port.unplug()
     rig.run(0.2)
     assert handle.status is GoalStatus.ABORTED
-    assert rig.manager.state("hand_controller") is ACTIVE
+    assert rig.manager.registry.state("hand_controller") is ACTIVE
     assert rig.hand.submit([CLOSED_M]) is None
     rig.run(1.5)
     assert rig.loop.command[6] == pytest.approx(CLOSED_M)
@@ -95,14 +95,14 @@ def test_a_lost_arm_ends_its_goal_in_words(tmp_path: Path) -> None:
 
 def test_the_arm_comes_back_where_it_stands_and_goes_on_from_there(tmp_path: Path) -> None:
     """Activated again, it gets its torque with the goal at its place, and a new goal begins there."""
-    rig = two_components(tmp_path, stay=True).up()
+    rig = two_components(tmp_path, keep_alive=True).up()
     rig.go(PICK)
     rig.run(0.9)
     rig.ports["arm"].port.unplug()
     rig.run(1.0)
     rig.ports["arm"].port = VirtualPort(rig.lines["arm"], rig.clock, name="plugged in again")
     before = rig.world.position()[:6].copy()
-    change = rig.loop.changes.ask("arm", ACTIVE)
+    change = rig.loop.component_transitions.ask("arm", ACTIVE)
     rig.run(0.5)
     assert change.done and change.result() is None
     np.testing.assert_allclose(rig.world.position()[:6], before, atol=0.06)  # it sags a little

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.goal import GoalStatus
+from controller.trajectory.goal import GoalStatus
 from hal.types import FloatArray
 from servoloop.files import CONFIG, URDF, Files, read_files
 from tests.stack.rig import BINS, PICK, READY, StackRig, UnpacedJob

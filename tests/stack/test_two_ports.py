@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from controller.ending import end
-from controller.goal import GoalStatus
-from drivers.dynamixel import x_series
+from controller.shutdown import shut_down
+from controller.trajectory.goal import GoalStatus
 from drivers.errors import PortLost
-from drivers.feetech import sts
-from drivers.turns import finish
+from drivers.servos import sts
+from drivers.servos import x as x_series
 from servoloop.files import CONFIG, read_files
 from tests.stack.rig import BINS, CLOSED_M, PICK, StackRig, UnpacedJob
 
@@ -55,7 +54,7 @@ def test_the_two_lines_answer_at_the_same_time() -> None:
     for name, bus in buses.items():
         ids = [joint.servo_id for joint in rig.files.robot.joints if joint.bus == name]
         begin_s = rig.clock.now()
-        finish(bus.state_steps(ids, begin_s + 0.05))
+        bus.read_states(ids, begin_s + 0.05)
         alone_s[name] = rig.clock.now() - begin_s
     assert min(alone_s.values()) > 0.0003
     begin_s = rig.clock.now()
@@ -77,7 +76,7 @@ def test_a_silent_servo_of_one_line_hides_nobody_on_the_other(bus: str, servo_id
     rig.run(0.2)
     state = rig.hardware.read()
     assert set(state.faults) == {joint}
-    assert f"(bus {bus}): servo {servo_id} does not answer" in state.faults[joint]
+    assert f"(bus {bus}): servo {servo_id} does not answer" in state.faults[joint].text
     moved = np.abs(state.position - before) > 1e-4
     names = np.array(rig.hardware.joints)
     assert {"joint6", "hand_right_joint"} - {joint} <= set(names[moved])
@@ -94,7 +93,7 @@ def test_a_lost_port_ends_the_run_as_chosen_and_is_named(lost: str, joint: str, 
         rig.run(0.5)
     kept = next(name for name in rig.ports if name != lost)
     sent = len(rig.ports[kept].sent)
-    problems = end(rig.loop, relax, None, 1.0)
+    problems = shut_down(rig.loop, relax, None, 1.0)
     assert any(f"bus {lost}" in problem for problem in problems)
     assert len(rig.ports[kept].sent) > sent, "the other line was told what to do at the end"
     switch = {"arm": sts.torque_enable.address, "hand": x_series.torque_enable.address}[kept]

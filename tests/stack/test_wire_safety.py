@@ -8,17 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from controller.ending import end
-from controller.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
 from controller.interface import Controller
 from controller.parameters import Parameters
-from drivers.bus import ServoGoal
+from controller.shutdown import shut_down
+from controller.trajectory.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, PortLost
-from drivers.feetech import sts
-from drivers.feetech.bus import FeetechBus
+from drivers.servos import sts
 from hal.errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
+from tests.drivers.fault_lines import CYCLES
 from tests.stack.rig import ARM, BINS, PICK, READY, StackRig
 from tests.stack.wire_monitor import WireMonitor
 
@@ -93,7 +94,7 @@ class Scenario:
         park = self.rig.files.robot.file.park
         assert park is not None
         relax, hurried = self.chance.random() < 0.5, self.chance.random() < 0.2
-        return end(self.rig.loop, relax, park.pose, park.velocity_scale, lambda: hurried)
+        return shut_down(self.rig.loop, relax, park.pose, park.velocity_scale, lambda: hurried)
 
     def mischief(self) -> None:
         """One cycle's worth of it."""
@@ -127,8 +128,9 @@ class Scenario:
         self.rig.hand.submit([self.chance.choice((0.0, 0.05, 0.5, -1.0, float("nan")))])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("rogue", [False, True], ids=["sane", "rogue"])
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(CYCLES // 100))
 def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
     scenario = Scenario(seed, rogue)
     scenario.play()
@@ -147,7 +149,7 @@ def test_the_monitor_sees_what_it_is_there_for() -> None:
     rig.up()
     rig.run(0.1)
     joint = rig.files.robot.joints[0]
-    bus = FeetechBus(rig.port, rig.clock)
+    bus = Bus(rig.port, rig.clock)
     assert scenario.monitor.broken == []
     bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # a leap
     bus.write_goals({joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)})  # a leap, and outside
@@ -169,7 +171,7 @@ def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> No
     assert np.abs(rig.world.velocity()[:6]).max() > 0.5
     park = rig.files.robot.file.park
     assert park is not None
-    assert end(rig.loop, relax, park.pose, park.velocity_scale) == []
+    assert shut_down(rig.loop, relax, park.pose, park.velocity_scale) == []
     assert [servo.memory.get(sts.torque_enable) for servo in rig.bus.servos] == [0 if relax else 1] * 7
     rig.bus.advance(rig.clock.now() + 1.0)
     assert np.abs(rig.world.velocity()[:6]).max() < 0.02
@@ -181,7 +183,7 @@ def test_a_second_signal_lets_go_without_parking() -> None:
     rig = StackRig().up()
     rig.go(PICK, 1.0)
     rig.run(0.7)
-    assert end(rig.loop, True, dict.fromkeys(ARM, 0.0), 0.25, hurry=lambda: True) == []
+    assert shut_down(rig.loop, True, dict.fromkeys(ARM, 0.0), 0.25, hurry=lambda: True) == []
     assert [servo.memory.get(sts.torque_enable) for servo in rig.bus.servos] == [0] * 7
     assert np.abs(rig.world.position()[:6]).max() > 0.3
 
@@ -202,7 +204,7 @@ def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_re
     handle = rig.go(PICK)
     rig.run(0.5)
     rig.bus.faults.silence(3)
-    rig.run(0.5)
+    rig.run(0.6)
     assert handle.status is GoalStatus.ABORTED
     assert "joint3: servo 3 does not answer" in handle.error_text
     state = rig.hardware.read()

@@ -1,0 +1,105 @@
+"""Seven servos on one port at rates from 20 to 500 Hz: ``python -m bench.rates [--cycles 1000]``.
+
+The servos answer on a pseudo-terminal, paced at 1 Mbit/s by a process of its own. Above them all is as in ``servoloop
+up``: serial port, bus, hardware component, loop. A value is missing where a cycle ended without a servo's state.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bench import two_ports
+from bench.arguments import free_path, in_words, positive
+from bench.children import child
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from drivers.bus.bus import Bus
+from drivers.clock import MonotonicClock
+from drivers.port.serial_port import SerialPort
+from drivers.servos import sts
+from hal.components import Components
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import JointState
+from servoloop.realtime import claim_realtime_priority
+
+IDS = tuple(range(1, 8))
+RATES_HZ = (20, 50, 100, 200, 300, 400, 500)
+JOINTS = tuple(Joint(f"joint{i}", i, sts.STS3215, two_ports.LIMITS) for i in IDS)
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """The figures of one rate."""
+
+    cycles: int
+    missed: int
+    unmeasured: int
+    """Cycles without any value."""
+    missing: float
+    """Share of the values."""
+    cpu_share: float
+
+
+@contextmanager
+def served(link: Path) -> Iterator[str]:
+    """Serve the servos in a process of its own."""
+    with child("-m", "bench.rates", "--serve", str(link)):
+        yield str(link)
+
+
+def run(device: str, rate_hz: float, cycles: int) -> Figures:
+    """Run so many cycles of the real loop, holding still."""
+    clock = MonotonicClock()
+    missing = 0
+
+    def count(state: JointState) -> None:
+        nonlocal missing
+        missing += len(state.faults)
+
+    hardware = ServoHardware("seven", JOINTS, lambda: Bus(SerialPort(device, two_ports.BAUD, clock), clock), clock)
+    limits = {joint.name: joint.limits for joint in JOINTS}
+    components = Components([hardware], clock)
+    manager = ControllerManager(components, limits)
+    loop = ControlLoop(components, manager, limits, clock, 1.0 / rate_hz, count)
+    hardware.configure()
+    try:
+        loop.activate()
+        begin_s, cpu_s = time.perf_counter(), time.process_time()
+        loop.run(lambda: loop.figures.cycles >= cycles)
+        share = (time.process_time() - cpu_s) / (time.perf_counter() - begin_s)
+        figures = loop.figures
+        return Figures(figures.cycles, figures.missed, figures.unmeasured, missing / (cycles * len(JOINTS)), share)
+    finally:
+        hardware.cleanup()
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--cycles", type=positive, default=1000)
+    parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.serve:
+        two_ports.serve(arguments.serve, IDS)
+    title = f"{len(IDS)} STS3215 on one port, {two_ports.BAUD} bit/s"
+    table = Table("rate", "cycles", "missed cycles", "without a value", "missing values", "CPU", title=title)
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "line") as device:
+        claim_realtime_priority()
+        for rate_hz in RATES_HZ:
+            of = run(device, rate_hz, arguments.cycles)
+            shares = f"{of.missing:.2%}", f"{of.cpu_share:.1%}"
+            table.add_row(f"{rate_hz} Hz", str(of.cycles), str(of.missed), str(of.unmeasured), *shares)
+    Console(width=100).print(table)
+
+
+if __name__ == "__main__":
+    with in_words():
+        main()

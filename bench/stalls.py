@@ -1,0 +1,210 @@
+"""The demo's jobs while its processes are stopped again and again: ``python -m bench.stalls [--jobs 10]``.
+
+The cell is that of ``servoloop demo``: emulator, stack and pick-place node, each a process of its own. At random
+moments the stack's process, the emulator's, or both are stopped for 0.05 to 0.2 s, as a laptop or a USB hub stops them;
+ten jobs each. With ``--busy 4`` nothing is stopped: the whole demo runs as an ordinary program, without real-time
+priority, beside four processes that do nothing but use the processor. Exits 1 where a cube is in no or another bin, or
+a joint leapt.
+"""
+
+import argparse
+import contextlib
+import os
+import random
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.arguments import positive
+from bench.busy import busy
+from servoloop.demo.cell import Cell, cell
+from servoloop.demo.live import Live
+from servoloop.files import read_files
+from servoloop.realtime import LOOP_PRIORITY
+from sim_backend.world_feed import WorldFeedClient, feed_path
+
+SIDES: Final[Mapping[str, Sequence[str]]] = {
+    "stack": ("stack",),
+    "emulator": ("emulator",),
+    "both": ("stack", "emulator"),
+}
+STALL_S: Final = (0.05, 0.2)
+PAUSE_S: Final = (0.3, 2.0)
+"""Between two stalls. A job takes about eleven seconds."""
+STEP_S: Final = 0.05
+"""A joint's step is the way that it went in so much time, or in the time between two looks where that is longer."""
+LARGEST_STEP: Final = 1.15
+"""Of a joint's limit. A servo is told to be 5 % faster than needed, to make up for what it lags behind, and the feed's
+times may be off by a tick of the emulator: 5 ms in 50."""
+GRADES: Final = "ABC"
+
+
+class Stalls:
+    """A thread that stops processes at random moments until ``end``, and notes meanwhile how fast the joints go."""
+
+    def __init__(self, process_ids: Sequence[int], seed: int, watch: "JointSteps") -> None:
+        self.lasted_s: list[float] = []
+        self._process_ids = process_ids
+        self._random = random.Random(seed)
+        self._watch = watch
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="stalls", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop no more processes."""
+        self._stop.set()
+        self._thread.join()
+        self._watch.look()
+
+    def _run(self) -> None:
+        with contextlib.suppress(PermissionError):  # a stall shall last as long as it is said to
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
+        while not self._stop.wait(self._random.uniform(*PAUSE_S)):
+            begin_s = time.monotonic()
+            try:
+                for process_id in self._process_ids:
+                    os.kill(process_id, signal.SIGSTOP)
+                time.sleep(self._random.uniform(*STALL_S))
+            finally:
+                for process_id in self._process_ids:
+                    os.kill(process_id, signal.SIGCONT)
+            self.lasted_s.append(time.monotonic() - begin_s)
+            self._watch.look()
+
+
+class Feed(Protocol):
+    """What the emulator publishes, as ``WorldFeedClient`` reads it."""
+
+    def all(self) -> list[dict[str, Any]]: ...
+
+
+class JointSteps:
+    """The largest step of any joint of the simulated arm, as a share of its velocity limit."""
+
+    def __init__(self, feed: Feed, limits: Mapping[str, float]) -> None:
+        """``limits``: by joint, rad/s or m/s."""
+        self.largest = 0.0
+        self.joint = ""
+        self._feed = feed
+        self._limits = limits
+        self._joints: list[str] = []
+        self._rows: list[tuple[float, list[float]]] = []
+
+    def look(self) -> None:
+        """Take in what the emulator has published since the last look."""
+        for publication in self._feed.all():
+            self._joints = list(publication["joints"])
+            self._rows += [(time_s, positions) for time_s, positions in publication["trace"]]
+        if len(self._rows) < 2:
+            return
+        times_s = np.array([time_s for time_s, _ in self._rows])
+        positions = np.array([row for _, row in self._rows])
+        ends = np.searchsorted(times_s, times_s + STEP_S - 1e-4)
+        begins = np.flatnonzero(ends < len(times_s))
+        ends = ends[begins]
+        if not len(ends):
+            return
+        limits = np.array([self._limits[name] for name in self._joints])
+        share = np.abs(positions[ends] - positions[begins]) / limits / (times_s[ends] - times_s[begins])[:, None]
+        if share.max() > self.largest:
+            self.largest, self.joint = float(share.max()), self._joints[int(share.max(axis=0).argmax())]
+        self._rows = self._rows[int(begins[-1]) :]
+
+
+@dataclass(slots=True)
+class Outcome:
+    """The results of one side's jobs."""
+
+    side: str
+    lasted_s: list[float] = field(default_factory=list)
+    """Of each stall."""
+    jobs: int = 0
+    sorted: int = 0
+    missed_cycles: str = ""
+    largest_step: float = 0.0
+    joint: str = ""
+    texts: list[str] = field(default_factory=list)
+
+
+def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
+    """Run so many jobs in a new cell, with this side's processes stopped again and again."""
+    with Live(console) as live, cell(folder, None, live) as ready:
+        return _measure(side, jobs, seed, folder, ready)
+
+
+def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outcome:
+    limits = {name: limit.velocity for name, limit in read_files().limits.items()}
+    steps = JointSteps(WorldFeedClient(feed_path(folder / "bus")), limits)
+    ready.runner.idle(1.0)
+    stalls = Stalls([ready.process_ids[name] for name in SIDES[side]], seed, steps)
+    found = Outcome(side)
+    try:
+        for number in range(jobs):
+            run = ready.runner.run(GRADES[number % len(GRADES)])
+            found.jobs += 1
+            found.sorted += run.success
+            if not run.success:
+                found.texts.append(f"grade {run.grade}, bin {run.bin}: {run.message}")
+    finally:
+        stalls.end()
+    ready.runner.idle(2.0)  # the loop reports once a second
+    found.lasted_s = stalls.lasted_s
+    found.missed_cycles = ready.monitor.newest.loop.get("missed_cycles", "?")
+    found.largest_step, found.joint = steps.largest, steps.joint
+    return found
+
+
+def show(console: Console, outcomes: Sequence[Outcome]) -> None:
+    """Print one line a side, and the texts of the jobs that failed."""
+    table = Table(title="jobs while processes are stopped for 0.05 to 0.2 s")
+    for title in ("side", "stalls", "longest, s", "cubes", "missed cycles", "largest step of its limit"):
+        table.add_column(title)
+    for one in outcomes:
+        step = f"{one.largest_step:.2f} ({one.joint})"
+        cubes = f"{one.sorted} of {one.jobs}"
+        longest = f"{max(one.lasted_s, default=0.0):.3f}"
+        table.add_row(one.side, str(len(one.lasted_s)), longest, cubes, one.missed_cycles, step)
+    console.print(table)
+    for one in outcomes:
+        for text in one.texts:
+            console.print(f"{one.side}: {text}", highlight=False)
+    console.print(f"cubes in their bins: {sum(o.sorted for o in outcomes)} of {sum(o.jobs for o in outcomes)}")
+
+
+def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool:
+    """Whether all jobs of all sides sorted their cubes, and no joint leapt."""
+    outcomes = []
+    for side in sides:
+        with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+            outcomes.append(measure(side, jobs, seed, Path(folder), console))
+    show(console, outcomes)
+    return all(one.sorted == one.jobs and one.largest_step <= LARGEST_STEP for one in outcomes)
+
+
+def main() -> int:
+    """Measure and print; the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--jobs", type=positive, default=10, help="for each side")
+    parser.add_argument("--side", choices=tuple(SIDES), action="append", help="by default each of them")
+    parser.add_argument("--seed", type=int, default=1, help="of the moments and lengths of the stalls")
+    parser.add_argument("--busy", type=positive, metavar="LOOPS", help="the demo beside so many busy loops instead")
+    parser.add_argument("--runs", type=positive, default=5, help="how many demos beside the busy loops")
+    arguments = parser.parse_args()
+    console = Console(width=120)
+    if arguments.busy:
+        return 0 if busy(arguments.busy, arguments.runs, console) else 1
+    return 0 if stalls(arguments.side or tuple(SIDES), arguments.jobs, arguments.seed, console) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

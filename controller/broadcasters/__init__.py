@@ -1,0 +1,1 @@
+"""Broadcasters: controllers that claim no joint and pass measured states on."""

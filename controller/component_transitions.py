@@ -1,0 +1,233 @@
+"""Component transitions while the loop runs: a component is lost, or a user switches its state."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from controller.manager.manager import ControllerManager
+from controller.manager.requests import ENDED, Request
+from drivers.errors import DriverError
+from hal.components import Components
+from hal.errors import HalError, LifecycleError
+from hal.lifecycle import LifecycleState
+from hal.member import CONFIGURED, Member
+from hal.types import JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
+
+BackgroundWorker = Callable[[Callable[[], None]], None]
+"""Runs work that takes longer than a cycle; outside of tests, in another thread."""
+
+
+def run_at_once(work: Callable[[], None]) -> None:
+    """The background worker where there is no other thread."""
+    work()
+
+
+class ComponentTransition(Request[None]):
+    """One component's way to another state, as ``ComponentTransitions.ask`` makes it.
+
+    ``result`` raises why the component did not get there.
+    """
+
+    def __init__(self, name: str, target: LifecycleState, relax: bool) -> None:
+        super().__init__(lambda: None)
+        self.name = name
+        self.target = target
+        self.relax = relax
+        self.error_in_background: Exception | None = None
+        """Raised by the work in the background."""
+
+    def __str__(self) -> str:
+        return f"{self.name} is being set {self.target.name.lower()}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Leaving:
+    """A component whose joints come to rest before it is switched or given up."""
+
+    member: Member
+    transition: ComponentTransition | None
+
+
+class ComponentTransitions:
+    """The loop's part that looks after the components. A component's transitions come one after the other.
+
+    In an ordinary cycle ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, and nothing here is called.
+    """
+
+    def __init__(
+        self,
+        hardware: Components,
+        manager: ControllerManager,
+        take_over: Callable[[Member, JointState], None],
+        keep_alive: bool,
+        background_worker: BackgroundWorker,
+    ) -> None:
+        """``take_over`` begins to command a component that has been activated; raises where it cannot."""
+        self.asked: deque[ComponentTransition] = deque()
+        """By any thread; also those that wait for another transition of their component."""
+        self.returned: deque[tuple[Member, ComponentTransition]] = deque()
+        """From the background threads: they append, the loop takes."""
+        self.arrived: list[tuple[Member, ComponentTransition]] = []
+        """Activated components, to be taken over where the coming measurement finds them."""
+        self.leaving: list[_Leaving] = []
+        self._hardware = hardware
+        self._manager = manager
+        self._take_over = take_over
+        self._keep_alive = keep_alive
+        self._background_worker = background_worker
+        self._ended = False
+
+    def ask(self, name: str, target: LifecycleState, relax: bool = False) -> ComponentTransition:
+        """Bring a component to a state. From any thread; never waits. ``relax``: a deactivation lets go."""
+        transition = ComponentTransition(name, target, relax)
+        self.asked.append(transition)
+        if self._ended:
+            transition.refuse(RuntimeError(ENDED))
+        return transition
+
+    def begin_cycle(self) -> None:
+        """Take components back from the background, and begin the next transitions."""
+        while self.returned:
+            self._take_back(*self.returned.popleft())
+        for _ in range(len(self.asked)):
+            self._begin(self.asked.popleft())
+
+    def after_read(self, state: JointState) -> None:
+        """Activated components take part from here on; failed ones do not. Raises why the last component is lost."""
+        for member, transition in self.arrived:
+            self._take_in(member, transition, state)
+        self.arrived.clear()
+        self._give_up_the_lost()
+
+    def end_cycle(self) -> None:
+        """Give up components that failed in the write, and go on with those that have come to rest.
+
+        Raises as ``after_read`` does.
+        """
+        self._give_up_the_lost()
+        for leaving in [one for one in self.leaving if not self._moves(one.member)]:
+            self.leaving.remove(leaving)
+            self._left(leaving.member, leaving.transition)
+
+    def end(self) -> None:
+        """After the last cycle, when no work is left in the background: every open transition is refused."""
+        self._ended = True
+        for transition in (*self.asked, *(leaving.transition for leaving in self.leaving)):
+            if transition is not None:
+                transition.refuse(RuntimeError(ENDED))
+        while self.returned:
+            self._take_back(*self.returned.popleft())
+        if self.arrived:
+            state = self._hardware.read()
+            for member, transition in self.arrived:
+                self._take_in(member, transition, state)
+
+    def _begin(self, transition: ComponentTransition) -> None:
+        member = self._hardware.member(transition.name)
+        if member is None:
+            transition.refuse(LifecycleError(f"hardware component '{transition.name}' does not exist"))
+        elif member.away or any(leaving.member is member for leaving in self.leaving):
+            self.asked.append(transition)
+        elif member.state is transition.target:
+            transition.serve()
+        elif member.state is FINALIZED:
+            transition.refuse(LifecycleError(f"{member.name} is finalized, which is its end: start the stack anew"))
+        elif member.state is ACTIVE:
+            self._leave(member, transition, str(transition))
+        else:
+            self._switch_in_background(member, transition)
+
+    def _leave(self, member: Member, transition: ComponentTransition | None, reason: str) -> None:
+        """Take a component's controllers out in this very cycle; then its joints come to rest."""
+        self._manager.release(member.hardware.command_interfaces, reason)
+        self.leaving.append(_Leaving(member, transition))
+
+    def _moves(self, member: Member) -> bool:
+        own = range(len(self._hardware.command_interfaces))[member.commands]
+        return self._manager.stops.holds(own)
+
+    def _left(self, member: Member, transition: ComponentTransition | None) -> None:
+        if member.error is not None:
+            self._hardware.drop(member)
+        if transition is not None and member.error is not None:
+            transition.refuse(member.error)
+        elif transition is not None:
+            self._switch_in_background(member, transition)
+
+    def _switch_in_background(self, member: Member, transition: ComponentTransition) -> None:
+        """The component is out of the cycle until it comes back: this may take seconds."""
+        member.away = True
+
+        def work() -> None:
+            try:
+                _bring(member, transition)
+            except (DriverError, HalError) as error:
+                transition.error_in_background = error
+            except Exception as error:  # a defect of one component: the others go on
+                LOG.exception("a defect while %s", transition)
+                transition.error_in_background = error
+            self.returned.append((member, transition))
+
+        self._background_worker(work)
+
+    def _take_back(self, member: Member, transition: ComponentTransition) -> None:
+        self._hardware.welcome(member)
+        if transition.error_in_background is not None:
+            transition.refuse(transition.error_in_background)
+        elif transition.target is ACTIVE:
+            self.arrived.append((member, transition))
+        else:
+            transition.serve()
+
+    def _take_in(self, member: Member, transition: ComponentTransition, state: JointState) -> None:
+        try:
+            if member.error is not None:
+                raise member.error
+            self._take_over(member, state)
+        except Exception as error:
+            if member.error is None:
+                self._let_go(member)
+            transition.refuse(error)
+        else:
+            transition.serve()
+
+    def _let_go(self, member: Member) -> None:
+        try:
+            problems = member.hardware.deactivate(relax=True)
+        except Exception as error:  # a defect of one component loses this one
+            problems = [f"could not switch {member.name} off: {error}"]
+            self._hardware.lose(member, error)
+        for problem in problems:
+            LOG.error("torque may still be on: %s", problem)
+
+    def _give_up_the_lost(self) -> None:
+        hardware = self._hardware
+        if not hardware.failures:
+            return
+        lost, hardware.failures = hardware.failures, []
+        others = [m for m in hardware.members if m.error is None and (m.away or m.state in CONFIGURED)]
+        if not others and not self._keep_alive and lost[0].error is not None:
+            raise lost[0].error  # the loop's end stops the joints, as far as they can be reached
+        for member in lost:
+            if not any(leaving.member is member for leaving in self.leaving):
+                self._leave(member, None, f"{member.name} is lost: {member.error}")
+
+
+def _bring(member: Member, transition: ComponentTransition) -> None:
+    """Bring a component to its target step by step. Raises a step's error; the steps before it stay done."""
+    hardware, target = member.hardware, transition.target
+    if hardware.state is UNCONFIGURED and target in CONFIGURED:
+        hardware.configure()
+    if hardware.state is INACTIVE and target is ACTIVE:
+        hardware.activate()
+    elif hardware.state is ACTIVE:
+        for problem in hardware.deactivate(transition.relax):
+            LOG.error("torque may still be on: %s", problem)
+    if target in (UNCONFIGURED, FINALIZED):
+        hardware.cleanup()
+        member.finalized = target is FINALIZED

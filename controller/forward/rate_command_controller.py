@@ -1,0 +1,93 @@
+"""Forward command controllers of velocities and efforts, which end when no client repeats them.
+
+Other than upstream, a command without a successor falls to zero after ``command_timeout``: a client that died, or
+whose message got lost, must not leave the arm running.
+"""
+
+import logging
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from controller.forward.commands import ForwardParameters, Inbox
+from controller.interface import ControllerContext, limits_of
+from controller.parameters import Parameters
+from hal.types import FloatArray, JointLimits, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+
+class RateCommandController:
+    """The controller commands zero until the first message. Velocities keep to the joints' acceleration limits."""
+
+    parameters_type: ClassVar[type[Parameters]] = ForwardParameters
+    settable: ClassVar[frozenset[str]] = frozenset({"command_timeout"})
+
+    def __init__(self, kind: str, name: str, parameters: ForwardParameters, limits: Sequence[JointLimits]) -> None:
+        """``limits`` in the order of the joints."""
+        self.kind = kind
+        self.name = name
+        self.parameters = parameters
+        self.joints = parameters.joints
+        self.command_interfaces = parameters.claims()
+        self.state_interfaces: tuple[str, ...] = ()
+        self.command: FloatArray = np.zeros(len(self.joints))
+        velocity = parameters.interface_name == "velocity"
+        self._largest = np.array([limit.velocity if velocity else limit.effort for limit in limits])
+        self._quickest = np.array([limit.acceleration if velocity else np.inf for limit in limits])
+        self._inbox = Inbox(self.joints, parameters.deactivate_on_wrong_length)
+        self._wanted: FloatArray = np.zeros(len(self.joints))
+        self._age_s = 0.0
+
+    @classmethod
+    def build_as(
+        cls, kind: str, name: str, parameters: ForwardParameters, context: ControllerContext
+    ) -> "RateCommandController":
+        """Build the controller as the controllers file asks, under its type there."""
+        return cls(kind, name, parameters, limits_of(parameters.joints, context.limits))
+
+    def reconfigure(self, parameters: ForwardParameters) -> None:
+        """Another ``command_timeout``."""
+        self.parameters = parameters
+
+    def submit(self, values: Sequence[float]) -> str | None:
+        """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""
+        return self._inbox.submit(values)
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self._rest()
+        self.command = np.where(np.isfinite(command), command, 0.0)
+
+    def deactivate(self, reason: str = "") -> None:
+        self._rest()
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        newest = self._inbox.take()
+        self._age_s = 0.0 if newest is not None else self._age_s + period_s
+        if newest is not None:
+            self._wanted = self._bounded(newest)
+        elif self._is_stale():
+            LOG.warning("%s: no command for %.2f s, going to zero", self.name, self._age_s)
+            self._wanted = np.zeros_like(self._wanted)
+        step = self._quickest * period_s
+        self.command = np.clip(self._wanted, self.command - step, self.command + step)
+
+    def settled(self) -> bool:
+        """Whether no joint is driven."""
+        return not self._inbox and not self._wanted.any() and not self.command.any()
+
+    def _rest(self) -> None:
+        self._inbox.clear()
+        self._wanted = np.zeros(len(self.joints))
+        self.command = np.zeros(len(self.joints))
+
+    def _bounded(self, wanted: FloatArray) -> FloatArray:
+        clipped = np.clip(wanted, -self._largest, self._largest)
+        if (clipped != wanted).any():
+            LOG.warning("%s: %s is beyond the limits, going with %s", self.name, wanted, clipped)
+        return clipped
+
+    def _is_stale(self) -> bool:
+        allowed_s = self.parameters.command_timeout
+        return 0.0 < allowed_s < self._age_s and bool(self._wanted.any())

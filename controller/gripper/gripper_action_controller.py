@@ -1,0 +1,228 @@
+"""parallel_gripper_action_controller/GripperActionController: one joint, closed until it arrives or can go no further.
+
+Other than upstream the fingers move within the joint's velocity, acceleration and jerk limits, goals beyond the
+limits are rejected, and a cancel stops them without a step back.
+"""
+
+import logging
+from collections import deque
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from controller.fault_timeout import FaultTimeout
+from controller.gripper.goal import (
+    GripperGoal,
+    GripperHandle,
+    GripperParameters,
+    GripperState,
+    reason_to_reject,
+    velocity_of,
+)
+from controller.interface import ControllerContext
+from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop
+from controller.parameters import Parameters
+from controller.settling import Settling
+from controller.trajectory.goal import GoalStatus
+from hal.types import FloatArray, JointLimits, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+LONGEST_STEP = 2.0
+"""A cycle that comes late moves the fingers on by at most so many periods: no leap after a stall."""
+
+NOT_RUNNING = "Can't accept new action goals. Controller is not running."
+DEACTIVATED = "Current goal cancelled during deactivate transition."
+PREEMPTED = "Current goal preempted by new incoming action."
+
+
+class GripperActionController:
+    """The controller follows one goal at a time; a new one takes over from the reference of the old one."""
+
+    kind: ClassVar[str] = "parallel_gripper_action_controller/GripperActionController"
+    parameters_type: ClassVar[type[Parameters]] = GripperParameters
+    settable: ClassVar[frozenset[str]] = frozenset(
+        {"goal_tolerance", "allow_stalling", "stall_velocity_threshold", "stall_timeout", "max_velocity"}
+    )
+
+    def __init__(self, name: str, parameters: GripperParameters, limits: JointLimits, index: int) -> None:
+        """``index``: where the joint stands in the hardware's order."""
+        self.name = name
+        self.parameters = parameters
+        self.joint = parameters.joint
+        self.command_interfaces = parameters.claims()
+        self.state_interfaces = tuple(f"{self.joint}/{name}" for name in parameters.state_interfaces)
+        self.command: FloatArray = np.full(1, np.nan)
+        self.state: GripperState | None = None
+        """The gripper's state in the newest cycle; None while inactive."""
+        self._limits = limits
+        self._index = index
+        self._inbox: deque[GripperHandle] = deque()
+        self._cancels: deque[GripperHandle] = deque()
+        self._active: GripperHandle | None = None
+        self._motion: Motion | None = None
+        self._settling = Settling((self.joint,), (limits,), (index,))
+        self._fault_timeout = FaultTimeout((self.joint,))
+        self._elapsed_s = self._last_s = self._still_s = 0.0
+        self._running = False
+
+    @classmethod
+    def build(cls, name: str, parameters: GripperParameters, context: ControllerContext) -> "GripperActionController":
+        """Build the controller as the controllers file asks."""
+        joint = parameters.joint
+        return cls(name, parameters, context.limits[joint], context.component.joints.index(joint))
+
+    # Called from any thread.
+
+    def check(self, goal: GripperGoal) -> str | None:
+        """The reason why the goal is refused, or None."""
+        if not self._running:
+            return NOT_RUNNING
+        return reason_to_reject(goal, self.joint, self._limits, self.parameters)
+
+    def submit(self, goal: GripperGoal) -> GripperHandle:
+        """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
+        handle = GripperHandle(goal)
+        self._inbox.append(handle)
+        if not self._running:  # stopped since the check
+            handle.decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
+        return handle
+
+    def cancel(self, handle: GripperHandle) -> None:
+        """Stop a goal within the limits, if it is still under way at the next cycle."""
+        self._cancels.append(handle)
+
+    def reconfigure(self, parameters: GripperParameters) -> None:
+        """Tolerances change from now on."""
+        self.parameters = parameters
+
+    # Called from the loop's thread.
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self._refuse_waiting()
+        self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
+        self._last_s = state.stamp_s
+        self.command = command.copy()
+        self._settling.begin(command)
+        self.state = None
+        self._running = True
+
+    def deactivate(self, reason: str = "") -> None:
+        self._running = False
+        if self._active:
+            self._active.decide(GoalStatus.ABORTED, self.state or GripperState(), DEACTIVATED)
+        self._refuse_waiting()
+        self._active = self.state = None
+
+    def settled(self) -> bool:
+        return self._settling.settled and self._active is None and not self._inbox
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        step_s = min(now_s - self._last_s, LONGEST_STEP * period_s)
+        self._last_s = now_s
+        self._elapsed_s += step_s
+        before, self.state = self.state, self._measured(state)
+        reference = self._sample(0.0)
+        self._take_cancels(reference)
+        self._take_goals(reference)
+        if self._active:
+            self._check_goal(self._active, state, before, step_s, period_s)
+        self.command = self._sample(period_s).position
+        if self._elapsed_s >= self._duration_s:
+            self._settling.look(self.command, state, period_s)
+
+    @property
+    def _duration_s(self) -> float:
+        return 0.0 if self._motion is None else self._motion.duration_s
+
+    def _measured(self, state: JointState) -> GripperState:
+        at = self._index
+        return GripperState(float(state.position[at]), float(state.velocity[at]), float(state.effort[at]))
+
+    def _refuse_waiting(self) -> None:
+        while self._inbox:
+            self._inbox.popleft().decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
+
+    def _sample(self, ahead_s: float) -> Kinematics:
+        assert self._motion is not None, "activated before the first update"
+        return self._motion.sample(self._elapsed_s + ahead_s)
+
+    def _follow(self, motion: Motion) -> None:
+        self._motion, self._elapsed_s = motion, 0.0
+
+    def _stop(self, reference: Kinematics) -> None:
+        self._active = None
+        self._follow(plan_stop(reference, (self._limits,)))
+
+    def _decide(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
+        assert self.state is not None, "measured before anything is decided"
+        handle.decide(status, replace(self.state, **flags), text)
+
+    def _take_cancels(self, reference: Kinematics) -> None:
+        while self._cancels:
+            handle = self._cancels.popleft()
+            if self._active is handle:
+                self._stop(reference)
+            elif handle in self._inbox:
+                self._inbox.remove(handle)
+            self._decide(handle, GoalStatus.CANCELED, "canceled: the fingers stop where they are")
+
+    def _take_goals(self, reference: Kinematics) -> None:
+        while self._inbox:
+            if self._active:
+                self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
+            self._active = self._inbox.popleft()
+            if not self._inbox:  # else a newer one has come already: this one is not worth planning
+                self._start(self._active, reference)
+
+    def _start(self, handle: GripperHandle, reference: Kinematics) -> None:
+        goal = handle.goal
+        limits = (replace(self._limits, velocity=velocity_of(goal, self._limits, self.parameters)),)
+        target = Kinematics.at_rest(np.array([goal.position]))
+        try:
+            self._follow(motion_to(reference, target, limits, 0.0))
+        except MotionError as error:
+            self._give_up(handle, reference, str(error))
+        self._still_s, self._fault_timeout = 0.0, FaultTimeout((self.joint,))
+        self._settling.command_changed()
+
+    def _check_goal(
+        self, handle: GripperHandle, state: JointState, before: GripperState | None, step_s: float, period_s: float
+    ) -> None:
+        assert self.state is not None, "measured before it is judged"
+        if fault := self._fault_timeout.lasting(state.faults, period_s):
+            self._give_up(handle, self._sample(0.0), fault)
+        elif self.joint in state.faults:
+            return  # the last known values say nothing of now: fingers that are not measured do not stand still
+        elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
+            self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
+        elif self._stalls(self.state, before, step_s):
+            good = self.parameters.allow_stalling
+            status = GoalStatus.SUCCEEDED if good else GoalStatus.ABORTED
+            text = f"stalled at {self.state.position:.4f}, short of {handle.goal.position:.4f}"
+            self._end(handle, status, text, stalled=True)
+
+    def _stalls(self, now: GripperState, before: GripperState | None, step_s: float) -> bool:
+        """Whether the fingers have stood still for too long. A hardware that knows no velocity still has positions."""
+        slowest = self.parameters.stall_velocity_threshold
+        way = 0.0 if before is None else abs(now.position - before.position)
+        moves = abs(now.velocity) > slowest or way > slowest * step_s
+        self._still_s = 0.0 if moves else self._still_s + step_s
+        return self._still_s > self.parameters.stall_timeout
+
+    def _end(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
+        """Decide the goal. The command stays as it is: fingers that hold something go on holding it."""
+        self._active = None
+        self._decide(handle, status, text, **flags)
+
+    def _give_up(self, handle: GripperHandle, reference: Kinematics, text: str) -> None:
+        LOG.error("%s: %s", self.name, text)
+        self._decide(handle, GoalStatus.ABORTED, text)
+        self._stop(reference)
+
+
+class PositionGripperActionController(GripperActionController):
+    """The same controller behind upstream's older action, GripperCommand."""
+
+    kind: ClassVar[str] = "position_controllers/GripperActionController"

@@ -1,0 +1,65 @@
+"""The factory makes controllers from parameter files and spawners' arguments."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from controller.interface import Controller, ControllerContext
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
+from controller.manager.manager import ControllerManager
+from controller.manager.node_parameters import parameters_in
+from controller.manager.plugins import controller_types
+
+ROS_ARGUMENTS = "--ros-args"
+
+
+@dataclass(frozen=True, slots=True)
+class Factory:
+    """The factory makes controllers of one robot, those of the file and others."""
+
+    file: ControllersFile
+    context: ControllerContext
+
+    def spec(
+        self,
+        name: str,
+        kind: str,
+        paths: Sequence[Path] = (),
+        fallback: Sequence[str] = (),
+        node_arguments: Sequence[str] = (),
+    ) -> ControllerSpec:
+        """The checked spec of a controller. ``paths`` are parameter files, the last of which counts most.
+
+        Raises ControllersFileError with every mistake.
+        """
+        given = parameters_in(node_arguments, name)
+        spec = load_controller(self.file, name, kind, paths, self.context.component, given)
+        arguments = tuple(node_arguments)
+        if arguments and ROS_ARGUMENTS not in arguments:  # the spawner's user may leave it out, rcl asks for it
+            arguments = (ROS_ARGUMENTS, *arguments)
+        return replace(spec, fallback=tuple(fallback) or spec.fallback, node_arguments=arguments)
+
+    def make(self, spec: ControllerSpec) -> Controller:
+        """The controller, inactive. Raises ValueError where it does not fit the robot, or parameters are missing."""
+        if missing := spec.parameters.missing():
+            them = "them" if len(missing) > 1 else "it"
+            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node /{spec.name}")
+        for key, text in claim_mistakes(spec.parameters, self.context.component):
+            raise ValueError(f"{spec.name}.{key} {text}")
+        return controller_types()[spec.kind].build(spec.name, spec.parameters, self.context)
+
+    def fill(self, manager: ControllerManager) -> None:
+        """Load and configure all controllers of the file, in its order.
+
+        Raises ControllersFileError where one does not fit the robot, ClaimError where it commands too much.
+        """
+        for spec in self.file.controllers:
+            manager.registry.load(spec)
+            manager.registry.configure(spec.name, self._made(spec))
+
+    def _made(self, spec: ControllerSpec) -> Controller:
+        try:
+            return self.make(spec)
+        except ValueError as error:
+            raise ControllersFileError(f"{self.file.path}: {spec.name}: {error}") from error

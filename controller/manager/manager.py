@@ -1,0 +1,141 @@
+"""The controller manager loads controllers and switches which of them command which joints."""
+
+import logging
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from controller.interface import Controller
+from controller.manager.cycle import ControllerCycle
+from controller.manager.registry import ControllerRegistry, Running
+from controller.manager.switch import Interfaces, ManagerError, SwitchError, SwitchPlan, SwitchRequest, plan_switch
+from controller.stops import DecelerationStops
+from hal.lifecycle import LifecycleState
+from hal.types import FloatArray, JointLimits, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+INACTIVE, ACTIVE = LifecycleState.INACTIVE, LifecycleState.ACTIVE
+
+
+class ControllerManager:
+    """The manager has the loaded controllers in its registry, and runs the active ones in its cycle.
+
+    Threads as for the registry.
+    """
+
+    def __init__(self, hardware: Interfaces, limits: Mapping[str, JointLimits]) -> None:
+        """``limits`` by joint: within them joints come to rest when their controller goes."""
+        self.registry = ControllerRegistry(hardware.command_interfaces)
+        self.stops = DecelerationStops(hardware.command_interfaces, limits)
+        self._hardware = hardware
+        self.cycle = ControllerCycle(self.registry, self.stops, self._replace)
+
+    def switch(self, request: SwitchRequest, command: FloatArray) -> str:
+        """Switch all of the request at once or nothing; returns what was done. The hardware holds ``command`` (n,).
+
+        Raises SwitchError, whose text says why not.
+        """
+        plan = plan_switch(self.registry.loaded, request, self._hardware)
+        for name in plan.deactivate:
+            self._stop(name)
+        try:
+            for name in plan.activate:
+                self._start(name, command)
+        except Exception as error:
+            LOG.exception("a controller cannot be activated: nothing is switched")
+            raise SwitchError(f"{error}{self._undo(plan, command)}") from error
+        summary = plan.summary()
+        LOG.info("%s", summary.replace("\n", " "))
+        return summary
+
+    def _undo(self, plan: SwitchPlan, command: FloatArray) -> str:
+        """Bring back the controllers of before; returns which could not be brought back."""
+        for name in reversed(plan.activate):
+            if self.registry.loaded[name].active:
+                self._stop(name)
+        for name in plan.deactivate:
+            try:
+                self._start(name, command)
+            except Exception as error:
+                return f"; and {error}: it stays inactive, its joints hold"
+        return ". Nothing was switched."
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        """At the start each controller in its turn takes over, but for those whose joints are taken, and fallbacks.
+
+        ``command`` (n,) is what the hardware holds.
+        """
+        self.cycle.seen = state
+        fallbacks = {name for entry in self.registry.loaded.values() for name in entry.spec.fallback}
+        for name, entry in self.registry.loaded.items():
+            if entry.state is INACTIVE and name not in fallbacks:
+                try:
+                    self.switch(SwitchRequest(activate=(name,)), command)
+                except SwitchError as error:
+                    LOG.warning("%s stays inactive: %s", name, error)
+
+    def deactivate(self) -> None:
+        """All controllers give up what is under way, each of them; then raises what the first one raised."""
+        errors = [error for entry in self.registry.running if (error := self._stop(entry.spec.name))]
+        if errors:
+            raise errors[0]
+
+    def clear(self, force: bool) -> None:
+        """Forget all controllers, active ones only by ``force``."""
+        running = [entry.spec.name for entry in self.registry.running]
+        if running and not force:
+            raise ManagerError(f"{', '.join(running)} cannot be unloaded while active: deactivate first, or force it")
+        for name in running:
+            self._stop(name)
+        for name in self.registry.loaded:
+            self.registry.unload(name)
+
+    def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> None:
+        """Deactivate all that use one of these command interfaces; with ``states``, one of these state interfaces."""
+        lost = set(interfaces)
+        for entry in self.registry.running:
+            looked_at = entry.controller.state_interfaces if states else ()
+            if used := lost.intersection((*entry.controller.command_interfaces, *looked_at)):
+                name = entry.spec.name
+                LOG.error("%s is deactivated, it uses %s: %s", name, ", ".join(sorted(used)), reason)
+                self._stop(name, reason)
+
+    def _replace(self, failed: Running, last: FloatArray) -> None:
+        """The fallback controllers of a failed one take over, from the next cycle on."""
+        self._stop(failed.spec.name)
+        if failed.spec.fallback:
+            try:
+                self.switch(SwitchRequest(activate=failed.spec.fallback), last)
+            except SwitchError as error:
+                LOG.error("the fallback of %s cannot take over: %s", failed.spec.name, error)
+
+    def _start(self, name: str, command: FloatArray) -> None:
+        entry = self.registry.loaded[name]
+        held = self.stops.ends(command)[entry.index]
+        if self.cycle.seen is None or not np.isfinite(held).all():
+            raise SwitchError(f"Could not activate controller '{name}': its joints have not been measured yet")
+        try:
+            entry.configured.activate(self.cycle.seen, held)
+        except Exception as error:
+            _deactivated(entry.configured)
+            raise SwitchError(f"Could not activate controller '{name}': {error}") from error
+        self.registry.put(replace(entry, state=ACTIVE))
+
+    def _stop(self, name: str, reason: str = "") -> Exception | None:
+        """A controller is inactive after this, whatever it raises; that is returned."""
+        entry = self.registry.loaded[name]
+        self.registry.put(replace(entry, state=INACTIVE))
+        error = _deactivated(entry.configured, reason)
+        self.cycle.stop(entry.index)
+        return error
+
+
+def _deactivated(controller: Controller, reason: str = "") -> Exception | None:
+    try:
+        controller.deactivate(reason)
+    except Exception as error:  # the others' clients still wait for a word
+        LOG.exception("%s failed when it was deactivated", controller.name)
+        return error
+    return None

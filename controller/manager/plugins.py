@@ -1,0 +1,68 @@
+"""Plug-ins: the types of controllers that a controllers file can name, ours and those that users install."""
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import invalidate_caches
+from importlib.metadata import entry_points
+from typing import Final
+
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster
+from controller.forward.forward_command_controller import (
+    ForwardCommandController,
+    JointGroupEffortController,
+    JointGroupPositionController,
+    JointGroupVelocityController,
+)
+from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
+from controller.interface import ControllerType
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+
+ENTRY_POINTS: Final = "servoloop.controllers"
+"""The group of entry points in which a user's package names its controllers: ``package/Class = module:Class``."""
+
+
+_OURS: Final[tuple[ControllerType, ...]] = (
+    JointTrajectoryController,
+    ForwardCommandController,
+    JointGroupPositionController,
+    JointGroupVelocityController,
+    JointGroupEffortController,
+    GripperActionController,
+    PositionGripperActionController,
+    JointStateBroadcaster,
+    ServoStateBroadcaster,
+)
+
+
+class PluginError(Exception):
+    """An installed plug-in cannot be loaded."""
+
+
+@cache
+def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
+    """Installed controller types, by ``type``; and the reasons why broken ones are broken."""
+    sound: dict[str, ControllerType] = {}
+    broken_plugins: dict[str, str] = {}
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            sound[point.name] = point.load()
+        except Exception as error:  # whatever its module does when it is imported
+            broken_plugins[point.name] = f"the controller {point.name} ({point.value}) cannot be loaded: {error}"
+    return sound, broken_plugins
+
+
+def controller_types() -> Mapping[str, ControllerType]:
+    """All usable controller types, by their ``type``. A broken one does not keep the arm from its others."""
+    return {**{kind.kind: kind for kind in _OURS}, **_installed()[0]}
+
+
+def broken_plugins() -> Mapping[str, str]:
+    """The reasons why installed types cannot be used, by their ``type``."""
+    return _installed()[1]
+
+
+def look_for_plugins_again() -> None:
+    """Plug-ins that have been installed since count from now on."""
+    invalidate_caches()
+    _installed.cache_clear()

@@ -1,0 +1,110 @@
+"""Shutdown stops the motion, and then holds the arm, or parks it and lets go. It needs no controller."""
+
+import logging
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from controller.loop import ControlLoop
+from controller.motion import Kinematics, Motion, MotionError, motion_to
+from controller.stops import StopMotion
+from hal.lifecycle import LifecycleState
+from hal.types import FloatArray, JointLimits
+
+ARRIVE_S = 0.2
+"""Seconds for which the end of a motion is held, for the servos to get there."""
+
+LOG = logging.getLogger("servoloop.controller")
+
+
+def shut_down(
+    loop: ControlLoop,
+    relax: bool,
+    park: Mapping[str, float] | None,
+    velocity_scale: float,
+    hurry: Callable[[], bool] = lambda: False,
+    settle: Callable[[], None] = lambda: None,
+) -> list[str]:
+    """Shut the loop and the hardware down, whatever fails on the way; returns what failed.
+
+    ``park`` maps joint names to rad or m; ``hurry`` (a second signal) skips the way there. ``settle`` waits for
+    the work in the background, which can take seconds: the joints stand by then.
+    Every step is tried even if the one before it failed: an arm that cannot be parked is still let go. What has
+    lost one of its lines is driven on the others.
+    """
+    problems: list[str] = []
+    loop.requests.end()
+    loop.hardware.update_every_cycle()
+    if loop.hardware.state is LifecycleState.ACTIVE:
+        _try(problems, "stop the motion", lambda: _stop(loop))
+    _try(problems, "wait for what was being switched", settle)
+    _try(problems, "take in what was switched", loop.component_transitions.end)
+    if loop.hardware.state is LifecycleState.ACTIVE:
+        _try(problems, "end the controllers", loop.manager.deactivate)
+        if relax and park and not hurry():
+            _try(problems, "park", lambda: _park(loop, park, velocity_scale, hurry))
+        _try(problems, "switch off", lambda: problems.extend(loop.hardware.deactivate(relax)))
+    _try(problems, "release the port", loop.hardware.cleanup)
+    return problems
+
+
+def _try(problems: list[str], what: str, action: Callable[[], None]) -> None:
+    try:
+        action()
+    except Exception as error:  # the next step matters more than this one's failure
+        LOG.error("could not %s: %s", what, error)
+        problems.append(f"could not {what}: {error}")
+
+
+def _stop(loop: ControlLoop) -> None:
+    velocity = (loop.command - loop.previous_command) / loop.period_s
+    stop = StopMotion(loop.command, velocity, loop.limits, loop.kinds)
+    _drive(loop, stop.sample, stop.duration_s, lambda: False)
+
+
+def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> None:
+    """The positions that are known go to the park pose; velocities and efforts are 0 by now."""
+    names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
+    known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
+    start = loop.command.copy()
+    target = np.array([park.get(names[i], start[i]) for i in known])
+    motion = _way(start[known], target, [_slower(loop.limits[i], scale) for i in known])
+    LOG.info("parking: %.1f s", motion.duration_s)
+
+    def sample(elapsed_s: float) -> FloatArray:
+        wanted = start.copy()
+        wanted[known] = motion.sample(elapsed_s).position
+        return wanted
+
+    _drive(loop, sample, motion.duration_s, hurry)
+
+
+def _way(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:
+    try:
+        return motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
+    except MotionError as error:
+        raise MotionError(f"the park pose cannot be reached: {error}") from error
+
+
+def _slower(limit: JointLimits, scale: float) -> JointLimits:
+    return JointLimits(limit.lower, limit.upper, limit.velocity * scale, limit.acceleration, limit.jerk)
+
+
+def _drive(
+    loop: ControlLoop, sample: Callable[[float], FloatArray], duration_s: float, hurry: Callable[[], bool]
+) -> None:
+    """Follow the motion at the loop's own rate, through the gate, as long as any component is reachable.
+
+    Raises, at the end, what keeps a component from following.
+    """
+    elapsed_s = 0.0
+    due_s = loop.clock.now()
+    while elapsed_s < duration_s + ARRIVE_S and loop.hardware.reachable and not hurry():
+        elapsed_s += loop.period_s
+        loop.send(sample(elapsed_s))
+        due_s += loop.period_s
+        loop.clock.sleep_until(due_s)
+        loop.hardware.read()
+    for member in loop.hardware.lost:
+        if member.error is not None and member.hardware.state is LifecycleState.ACTIVE:
+            raise member.error

@@ -1,0 +1,1 @@
+"""The joint trajectory controller: goals are checked, planned, sampled once a cycle and held against tolerances."""

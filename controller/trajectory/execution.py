@@ -1,0 +1,228 @@
+"""A trajectory controller executes its goals one after the other: each begins, goes on, and ends with a result."""
+
+import logging
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from controller.fault_timeout import FaultTimeout
+from controller.interface import Settled
+from controller.motion import Kinematics, MotionError, stretched
+from controller.trajectory.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, TrajectoryGoal
+from controller.trajectory.goal_planner import Plan
+from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.tolerances import (
+    DEACTIVATED,
+    PREEMPTED,
+    PREEMPTED_BY_TOPIC,
+    TIMED_OUT,
+    GoalResult,
+    goal_result,
+    resolve,
+)
+from hal.types import FloatArray, JointState
+
+LOG = logging.getLogger("servoloop.controller")
+
+LATE_S: Final = 0.001
+"""From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
+RECALL_S: Final = 0.05
+"""So long after its beginning a goal can be made to wait after all, and one cycle at least: a command that was sent to
+another controller in the same instant as the goal may arrive just behind it. The arm has hardly begun by then."""
+
+
+@dataclass(slots=True)
+class _Active:
+    """The goal under way; until it has ``begun`` it waits for other controllers."""
+
+    handle: GoalHandle
+    plan: Plan
+    tolerances: Tolerances
+    fault_timeout: FaultTimeout
+    waited_s: float
+    """Seconds since the cycle for which the goal was planned."""
+    begun: bool = False
+    recall_s: float = 0.0
+    """Seconds for which the goal can still be made to wait."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One cycle of the controller; arrays (n,), ``error`` is the reference less what was measured."""
+
+    state: JointState
+    reference: Kinematics
+    measured: FloatArray
+    error: FloatArray
+    step_s: float
+    period_s: float
+    parameters: TrajectoryParameters
+    tolerances: Tolerances
+    """The defaults for goals that bring none."""
+
+
+class Execution:
+    """``submit`` and ``cancel`` may be called from any thread; they count from the next cycle on."""
+
+    def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler, settled: Settled) -> None:
+        self._name = name
+        self._joints = tuple(joints)
+        self._sampler = sampler
+        self._others_settled = settled
+        self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
+        self._cancels: deque[GoalHandle] = deque()
+        self._active: _Active | None = None
+
+    def submit(self, handle: GoalHandle, plan: Plan) -> None:
+        """A goal that takes the place of the one under way."""
+        self._inbox.append((handle, plan))
+
+    def cancel(self, handle: GoalHandle) -> None:
+        """Stop a goal, if it is still under way then."""
+        self._cancels.append(handle)
+
+    @property
+    def idle(self) -> bool:
+        """No goal is under way or waiting."""
+        return self._active is None and not self._inbox
+
+    def end(self, reason: str = "") -> None:
+        """All goals end with the controller; ``reason`` is added for their clients."""
+        text = f"{DEACTIVATED} {reason}".rstrip()
+        if self._active:
+            self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+        self._active = None
+        self._cancels.clear()
+        while self._inbox:
+            self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+
+    def cycle(self, now: Cycle) -> None:
+        """Cancels, new goals, and the one under way."""
+        self._take_cancels(now)
+        self._take_goals(now)
+        if self._active:
+            self._go_on(self._active, now)
+        if now.parameters.cmd_timeout:
+            self._check_timeout(now)
+
+    def _take_cancels(self, now: Cycle) -> None:
+        while self._cancels:
+            handle = self._cancels.popleft()
+            if self._active and self._active.handle is handle:
+                self._halt(now)
+            for waiting in [entry for entry in self._inbox if entry[0] is handle]:
+                self._inbox.remove(waiting)
+            handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+
+    def _halt(self, now: Cycle) -> None:
+        """The goal under way has ended, its path has not."""
+        self._active = None
+        if now.parameters.constraints.decelerate_on_cancel:
+            self._sampler.stop(now.reference, now.parameters)
+        else:
+            self._sampler.hold(now.measured)
+
+    def _take_goals(self, now: Cycle) -> None:
+        while self._inbox:
+            handle, plan = self._inbox.popleft()
+            if self._active:
+                text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
+                self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+            tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
+            self._active = _Active(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
+            if self._inbox:
+                continue  # a newer one has come already: this one is not worth beginning
+            if self._ready(now):
+                # Its first cycle is this one, in which nothing can have changed yet.
+                self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if now.parameters.wait_for else 0.0
+                self._begin(self._active, now)
+            else:
+                self._sampler.stop(now.reference, now.parameters)
+
+    def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
+        """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
+        try:
+            return resolve(asked, default, self._joints)
+        except ValueError as error:
+            LOG.error("%s: %s. Using default tolerances.", self._name, error)
+            return default
+
+    def _begin(self, active: _Active, now: Cycle) -> None:
+        # A stamp is a point in time: waiting has brought it nearer.
+        waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
+        try:
+            path = active.plan.join(now.reference, waited_s)
+        except MotionError as error:
+            self._finish(active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, str(error)), now)
+            return
+        if stretched(path):
+            how_much = f"from {path.asked_s:.2f} s to {path.duration_s:.2f} s"
+            LOG.warning("%s: the limits stretch the motion %s", self._name, how_much)
+        active.begun = True
+        self._sampler.follow(path, now.reference)
+
+    def _go_on(self, active: _Active, now: Cycle) -> None:
+        if fault := self._lasting_fault(active, now):
+            self._finish(active, GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, fault), now)
+        elif not active.begun:
+            self._wait(active, now)
+        elif active.recall_s > 0.0 and self._recalled(active, now):
+            self._sampler.stop(now.reference, now.parameters)
+        elif self._sampler.path is not None:
+            path, elapsed_s = self._sampler.path, self._sampler.elapsed_s
+            if found := goal_result(self._joints, active.tolerances, path, elapsed_s, now.error, now.state.faults):
+                self._finish(active, found, now)
+
+    @staticmethod
+    def _lasting_fault(active: _Active, now: Cycle) -> str | None:
+        if not now.state.faults and not active.fault_timeout.cycles:
+            return None
+        return active.fault_timeout.lasting(now.state.faults, now.period_s)
+
+    def _ready(self, now: Cycle) -> bool:
+        return all(map(self._others_settled, now.parameters.wait_for))
+
+    def _recalled(self, active: _Active, now: Cycle) -> bool:
+        """Whether a goal has to wait although it has just begun."""
+        active.recall_s -= now.step_s
+        active.waited_s += now.step_s
+        active.begun = self._ready(now)
+        return not active.begun
+
+    def _wait(self, active: _Active, now: Cycle) -> None:
+        """Begin when the others have settled."""
+        ready = self._ready(now)
+        late = active.waited_s >= now.parameters.wait_for_timeout
+        if late and not ready:
+            LOG.warning("%s: starts although %s has not settled", self._name, ", ".join(now.parameters.wait_for))
+        if ready or late:
+            self._begin(active, now)
+        else:
+            active.waited_s += now.step_s
+
+    def _finish(self, active: _Active, result: GoalResult, now: Cycle) -> None:
+        if result.status is GoalStatus.ABORTED:
+            LOG.error("%s: %s", self._name, result.text)
+        active.handle.decide(result.status, result.error_code, result.text)
+        self._active = None
+        if result.stop:
+            self._halt(now)
+
+    def _check_timeout(self, now: Cycle) -> None:
+        """As upstream: so long after the last point nothing new has come, and what is measured is held."""
+        allowed_s, sampler = now.parameters.cmd_timeout, self._sampler
+        if not (sampler.on_goal and allowed_s > now.parameters.constraints.goal_time and sampler.path is not None):
+            return
+        if sampler.elapsed_s - sampler.path.duration_s > allowed_s:
+            if self._active:
+                text = GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT, stop=False)
+                self._finish(self._active, text, now)
+            sampler.hold(now.measured)
+
+
+def _late_s(goal: TrajectoryGoal, now: Cycle) -> float:
+    """Seconds by which this cycle comes later than the one for which the goal was planned."""
+    late_s = 0.0 if goal.begins_s is None else now.state.stamp_s - goal.begins_s
+    return late_s if late_s > LATE_S else 0.0

@@ -1,0 +1,165 @@
+"""joint_trajectory_controller/JointTrajectoryController: one trajectory at a time, jerk-limited where so configured."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from controller.interface import ControllerContext, Settled, indices, limits_of
+from controller.motion import Kinematics
+from controller.parameters import Parameters
+from controller.trajectory.execution import Cycle, Execution
+from controller.trajectory.goal import ErrorCode, GoalHandle, GoalStatus, TrajectoryGoal
+from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
+from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
+from controller.trajectory.tolerances import DEACTIVATED
+from hal.types import FloatArray, JointLimits, JointState
+
+LONGEST_STEP = 2.0
+"""A cycle that comes late moves the trajectory on by at most so many periods: no leap after a stall."""
+
+UNSEEN = 100
+"""So many cycles are kept for an observer that is behind."""
+
+
+class JointTrajectoryController:
+    """The controller follows one trajectory at a time; a new goal takes over from the reference of the old one.
+
+    Upstream takes over from the measured state, which makes the arm sag or jump at each goal.
+    """
+
+    kind: ClassVar[str] = "joint_trajectory_controller/JointTrajectoryController"
+    parameters_type: ClassVar[type[Parameters]] = TrajectoryParameters
+    settable: ClassVar[frozenset[str]] = frozenset(
+        {
+            "allow_partial_joints_goal",
+            "allow_integration_in_goal_trajectories",
+            "allow_nonzero_velocity_at_trajectory_end",
+            "cmd_timeout",
+            "constraints",
+        }
+    )
+
+    def __init__(
+        self,
+        name: str,
+        parameters: TrajectoryParameters,
+        limits: Sequence[JointLimits],
+        hardware_joints: Sequence[str],
+        settled: Settled,
+        endless: Sequence[int] = (),
+    ) -> None:
+        """``limits`` in the order of the joints; ``endless`` are the indices of those without ends."""
+        self.name = name
+        self.joints = parameters.joints
+        self.command_interfaces = parameters.claims()
+        self.state_interfaces = tuple(f"{j}/{name}" for j in self.joints for name in parameters.state_interfaces)
+        self.reconfigure(parameters)
+        self.command: FloatArray = np.full(len(self.joints), np.nan)
+        self.tracking: Tracking | None = None
+        """The newest cycle; None while nothing is followed."""
+        self._unseen: deque[Tracking] = deque(maxlen=UNSEEN)
+        self.running = False
+        self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
+        self._planner.warm_up()
+        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor)
+        self.scaling = self._sampler.scaling
+        self._index = indices(self.joints, hardware_joints)
+        self._execution = Execution(name, self.joints, self._sampler, settled)
+        self._planned: tuple[TrajectoryGoal, Plan] | None = None
+        self._start = Kinematics.at_rest(self.command)
+        self.period_s = 0.0
+        """The loop's period; 0 before the first cycle."""
+        self._last_s = 0.0
+
+    @classmethod
+    def build(
+        cls, name: str, parameters: TrajectoryParameters, context: ControllerContext
+    ) -> "JointTrajectoryController":
+        """Build the controller as the controllers file asks."""
+        kinds = [context.description.joints[joint].kind for joint in parameters.joints]
+        endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
+        limits = limits_of(parameters.joints, context.limits)
+        return cls(name, parameters, limits, context.component.joints, context.settled, endless)
+
+    # Called from any thread.
+
+    def check(self, goal: TrajectoryGoal) -> str | None:
+        """The reason why the goal is refused, or None; the goal is planned then, for ``submit``."""
+        if not self.running:
+            return "Can't accept new action goals. Controller is not running."
+        try:
+            self._planned = goal, self._planner.plan(goal, self._allowed, self._next_reference())
+        except GoalRejected as error:
+            return str(error)
+        return None
+
+    def _next_reference(self) -> Kinematics:
+        """The reference of the next cycle."""
+        tracking = self.tracking
+        return tracking.at(self.period_s)[0] if tracking is not None else self._start
+
+    def submit(self, goal: TrajectoryGoal) -> GoalHandle:
+        """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
+        handle = GoalHandle(goal)
+        reason = self.check(goal) if self._planned is None or self._planned[0] is not goal else None
+        if reason is None and self._planned is not None:
+            self._execution.submit(handle, self._planned[1])
+        if reason or not self.running:  # stopped since the check
+            handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED if not self.running else str(reason))
+        return handle
+
+    def cancel(self, handle: GoalHandle) -> None:
+        """Stop a goal, if it is still under way at the next cycle."""
+        self._execution.cancel(handle)
+
+    def tracked(self, stamp_s: float) -> Iterator[Tracking]:
+        """The tracking of the cycle that measured at ``stamp_s``: once, for one observer that goes from cycle to cycle.
+
+        Empty where the controller was inactive, or was not updated then.
+        """
+        while self._unseen and self._unseen[0].stamp_s <= stamp_s:
+            tracking = self._unseen.popleft()
+            if tracking.stamp_s == stamp_s:
+                yield tracking
+
+    def reconfigure(self, parameters: TrajectoryParameters) -> None:
+        """Settable parameters count from the next goal (``cmd_timeout``: the next cycle) on."""
+        self._allowed, self._tolerances = parameters.allowed(), parameters.tolerances()
+        self.parameters: TrajectoryParameters = parameters
+
+    # Called from the loop's thread.
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self._execution.end()
+        self._sampler.hold(command)
+        self._start = self._sampler.reference()
+        self._last_s = state.stamp_s
+        self.command = command.copy()
+        self.running = True
+
+    def deactivate(self, reason: str = "") -> None:
+        """``reason`` is for the clients, where the hardware is lost and no client switched the controller."""
+        self.running = False
+        self._execution.end(reason)
+        self.tracking = None
+
+    def settled(self) -> bool:
+        return self._execution.idle
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        step_s = min(now_s - self._last_s, LONGEST_STEP * period_s)
+        self._last_s = now_s
+        parameters, sampler = self.parameters, self._sampler
+        reference = sampler.advance(step_s)
+        measured, velocity = state.position[self._index], state.velocity[self._index]
+        error = shorter_way(reference.position - measured, self._planner.endless)
+        self._execution.cycle(Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances))
+        self.command = sampler.ahead(period_s + parameters.command_lead)
+        self.period_s = period_s
+        assert sampler.path is not None, "activated before the first update"
+        now = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
+        self.tracking = Tracking(state.stamp_s, reference, measured, velocity, error, self.command, *now)
+        self._unseen.append(self.tracking)

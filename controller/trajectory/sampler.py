@@ -1,0 +1,112 @@
+"""The trajectory sampler samples a path once a cycle: it knows the path, and how far along it the joints are to be."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.motion import Kinematics, Path, plan_stop
+from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.speed_scaling import SpeedScaling, scaled
+from controller.trajectory.stop_path import gentle_limits, stop_path
+from hal.types import FloatArray, JointLimits
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """One cycle as ``~/controller_state`` shows it; arrays (n,) in rad (m) and seconds."""
+
+    stamp_s: float
+    reference: Kinematics
+    feedback_position: FloatArray
+    feedback_velocity: FloatArray
+    error: FloatArray
+    """Of the position; the shorter way round for a joint without ends."""
+    output: FloatArray
+    """The command."""
+    speed_scaling_factor: float
+    path: Path
+    elapsed_s: float
+    """On the path."""
+    on_goal: bool
+    """Whether the path is a goal's, and not a stop or a hold."""
+    rate: float
+    """The rate at which time passes on the path."""
+
+    def at(self, later_s: float) -> tuple[Kinematics, bool]:
+        """The reference ``later_s`` (negative: ago) from this cycle, and whether a goal is under way then."""
+        time_s = self.elapsed_s + later_s * self.rate
+        return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
+
+
+class TrajectorySampler:
+    """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
+
+    def __init__(self, limits: Sequence[JointLimits], initial_scaling: float = 1.0) -> None:
+        self.scaling = SpeedScaling(limits, initial_scaling)
+        self.on_goal = False
+        self.elapsed_s = 0.0
+        self.path: Path | None = None
+        self.rate = 1.0
+        self._limits = tuple(limits)
+
+    def advance(self, step_s: float) -> Kinematics:
+        """One cycle further; returns where the joints are to be now.
+
+        The period that has passed was commanded at the former factor; a new one counts from here on.
+        """
+        assert self.path is not None, "activated before the first update"
+        self.elapsed_s += step_s * self.rate
+        if self.scaling.asked != self.scaling.factor:
+            if self.on_goal:
+                self.scaling.advance(self.path.sample(self.elapsed_s), step_s)
+                self.rate = self.scaling.factor
+            else:
+                self.scaling.idle()
+        return self.reference()
+
+    def reference(self) -> Kinematics:
+        """The reference of now: where the joints are to be, and how they are to move."""
+        assert self.path is not None, "activated before the first update"
+        return _moving(self.path, self.elapsed_s, self.rate)
+
+    def ahead(self, time_s: float) -> FloatArray:
+        """The reference position so much later (n,)."""
+        assert self.path is not None, "activated before the first update"
+        return self.path.sample(self.elapsed_s + time_s * self.rate).position
+
+    def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
+        """Set out on another path, which begins at ``reference``."""
+        self.path, self.elapsed_s, self.on_goal = path, 0.0, on_goal
+        if self.scaling.asked != 1.0 or self.scaling.factor != 1.0:
+            self.scaling.restart(bool(reference.velocity.any()))
+        self.rate = self.scaling.factor if on_goal else 1.0
+
+    def hold(self, position: FloatArray) -> None:
+        """Stay there, or rather at the nearest place within the limits."""
+        lower, upper = [limit.lower for limit in self._limits], [limit.upper for limit in self._limits]
+        state = Kinematics.at_rest(np.clip(position, lower, upper))
+        self.follow(plan_stop(state, self._limits), state, on_goal=False)
+
+    def stop(self, reference: Kinematics, parameters: TrajectoryParameters) -> None:
+        """Come to rest within the limits, and stay there."""
+        by_joint = parameters.constraints.by_joint()
+        decelerations = {name: joint.max_deceleration_on_cancel for name, joint in by_joint.items()}
+        gentle = gentle_limits(parameters.joints, self._limits, decelerations)
+        self.follow(stop_path(reference, self._limits, gentle), reference, on_goal=False)
+
+
+def _moving(path: Path, time_s: float, rate: float) -> Kinematics:
+    """The movement on a path where time passes ``rate`` times as fast."""
+    state = path.sample(time_s)
+    return state if rate == 1.0 else scaled(state, rate)
+
+
+def shorter_way(error: FloatArray, endless: Sequence[int]) -> FloatArray:
+    """An error (n,) where joints without ends (their indices) count the shorter way round."""
+    if endless:
+        columns = list(endless)
+        error = error.copy()
+        error[columns] = (error[columns] + math.pi) % math.tau - math.pi
+    return error

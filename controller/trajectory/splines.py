@@ -1,0 +1,146 @@
+"""Splines, as upstream calls paths of polynomials, one a segment. Units: rad (m) and seconds."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.motion import Kinematics, MotionError
+from controller.trajectory.waypoints import BoolArray, Waypoints
+from hal.types import FloatArray, JointLimits
+
+ATTEMPTS: Final = 20
+"""So often a segment that is too fast is given more time before the goal is refused."""
+LOOKS: Final = 33
+"""At so many instants of a segment its velocity and position are held against the limits."""
+SLACK: Final = 2e-3
+"""The share by which a curve may exceed a limit between two looks."""
+_ROUNDING: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class SplinePath:
+    """k segments of n joints. ``coefficients`` (k, 6, n), lowest power first, of the time since ``starts_s`` (k)."""
+
+    starts_s: tuple[float, ...]
+    coefficients: FloatArray
+    duration_s: float
+    asked_s: float
+
+    def sample(self, time_s: float) -> Kinematics:
+        """The joints' movement ``time_s`` after the start, at rest outside."""
+        inside_s = min(max(time_s, 0.0), self.duration_s)
+        index = max(bisect_right(self.starts_s, inside_s) - 1, 0)
+        t = inside_s - self.starts_s[index]
+        t2, t3, t4 = t * t, t**3, t**4
+        powers = np.array(
+            (
+                (1.0, t, t2, t3, t4, t4 * t),
+                (0.0, 1.0, 2.0 * t, 3.0 * t2, 4.0 * t3, 5.0 * t4),
+                (0.0, 0.0, 2.0, 6.0 * t, 12.0 * t2, 20.0 * t3),
+            )
+        )
+        position, velocity, acceleration = powers @ self.coefficients[index]
+        if time_s > self.duration_s:
+            return Kinematics.at_rest(position)
+        return Kinematics(position, velocity, acceleration)
+
+
+def spline(
+    start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
+) -> SplinePath:
+    """A spline from ``start`` through all points, linear, cubic or quintic by what both ends of a segment have.
+
+    Segments that would be faster than the limits get more time, and their ends' velocities are slowed
+    down with them. Raises MotionError where a segment would still leave the position limits.
+    """
+    positions = np.vstack((start.position, waypoints.position))
+    asked_s = np.maximum(np.diff(waypoints.times_s, prepend=0.0), 0.0)
+    ways = np.abs(np.diff(positions, axis=0))
+    top = np.array([limit.velocity for limit in limits])
+    # A segment of no length still needs a duration to divide by.
+    spans_s = np.maximum(np.maximum(asked_s, (ways / top).max(axis=1)), 1e-9)
+    smooth = np.append(True, waypoints.has_velocity), np.append(True, waypoints.has_acceleration)
+    curved = smooth[0][:-1] & smooth[0][1:]
+    for _ in range(ATTEMPTS):
+        velocity, acceleration = _slowed(start, waypoints, asked_s, spans_s)
+        coefficients = _coefficients(positions, velocity, acceleration, smooth, spans_s)
+        seen, speeds = _look(coefficients, spans_s)
+        excess = (speeds / top).max(axis=1) * np.where(curved, 1.0 + SLACK, 1.0)
+        if (excess <= 1.0 + _ROUNDING).all():
+            _check_positions(seen, limits, names)
+            starts_s = tuple(np.append(0.0, np.cumsum(spans_s)[:-1]).tolist())
+            return SplinePath(starts_s, coefficients, float(spans_s.sum()), max(float(waypoints.times_s[-1]), 0.0))
+        spans_s = spans_s * np.maximum(excess, 1.0)
+    worst = int(np.argmax(excess))
+    raise MotionError(
+        f"the way to point #{worst} is {excess[worst]:.1f} times too fast: start at rest, or give it time"
+    )
+
+
+def _slowed(
+    start: Kinematics, waypoints: Waypoints, asked_s: FloatArray, spans_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Velocities and accelerations (m + 1, n), where segments take longer than asked; the start's are what they are."""
+    slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=asked_s > 0.0)
+    slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]
+    return (
+        np.vstack((start.velocity, waypoints.velocity * slower)),
+        np.vstack((start.acceleration, waypoints.acceleration * slower**2)),
+    )
+
+
+def _coefficients(
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    smooth: tuple[BoolArray, BoolArray],
+    spans_s: FloatArray,
+) -> FloatArray:
+    """The coefficients of each segment between two of the (m + 1, n) states: shape (m, 6, n)."""
+    t = spans_s[:, None]
+    p, v, a = position[:-1], velocity[:-1], acceleration[:-1]
+    way, v2, a2 = position[1:] - p, velocity[1:], acceleration[1:]
+    zero = np.zeros_like(p)
+    linear = (p, way / t, zero, zero, zero, zero)
+    cubic = (p, v, (3.0 * way / t - 2.0 * v - v2) / t, (v + v2 - 2.0 * way / t) / t**2, zero, zero)
+    quintic = (
+        p,
+        v,
+        a / 2.0,
+        (20.0 * way / t - 12.0 * v - 8.0 * v2 - (3.0 * a - a2) * t) / (2.0 * t**2),
+        (-30.0 * way / t + 16.0 * v + 14.0 * v2 + (3.0 * a - 2.0 * a2) * t) / (2.0 * t**3),
+        (12.0 * way / t - 6.0 * v - 6.0 * v2 - (a - a2) * t) / (2.0 * t**4),
+    )
+    has_v, has_a = (has[:-1] & has[1:] for has in smooth)
+    kinds = [(has_v & has_a)[:, None, None], has_v[:, None, None]]
+    chosen: FloatArray = np.select(kinds, [np.stack(quintic, 1), np.stack(cubic, 1)], np.stack(linear, 1))
+    return chosen
+
+
+def _look(coefficients: FloatArray, spans_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (m, LOOKS, n) of all segments, and their largest speeds (m, n)."""
+    times = np.linspace(0.0, 1.0, LOOKS)[None, :] * spans_s[:, None]
+    powers = times[:, :, None] ** np.arange(6)
+    positions: FloatArray = powers @ coefficients
+    slopes = coefficients[:, 1:] * np.arange(1.0, 6.0)[:, None]
+    speeds: FloatArray = np.abs(powers[:, :, :5] @ slopes).max(axis=1)
+    return positions, speeds
+
+
+def _check_positions(positions: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]) -> None:
+    start = positions[0, 0]  # a joint that stands outside may come back in
+    lower = np.minimum([limit.lower for limit in limits], start) - _ROUNDING
+    upper = np.maximum([limit.upper for limit in limits], start) + _ROUNDING
+    outside = (positions < lower) | (positions > upper)
+    if not outside.any():
+        return
+    row, _, joint = (int(found[0]) for found in np.nonzero(outside))
+    reached = positions[row, :, joint]
+    far = reached[np.argmax(np.maximum(reached - upper[joint], lower[joint] - reached))]
+    raise MotionError(
+        f"{names[joint] if names else f'joint {joint + 1}'} would swing to {far:.4f} on the way to point #{row}, "
+        f"outside its limits {limits[joint].lower:.4f} to {limits[joint].upper:.4f}: pass the points near it slower"
+    )

@@ -1,0 +1,128 @@
+"""Waypoints of a goal, and the jerk-limited motion that ruckig plans through few of them, passing each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.motion import Kinematics, Motion, segment
+from hal.types import FloatArray, JointLimits
+
+ATTEMPTS: Final = 4
+"""So often the planner chooses velocities anew where the time between two points has turned out too short."""
+ACCELERATION_SHARE: Final = 0.5
+"""The share of the acceleration limit that chosen velocities use; the rest is for the ramps of the jerk limit."""
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoints:
+    """m points of n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
+
+    ``has_velocity`` and ``has_acceleration`` (m,) say where the goal gives them; elsewhere they are 0.
+    Accelerations count only beside velocities (upstream stands still on those without, and then leaps).
+    """
+
+    times_s: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    has_velocity: BoolArray
+    has_acceleration: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Limits of n joints, each of shape (n,)."""
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+    @classmethod
+    def of(cls, limits: Sequence[JointLimits]) -> "Bounds":
+        return cls(
+            np.array([limit.velocity for limit in limits]),
+            np.array([limit.acceleration for limit in limits]),
+            np.array([limit.jerk for limit in limits]),
+        )
+
+
+def ruckig_motion(
+    start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
+) -> Motion:
+    """Ruckig's motion from ``start`` through every point without stopping. Raises MotionError.
+
+    Where a way takes longer than the goal says, it and the velocities at its ends are slowed down
+    together, so that all joints stay on the way.
+    """
+    bounds = Bounds.of(limits)
+    positions = np.vstack((start.position, waypoints.position))
+    asked_s = np.maximum(np.diff(waypoints.times_s, prepend=0.0), 0.0)
+    spans_s = np.maximum(asked_s, (np.abs(np.diff(positions, axis=0)) / bounds.velocity).max(axis=1))
+    for _ in range(ATTEMPTS):
+        states = _states(waypoints, positions, start, asked_s, spans_s, bounds)
+        pairs = zip(pairwise(states), spans_s, strict=True)
+        trajectories = [segment(before, after, limits, span_s, names) for (before, after), span_s in pairs]
+        durations_s = np.array([trajectory.duration for trajectory in trajectories])
+        if (durations_s <= spans_s * 1.001 + 1e-4).all():
+            break
+        spans_s = np.maximum(spans_s, durations_s)
+    asked = max(float(waypoints.times_s[-1]), 0.0)
+    return Motion.of(trajectories, asked)
+
+
+def _states(
+    waypoints: Waypoints,
+    positions: FloatArray,
+    start: Kinematics,
+    asked_s: FloatArray,
+    spans_s: FloatArray,
+    bounds: Bounds,
+) -> list[Kinematics]:
+    """The states at the start and at each point: the goal's, slowed down where need be, or else estimates."""
+    slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=(asked_s > 0.0) & (spans_s > 0.0))
+    slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]
+    velocity = np.where(
+        waypoints.has_velocity[:, None], waypoints.velocity * slower, _velocities(positions, start, spans_s, bounds)
+    )
+    acceleration = np.where(
+        waypoints.has_acceleration[:, None],
+        waypoints.acceleration * slower**2,
+        estimated_velocities(np.vstack((start.velocity, velocity)), spans_s),  # 0 would stop accelerating at each
+    )
+    velocity[-1], acceleration[-1] = 0.0, 0.0
+    return [start, *(within(Kinematics(*s), bounds) for s in zip(positions[1:], velocity, acceleration, strict=True))]
+
+
+def within(state: Kinematics, bounds: Bounds) -> Kinematics:
+    """A state that ruckig takes for a target: where velocity is near its limit, acceleration must have
+    time to go before and after."""
+    velocity = np.clip(state.velocity, -bounds.velocity, bounds.velocity)
+    room = np.minimum(bounds.acceleration, np.sqrt(2.0 * bounds.jerk * (bounds.velocity - np.abs(velocity))))
+    return Kinematics(state.position, velocity, np.clip(state.acceleration, -room, room))
+
+
+def _velocities(positions: FloatArray, start: Kinematics, spans_s: FloatArray, bounds: Bounds) -> FloatArray:
+    """Estimates that are never so fast that the next point could not be met at its velocity (m, n)."""
+    ways = np.abs(np.diff(positions, axis=0))
+    chosen = estimated_velocities(positions, spans_s)
+    speed, reach = np.abs(chosen), 2.0 * ACCELERATION_SHARE * bounds.acceleration * ways
+    for row in range(len(speed) - 2, -1, -1):
+        speed[row] = np.minimum(speed[row], np.sqrt(speed[row + 1] ** 2 + reach[row + 1]))
+    previous = np.abs(start.velocity)
+    for row in range(len(speed)):
+        speed[row] = previous = np.minimum(speed[row], np.sqrt(previous**2 + reach[row]))
+    return np.copysign(speed, chosen)
+
+
+def estimated_velocities(positions: FloatArray, spans_s: FloatArray) -> FloatArray:
+    """The smaller slope beside each point but the first (m, n), 0 where a joint turns round and at the end."""
+    slopes = np.diff(positions, axis=0) / np.maximum(spans_s, 1e-6)[:, None]
+    before, after = slopes, np.vstack((slopes[1:], np.zeros_like(slopes[:1])))
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    return np.where(before * after > 0.0, smaller, 0.0)

@@ -1,0 +1,272 @@
+"""The bus is one line of servos of one wire protocol: all calls that the layer above may make."""
+
+import logging
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Final
+
+from drivers.bus.counters import BusCounters
+from drivers.bus.group_read import GroupRead
+from drivers.bus.identify import check_model_number, check_settings
+from drivers.bus.indirect import IndirectMaps
+from drivers.bus.known_servos import KnownServos
+from drivers.bus.late_replies import HELD_S, LateReplies
+from drivers.bus.retry import failures_of_each, retry
+from drivers.bus.single_servo import SingleServo
+from drivers.bus.state_reader import StateReader
+from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
+from drivers.clock import Clock
+from drivers.errors import ServoError, ServoRefused
+from drivers.port import Port
+from drivers.port.echo import Echo
+from drivers.protocol import v2
+from drivers.servos.dynamixel import ALARMED
+from drivers.servos.register import Register, ServoModel
+
+LOG = logging.getLogger("servoloop.drivers")
+
+_NAME_ALARM_S: Final = 0.005
+"""An alarm's name is asked for only where the cycle has so much time left."""
+_AT_ONCE: Final = 256
+"""Bytes that are thrown away in one read."""
+
+
+class Bus:
+    """One transaction at a time, from one thread.
+
+    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
+    for lost packets (drivers/bus/retry.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on`` without a
+    deadline, ``limit_torque``. A cycle is ``request``, ``receive``, ``write_goals``.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        clock: Clock,
+        models: Mapping[int, ServoModel] | None = None,
+        *,
+        position_p: Mapping[int, int] | None = None,
+    ) -> None:
+        """``models`` by ID; ValueError where they cannot share a line. None: STS servos.
+
+        ``position_p``: the position P gain of Dynamixels (by ID) that are not to have the factory's. It lives
+        in RAM: it is written whenever the torque goes on.
+        """
+        self._port = port
+        self._clock = clock
+        self._position_p = dict(position_p or {})
+        try:
+            self._servos = servos = KnownServos(models or {})
+        except ValueError as error:
+            raise ValueError(f"{port.name}: {error}") from error
+        self.counters = BusCounters()
+        """What went wrong since the bus was opened, by servo and kind."""
+        echo, late, protocol = Echo(), LateReplies(), servos.protocol
+        self._group = GroupRead(port, clock, protocol, echo, self.counters, late)
+        single = SingleServo(port, clock, protocol, echo, self.counters, late, self._disturb)
+        self._single = single
+        self._reader = StateReader(port, clock, self._group, servos, self.counters, late)
+        self._maps = IndirectMaps(servos, single, port, clock) if protocol.packets is v2 else None
+        # What one servo is asked and told goes straight to the SDK, once.
+        self.ping, self.read, self.write = single.ping, single.read, single.write
+        self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
+        self.reboot, self.factory_reset = single.reboot, single.factory_reset
+
+    @property
+    def name(self) -> str:
+        """The port's name."""
+        return self._port.name
+
+    @property
+    def baud(self) -> int:
+        """The rate of the line, in bits per second."""
+        return self._port.baud
+
+    @property
+    def read_together(self) -> bool:
+        """Whether one packet asks all servos for their states; otherwise each is asked by itself."""
+        return self._servos.read_together
+
+    def _disturb(self) -> None:
+        """Something else than a group read goes over the line, and may leave something on it."""
+        self._group.clean = False
+
+    # A cycle.
+
+    def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
+        """Ask for the states; ``receive`` waits for them until ``deadline_s`` on the bus's clock.
+
+        Lines that are asked before any of them is waited for work at the same time. What was requested before and
+        not received is abandoned.
+        """
+        self._reader.request(tuple(servo_ids), deadline_s)
+
+    def receive(self) -> Mapping[int, Reading]:
+        """The state of each servo that was asked, or its fault.
+
+        What is missing is asked for again while there is time, and a servo known to be silent is not waited for in
+        every cycle.
+        """
+        readings, deadline_s = self._reader.receive(), self._reader.deadline_s
+        return readings if self._maps is None else self._look_after(self._maps, readings, deadline_s)
+
+    def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
+        """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
+        if goals:
+            self._group.send(self._servos.goals(goals))
+
+    def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
+        """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
+        if deadline_s is None:
+            readings = self._reader.read_patiently(tuple(servo_ids))
+            return readings if self._maps is None else self._look_after(self._maps, readings, math.inf)
+        self.request(servo_ids, deadline_s)
+        return self.receive()
+
+    def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
+        """Bytes that a cycle with these goals and states puts on the wire, where nothing goes wrong."""
+        return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
+
+    def _look_after(
+        self, maps: IndirectMaps, readings: Mapping[int, Reading], deadline_s: float
+    ) -> Mapping[int, Reading]:
+        """Name the alarms, and give the maps of indirect registers what they need, if there is time."""
+        named: dict[int, Reading] = {}
+        for servo_id, reading in readings.items():
+            if isinstance(reading, ServoFault):
+                if reading.kind == "reset":
+                    maps.lost(servo_id)
+            elif reading.alarms == ALARMED:
+                named[servo_id] = self._with_alarms_named(servo_id, reading, deadline_s)
+        if maps.busy or self._reader.missed:
+            maps.watch(self._reader.first_blocks, self._reader.missed)
+            maps.tend(readings, deadline_s)
+        return {**readings, **named} if named else readings
+
+    def _with_alarms_named(self, servo_id: int, state: ServoState, deadline_s: float) -> ServoState:
+        """The names are asked for while there is time: that is a transaction of its own."""
+        source = self._servos.series(servo_id).hardware_error
+        if source is None or self._clock.now() + _NAME_ALARM_S >= deadline_s:
+            return state
+        try:
+            with self._single.until(servo_id, deadline_s):
+                alarms = source[1](self.read(servo_id, source[0]))
+        except ServoError:
+            return state
+        return state._replace(alarms=alarms or state.alarms)
+
+    # Set-up.
+
+    def identify(self, servo_id: int, model: ServoModel) -> None:
+        """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
+        check_model_number(self._single, servo_id, model)
+        self._servos.identified(servo_id, model)
+        self.check_settings(servo_id, model)
+        if self._maps is not None:
+            self._maps.set_up(servo_id, model)
+
+    def check_settings(self, servo_id: int, model: ServoModel) -> None:
+        """Raise ServoRefused unless it is set up to be driven, as a servo with this model's table is.
+
+        ServoSilent or ServoCorrupt where that cannot be found out.
+        """
+        if warning := check_settings(self._single, servo_id, model):
+            LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
+
+    def goal(self, servo_id: int) -> int:
+        """The goal position that the servo holds, in counts."""
+        return self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
+
+    def position_limits(self, servo_id: int) -> tuple[int, int] | None:
+        """The lowest and the highest goal that the servo's settings let it take, in counts.
+
+        None where it has none: both 0 is a servo without such a setting, or a simulator's empty table.
+        """
+        registers = self._servos.series(servo_id).position_limits
+        lowest, highest = (self._read_surely(servo_id, register) for register in registers)
+        return (lowest, highest) if (lowest, highest) != (0, 0) else None
+
+    def torque_is_on(self, servo_id: int) -> bool:
+        """Whether the servo drives its motor."""
+        return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
+
+    def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
+        """Whether these servos drive their motors, as far as they answer by the deadline: one attempt."""
+        found = self._reader.torque(tuple(servo_ids), deadline_s)
+        if found is not None:
+            return found
+        driven: dict[int, bool] = {}
+        for servo_id in servo_ids:
+            try:
+                with self._single.until(servo_id, deadline_s):
+                    driven[servo_id] = self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
+            except ServoError:
+                continue
+        return driven
+
+    def torque_on(self, servo_id: int) -> None:
+        """Drive the motor. The caller has written the goal before.
+
+        Told once: of a servo that does not acknowledge it nobody knows whether it was reset, and has its goal still.
+        """
+        series = self._servos.series(servo_id)
+        for register, value in series.before_torque:
+            self._write_surely(servo_id, register, value)
+        if servo_id in self._position_p and series.position_p is not None:
+            self._write_surely(servo_id, series.position_p, self._position_p[servo_id])
+        self.write(servo_id, series.torque_enable, 1)
+
+    def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
+        """Let go of every servo, each tried whatever the others answer; returns what failed."""
+        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
+        if servo_ids:
+            self._group.send(self._servos.torque_off(servo_ids))
+        return failures_of_each(servo_ids, lambda i: self.write(i, self._servos.series(i).torque_enable, 0))
+
+    def limit_torque(self, servo_id: int, share: float) -> None:
+        """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        series = self._servos.series(servo_id)
+        wanted, lasting = round(share * series.full_torque), series.max_torque
+        if series.torque_limit is not None:
+            # What lasts stays the upper bound: beyond it a Dynamixel would refuse.
+            self._write_surely(servo_id, series.torque_limit, min(wanted, self._read_surely(servo_id, lasting)))
+        elif share < 1.0:
+            raise ServoRefused(
+                servo_id,
+                f"has no torque limit that ends with the power: write {wanted} to {lasting.name} (register "
+                f"{lasting.address}, EEPROM) and set torque_limit: 1.0 in the robot file",
+            )
+
+    def _read_surely(self, servo_id: int, register: Register) -> int:
+        return retry(partial(self.read, servo_id, register))
+
+    def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
+        """One register of RAM: written twice, it holds what it holds after once."""
+        retry(partial(self.write, servo_id, register, value))
+
+    @contextmanager
+    def at_baud(self, baud: int) -> Iterator["Bus"]:
+        """The same line at another rate, to see who is there. Raises PortError where the adapter cannot.
+
+        What is still on the way then is an answer to that rate's questions, and not to be heard at the next.
+        """
+        former = self._port.baud
+        self._port.set_baud(baud)
+        try:
+            yield Bus(self._port, self._clock, self._servos.models)
+            self._let_pass()
+        finally:
+            self._port.set_baud(former)
+            self._disturb()
+
+    def _let_pass(self) -> None:
+        """Throw away what comes until nothing comes any more, or somebody never stops."""
+        end_s = self._clock.now() + 4.0 * HELD_S
+        while self._port.read(_AT_ONCE, min(self._clock.now() + HELD_S, end_s)) and self._clock.now() < end_s:
+            pass
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()

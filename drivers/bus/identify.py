@@ -1,0 +1,65 @@
+"""Whether a servo is what the robot file says, and set up so that we can drive it."""
+
+from functools import partial
+
+from drivers.bus.retry import retry
+from drivers.bus.single_servo import SingleServo
+from drivers.errors import ServoRefused, ServoSilent
+from drivers.servos.catalog import known_as, series_of
+from drivers.servos.register import ServoModel
+from drivers.servos.series import Series
+
+
+def check_model_number(single: SingleServo, servo_id: int, model: ServoModel) -> None:
+    """Raise ServoSilent or ServoRefused with a text that says what to do."""
+    series = series_of(model)
+    number = _model_number(single, servo_id, series)
+    if number != model.number:
+        raise ServoRefused(
+            servo_id,
+            f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
+            "correct the model that it is said to be, or swap the servo",
+        )
+
+
+def check_settings(single: SingleServo, servo_id: int, model: ServoModel) -> str | None:
+    """Raise ServoRefused where goals are not what we take them for, or writes are not acknowledged.
+
+    Returns what is odd beside that.
+    """
+    series = series_of(model)
+    level = retry(partial(single.read, servo_id, series.status_level))
+    if level < series.answers_all and not _acknowledges(single, servo_id, series):
+        raise ServoRefused(servo_id, f"acknowledges no writes: {_set_level(series)}")
+    if wrong := series.config_error(model, lambda register: retry(partial(single.read, servo_id, register))):
+        raise ServoRefused(servo_id, wrong)
+    return series.config_warning(lambda register: retry(partial(single.read, servo_id, register)))
+
+
+def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
+    try:
+        return retry(partial(single.read, servo_id, series.model_number))
+    except ServoSilent:
+        # Of one that does not even answer a ping there is no more to learn.
+        single.ping(servo_id)
+    try:
+        return retry(partial(single.read, servo_id, series.model_number))
+    except ServoSilent as error:
+        raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}") from error
+
+
+def _acknowledges(single: SingleServo, servo_id: int, series: Series) -> bool:
+    """Whether it answers a write, by one that changes nothing: a simulator with an empty table may."""
+    if series.harmless is None:
+        return False
+    held = retry(partial(single.read, servo_id, series.harmless))
+    try:
+        retry(partial(single.write, servo_id, series.harmless, held))
+    except ServoSilent:
+        return False
+    return True
+
+
+def _set_level(series: Series) -> str:
+    level = series.status_level
+    return f"set its {level.name} (register {level.address}) to {series.answers_all}"

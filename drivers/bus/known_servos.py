@@ -1,0 +1,147 @@
+"""What is known of the servos on one line: what each is, and how its state is asked for and its goal is told."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from drivers.bus.read_plan import ReadPlan, fast_plan, register_plan, state_plan
+from drivers.bus.types import ServoGoal
+from drivers.protocol import v1
+from drivers.servos.catalog import series_of, wire_protocol
+from drivers.servos.dynamixel import X
+from drivers.servos.feetech import STS, STS_PROTOCOL
+from drivers.servos.register import ServoModel
+from drivers.servos.series import Series, StateBlock
+
+Entry = Callable[[ServoGoal], bytes]
+"""A goal as the servo's entry in a sync write."""
+
+
+class KnownServos:
+    """The servos of one line, by ID. A servo that is not known is taken to be of the line's first series."""
+
+    def __init__(self, models: Mapping[int, ServoModel]) -> None:
+        """ValueError for servos that cannot share a line."""
+        self.protocol = wire_protocol(models)
+        self._models = dict(models)
+        self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
+        self._mapped: dict[int, tuple[StateBlock, ...]] = {}
+        self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
+        self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
+        self._torque: dict[tuple[int, ...], ReadPlan] = {}
+        self._entries: dict[int, Entry] = {}
+        self._sync_writes: dict[tuple[int, ...], Sequence[tuple[Series, tuple[int, ...]]]] = {}
+
+    def series(self, servo_id: int) -> Series:
+        """What the servo is."""
+        model = self._models.get(servo_id)
+        return series_of(model) if model else self._usual
+
+    def model(self, servo_id: int) -> ServoModel:
+        """The servo's model, or one of its series where it is not known yet."""
+        return self._models.get(servo_id) or self._usual.models[0]
+
+    @property
+    def models(self) -> Mapping[int, ServoModel]:
+        """The models that are known."""
+        return self._models
+
+    @property
+    def read_together(self) -> bool:
+        """Whether one packet asks several of them for their states."""
+        if self.protocol.group_read == "bulk":
+            models = self._models.values()
+            return bool(models) and all(model in series_of(model).bulk_models for model in models)
+        return self.protocol.group_read == "sync"
+
+    def identified(self, servo_id: int, model: ServoModel) -> None:
+        """What the servo is has been seen."""
+        if self._models.get(servo_id) != model:
+            self._models[servo_id] = model
+            self._forget_plans()
+
+    # How states are asked for.
+
+    def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
+        """The blocks that the servo may be asked for, the first if nothing speaks against it."""
+        return self._mapped.get(servo_id) or self.series(servo_id).blocks
+
+    def is_mapped(self, servo_id: int) -> bool:
+        """Whether the state is asked for through indirect registers."""
+        return servo_id in self._mapped
+
+    def map(self, servo_id: int, block: StateBlock) -> None:
+        """The servo's indirect registers show this block. A direct one is asked for only while a reply may be late."""
+        self._mapped[servo_id] = (block, *self.series(servo_id).blocks[1:])
+        self._forget_plans()
+
+    def unmap(self, servo_id: int) -> None:
+        """The servo's indirect registers do not show its block, or may not: the direct ones."""
+        if self._mapped.pop(servo_id, None):
+            self._forget_plans()
+
+    def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> ReadPlan:
+        """How these servos are asked for their block number ``place``."""
+        plan = self._plans.get((servo_ids, place))
+        if plan is None:
+            blocks = {i: self.blocks(i)[place] for i in servo_ids}
+            plan = self._plans[servo_ids, place] = state_plan(self.protocol, blocks, self._scales(servo_ids))
+        return plan
+
+    def fast_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan | None:
+        """How to ask them by a fast sync read; None where they are not to be asked alike, or may not know it."""
+        if servo_ids not in self._fast:
+            blocks = {self.blocks(i)[0] for i in servo_ids}
+            block = blocks.pop() if len(blocks) == 1 else None
+            self._fast[servo_ids] = fast_plan(block, self._scales(servo_ids)) if block and block.fast else None
+        return self._fast[servo_ids]
+
+    def torque_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan:
+        """How these servos are asked whether they drive their motors."""
+        if servo_ids not in self._torque:
+            registers = {i: self.series(i).torque_enable for i in servo_ids}
+            self._torque[servo_ids] = register_plan(self.protocol, registers)
+        return self._torque[servo_ids]
+
+    def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
+        """Of a Dynamixel X that has not been identified nobody knows the unit of its current."""
+        v1_line = self.protocol.packets is v1
+        return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self._models else None for i in servo_ids}
+
+    def _forget_plans(self) -> None:
+        for kept in (self._plans, self._fast, self._torque, self._entries, self._sync_writes):
+            kept.clear()
+
+    # How goals and the torque switch are told.
+
+    def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
+        """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""
+        return b"".join(
+            self._sync_write(series.goal_address, series.goal_size, [self._entry(i)(goals[i]) for i in ids])
+            for series, ids in self._by_series(tuple(goals))
+        )
+
+    def torque_off(self, servo_ids: Sequence[int]) -> bytes:
+        """A sync write for each series that lets go of these servos."""
+        order = self.protocol.byte_order
+        return b"".join(
+            self._sync_write(register.address, register.size, [bytes((i,)) + register.encode(0, order) for i in ids])
+            for series, ids in self._by_series(tuple(servo_ids))
+            for register in (series.torque_enable,)
+        )
+
+    def _sync_write(self, address: int, size: int, entries: Sequence[bytes]) -> bytes:
+        packet: bytes = self.protocol.packets.sync_write(address, size, entries)
+        return packet
+
+    def _entry(self, servo_id: int) -> Entry:
+        entry = self._entries.get(servo_id)
+        if entry is None:
+            entry = self._entries[servo_id] = self.series(servo_id).goal_of(servo_id, self.model(servo_id))
+        return entry
+
+    def _by_series(self, servo_ids: tuple[int, ...]) -> Sequence[tuple[Series, tuple[int, ...]]]:
+        found = self._sync_writes.get(servo_ids)
+        if found is None:
+            series = dict.fromkeys(self.series(i) for i in servo_ids)
+            found = [(each, tuple(i for i in servo_ids if self.series(i) is each)) for each in series]
+            self._sync_writes[servo_ids] = found
+        return found

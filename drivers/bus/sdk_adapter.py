@@ -1,0 +1,102 @@
+"""The adapter that puts the makers' packet handlers over our Port.
+
+Their own PortHandlers spin at 100 % CPU while they wait, and Feetech's flushes output where it should drop stale
+input; this one waits on the port and drops the input.
+"""
+
+import math
+from typing import Final
+
+import dynamixel_sdk
+import scservo_sdk
+
+from drivers.clock import Clock
+from drivers.port import Port
+from drivers.port.echo import Echo
+
+CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
+"""The other numbers are the same in both, or mean no answer."""
+_GRACE_S = 0.034
+"""What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
+
+
+class SdkAdapter:
+    """What scservo_sdk and dynamixel_sdk expect of a PortHandler. The method names are theirs."""
+
+    def __init__(self, port: Port, clock: Clock, echo: Echo) -> None:
+        self._port = port
+        self._clock = clock
+        self._echo = echo
+        self._sent = b""
+        self._doubtful, self._given, self._mixed = b"", b"", False
+        self._deadline_s = 0.0
+        self.sent_s = 0.0
+        """When the last instruction went out."""
+        self.latest_s = math.inf
+        """When to give up whatever the SDK would grant: a cycle has its own deadline."""
+
+    def judged(self, result: int) -> int:
+        """An SDK's result code, with what it does not know of echoes."""
+        if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # perhaps there is no echo any more
+            self._echo.present = self._echo.present and None
+        return dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result
+
+    @property
+    def is_using(self) -> bool:
+        """The SDK's lock. One thread owns the port, and an exception would leave the lock shut for good."""
+        return False
+
+    @is_using.setter
+    def is_using(self, value: bool) -> None: ...
+
+    def getBaudRate(self) -> int:
+        return self._port.baud
+
+    def clearPort(self) -> None:
+        self._port.discard_input()
+
+    def writePort(self, packet: list[int]) -> int:
+        self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
+        self.sent_s = self._clock.now()
+        self._port.write(self._sent)
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:
+        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing.
+        if length <= 0:
+            return b""
+        data = self._doubtful + self._port.read(length, self._deadline_s)
+        if self._echo.present is False or not self._sent:
+            return data
+        return self._without_echo(data)
+
+    def _without_echo(self, data: bytes) -> bytes:
+        """The SDK would take our own request for an answer. Held back until it is told apart.
+
+        Where there surely is an echo, nothing before it is an answer. Where there may be none, only what begins like
+        it is held back: the SDK may get a piece of it behind noise, and then whatever it makes of that is ``_mixed``.
+        """
+        at = data.find(self._sent)
+        if at >= 0:
+            data = data[at + len(self._sent) :]
+        elif self._echo.present or (not self._given and self._sent.startswith(data)):
+            self._doubtful = data
+            return b""
+        else:
+            self._given += data
+            self._mixed = self._sent in self._given
+            self._doubtful = b""
+        if at >= 0 or self._mixed:
+            self._echo.present = True
+            self._sent, self._doubtful = b"", b""
+        return data
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        wire_s = packet_length * 10.0 / self._port.baud
+        self._deadline_s = min(self._clock.now() + wire_s + _GRACE_S, self.latest_s)
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        self._deadline_s = self._clock.now() + msec / 1000.0
+
+    def isPacketTimeout(self) -> bool:
+        return self._clock.now() >= self._deadline_s

@@ -1,0 +1,285 @@
+"""The state reader decides which servos are asked when: all in one question where they can be asked together, those
+that are missing again, and those that are silent last."""
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+from drivers.bus.adaptive_timeout import RESPONSIVE_S, SPARE_S
+from drivers.bus.backoff import Backoff
+from drivers.bus.counters import BusCounters
+from drivers.bus.group_read import BITS_PER_BYTE, GAP_S, GROUP_WAIT_S, GroupRead
+from drivers.bus.known_servos import KnownServos
+from drivers.bus.late_replies import LateReplies
+from drivers.bus.read_plan import ReadPlan, ReadResult
+from drivers.bus.retry import CYCLE_RETRIES
+from drivers.bus.types import Reading, fault
+from drivers.clock import Clock
+from drivers.port import Port
+from drivers.servos.series import StateBlock
+
+LOG = logging.getLogger("servoloop.drivers")
+
+Turn = tuple[tuple[int, ...], int]
+"""Servos that are asked together, and how many of them, the first, are expected to answer."""
+
+
+class StateReader:
+    """The state reads of one line. Raises only PortLost."""
+
+    def __init__(
+        self,
+        port: Port,
+        clock: Clock,
+        group: GroupRead,
+        servos: KnownServos,
+        counters: BusCounters,
+        late: LateReplies,
+    ) -> None:
+        self._port = port
+        self._clock = clock
+        self._group = group
+        self._servos = servos
+        self._counters = counters
+        self._late = late
+        self._backoff = Backoff()
+        self._asked: tuple[int, ...] = ()
+        self._turns: list[Turn] = []
+        self._plan: ReadPlan | None = None
+        """The question that is under way."""
+        self._responsive = 0
+        self._no_time: frozenset[int] = frozenset()
+        """Servos that the last cycle had no time for: the next begins with them."""
+        self._fast_tried = False
+        self.deadline_s = math.inf
+        self.first_blocks: Mapping[int, StateBlock] = {}
+        """What the last cycle asked for at first."""
+        self.missed: frozenset[int] = frozenset()
+        """Servos that gave no state to the first question of the last cycle."""
+        group.adaptive = servos.protocol.group_read != "sync"
+        self._told = servos.read_together
+
+    def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
+        """Send the first question."""
+        if self._plan is not None:
+            self._group.abandon(self._plan)
+            self._plan = None
+        if not self._told:
+            self._told = True
+            self._say_that_it_takes_longer(asked)
+        self._asked, self.deadline_s = asked, deadline_s
+        self._turns = self._turns_of(asked)
+        self._group.timeout.begin()
+        if self._turns:
+            self._ask(*self._turns.pop(0), deadline_s)
+
+    def _turns_of(self, asked: tuple[int, ...]) -> list[Turn]:
+        now_s = self._clock.now()
+        if now_s >= self.deadline_s:
+            return []
+        responsive, probed = self._backoff.split(asked, now_s)
+        if self._servos.protocol.group_read == "sync":
+            # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
+            both = responsive + probed
+            return [(both, len(responsive) or len(both))] if both else []
+        if self._servos.read_together and responsive:
+            return [(responsive, len(responsive)), *(((i,), 0) for i in probed)]
+        responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
+        turns: list[Turn] = [((i,), 1) for i in responsive]
+        return turns + [((i,), 0) for i in probed]
+
+    def _ask(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
+        plan = self._fast_or_none(servo_ids, deadline_s) if self._group.fast and responsive == len(servo_ids) else None
+        self._plan = plan = plan or self._servos.plan(servo_ids, self._place(servo_ids))
+        self._responsive = responsive
+        self._group.ask(plan)
+
+    def _place(self, servo_ids: tuple[int, ...]) -> int:
+        """Which of its blocks to ask each servo for, so that no late reply can be taken for the answer."""
+        if not self._late:
+            return 0
+        self._late.forget(self._clock.now())
+        return self._late.place({i: [block.size for block in self._servos.blocks(i)] for i in servo_ids})
+
+    def receive(self) -> Mapping[int, Reading]:
+        """What has become of the questions of this cycle; what is missing is asked for again while there is time."""
+        plan, asked = self._plan, self._asked
+        results = self._collect(self._until_s(plan.servo_ids) if plan else self.deadline_s)
+        while self._turns:
+            turn = self._turns.pop(0)
+            if self._has_time(turn[0], self.deadline_s):
+                self._ask(*turn, self.deadline_s)
+                results = {**results, **self._collect(self._until_s(turn[0]))}
+        if plan is not None and plan.servo_ids == asked and self._group.whole and not self._backoff.misses:
+            self.missed, self.first_blocks = frozenset(), plan.blocks
+            self._no_time = frozenset()
+            return cast(Mapping[int, Reading], results)
+        return self._made_up(plan, dict(results))
+
+    def _collect(self, deadline_s: float) -> Mapping[int, ReadResult]:
+        plan = self._plan
+        if plan is None:
+            return {}
+        self._plan = None
+        try:
+            return self._group.collect(plan, self._responsive, deadline_s)
+        except BaseException:
+            self._group.abandon(plan)
+            raise
+
+    def _made_up(self, plan: ReadPlan | None, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
+        """Count whom nobody asked, and ask again whoever was expected to answer and did not."""
+        expected = [i for i in results if i not in self._backoff.misses]
+        self._count_unasked(results)
+        missing = self._backoff.note(results, self._clock.now())
+        self.missed, self.first_blocks = frozenset(missing), plan.blocks if plan else {}
+        self._ask_again([i for i in missing if i in expected], results)
+        return self._readings(results)
+
+    def _count_unasked(self, results: Mapping[int, ReadResult]) -> None:
+        unasked = [i for i in self._asked if i not in results]
+        silent = self._backoff.misses.keys()
+        self._no_time = frozenset(i for i in unasked if i not in silent)
+        for servo_id in unasked:
+            account = self._counters.of(servo_id)
+            account.skipped += servo_id in silent
+            account.no_time += servo_id not in silent
+
+    def _readings(self, results: Mapping[int, ReadResult]) -> dict[int, Reading]:
+        """In the order of the question."""
+        readings: dict[int, Reading] = {}
+        for servo_id in self._asked:
+            result = results.get(servo_id, "no_time" if servo_id in self._no_time else "silent")
+            readings[servo_id] = fault(servo_id, result) if isinstance(result, str) else cast(Reading, result)
+        return readings
+
+    def _ask_again(self, missing: Sequence[int], results: dict[int, ReadResult]) -> None:
+        """Only what is missing, and only while there is time."""
+        for _ in range(CYCLE_RETRIES):
+            # Not a servo that has lost its map: it would answer the same again.
+            worth_it = [i for i in missing if results[i] != "reset"]
+            again: dict[int, ReadResult] = {}
+            for servo_ids in self._groups(worth_it):
+                if self._has_time(servo_ids, self.deadline_s, GAP_S):
+                    for servo_id in servo_ids:
+                        self._counters.of(servo_id).retries += 1
+                    self._ask(servo_ids, 0, self.deadline_s)
+                    again |= self._collect(self._until_s(servo_ids))
+            if not again:
+                return
+            results |= again
+            missing = self._backoff.note(again, self._clock.now())
+
+    def _groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
+        """Those that are asked together where some may be silent: in a bulk read one would hide those behind it."""
+        if self._servos.protocol.group_read == "sync":
+            return [tuple(servo_ids)] if servo_ids else []
+        return [(servo_id,) for servo_id in servo_ids]
+
+    def read_patiently(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
+        """Ask without a deadline, waiting for everybody."""
+        # Those that were missing are asked last, and whoever may have waited in vain is asked once more.
+        self._asked, self._no_time, self.missed = asked, frozenset(), frozenset()
+        self._group.timeout.begin()
+        responsive, probed = self._backoff.split(asked, math.inf)
+        results = self._read_all(responsive + probed)
+        missing = self._backoff.note(results, self._clock.now())
+        behind = [i for i in missing[:-1] if results[i] != "reset" and i in responsive]
+        if behind and self._servos.protocol.waits_for_silent:
+            for servo_id in behind:
+                self._counters.of(servo_id).retries += 1
+            again = self._read_all(tuple(behind))
+            self._backoff.note(again, self._clock.now())
+            results |= again
+        self._try_fast_once(asked)
+        return self._readings(results)
+
+    def _read_all(self, servo_ids: tuple[int, ...]) -> dict[int, ReadResult]:
+        results: dict[int, ReadResult] = {}
+        for together in self._groups(servo_ids):
+            self._ask(together, len(together), -math.inf)
+            results |= self._collect(math.inf)
+        return results
+
+    def torque(self, servo_ids: tuple[int, ...], deadline_s: float) -> dict[int, bool] | None:
+        """Whether they drive their motors, as far as they answer; None where they cannot be asked together."""
+        if self._servos.protocol.group_read != "sync":
+            return None
+        # The answer has the size of one to a question that a servo was asked by itself.
+        now_s = self._clock.now()
+        servo_ids = tuple(i for i in servo_ids if self._late.single_until_s(i) <= now_s)
+        plan = self._servos.torque_plan(servo_ids)
+        if not servo_ids or not self._fits(len(plan.request) + plan.reply_size, deadline_s, GAP_S):
+            return {}
+        self._group.ask(plan)
+        results = self._group.collect(plan, len(servo_ids), deadline_s)
+        return {i: result == 1 for i, result in results.items() if isinstance(result, int)}
+
+    # Fast sync reads.
+
+    def _try_fast_once(self, servo_ids: tuple[int, ...]) -> None:
+        """Once a bus, when all have just answered, and outside of a cycle: can they be read fast?"""
+        if self._fast_tried or not servo_ids or self._backoff.misses or not self._group.clean:
+            return
+        plan = self._servos.fast_plan(servo_ids)
+        if plan is not None:
+            self._fast_tried = True
+            self._group.try_fast(plan)
+
+    def _fast_or_none(self, servo_ids: tuple[int, ...], deadline_s: float) -> ReadPlan | None:
+        """A fast sync read, where one who is silent silences others too: if there is time to ask all once more.
+
+        Not while a reply may still come late: only separate replies can be told apart.
+        """
+        if self._late:
+            self._late.forget(self._clock.now())
+        plan = None if self._late else self._servos.fast_plan(servo_ids)
+        if plan is None:
+            return None
+        plain = self._servos.plan(servo_ids)
+        size = len(plan.request) + plan.reply_size + len(plain.request) + plain.reply_size
+        return plan if self._fits(size, deadline_s, GROUP_WAIT_S + GAP_S) else None
+
+    # Time.
+
+    def exchange_size(self, asked: tuple[int, ...]) -> int:
+        """Bytes on the wire for the states of all, where nothing goes wrong."""
+        fast = self._servos.fast_plan(asked) if self._group.fast else None
+        groups = [asked] if self._servos.read_together else self._groups(asked)
+        plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
+        return sum(len(plan.request) + plan.reply_size for plan in plans)
+
+    def _fits(self, size: int, deadline_s: float, gap_s: float = 0.0) -> bool:
+        """Whether so many bytes go over the wire before the deadline."""
+        begin_s = max(self._clock.now(), self._group.busy_until_s)
+        return begin_s + size * self._group.byte_s + gap_s < deadline_s
+
+    def _size_of(self, servo_ids: tuple[int, ...]) -> int:
+        """Bytes of a question and its answers."""
+        plan = self._servos.plan(servo_ids, self._place(servo_ids))
+        return len(plan.request) + plan.reply_size
+
+    def _has_time(self, servo_ids: tuple[int, ...], deadline_s: float, gap_s: float = 0.0) -> bool:
+        return self._fits(self._size_of(servo_ids), deadline_s, gap_s)
+
+    def _until_s(self, servo_ids: tuple[int, ...]) -> float:
+        """Until when to wait for these, so that a silent one does not take the time of those that are still to come."""
+        byte_s = self._group.byte_s
+        if self._servos.protocol.group_read == "sync":
+            return self.deadline_s
+        # Whoever is hidden by a silent one in a bulk read is asked again, alone.
+        later = [ids for ids, _ in self._turns] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
+        needed_s = sum(self._size_of(ids) * byte_s + RESPONSIVE_S for ids in later)
+        at_least_s = self._clock.now() + self._size_of(servo_ids) * byte_s + SPARE_S
+        return min(max(self.deadline_s - needed_s, at_least_s), self.deadline_s)
+
+    def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
+        each_s = self.exchange_size(servo_ids) * BITS_PER_BYTE / self._port.baud
+        more_s = (len(servo_ids) - 1) * len(self._servos.plan(servo_ids[:1]).request) * BITS_PER_BYTE / self._port.baud
+        LOG.info(
+            "%s: these %s servos have no group read, so the %d of them are asked one by one: %.2f ms of every cycle "
+            "at %d baud, %.2f ms more than together, and the adapter's delay %d times instead of once",
+            self._port.name, self._servos.protocol.name, len(servo_ids), each_s * 1e3, self._port.baud, more_s * 1e3,
+            len(servo_ids),
+        )  # fmt: skip

@@ -1,1 +1,0 @@
-"""Dynamixel servos: the X series' table, protocol 2.0's packets, the bus."""

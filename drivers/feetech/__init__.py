@@ -1,1 +1,0 @@
-"""Feetech serial bus servos: the STS table, the packets, the bus."""

@@ -1,0 +1,249 @@
+"""A real serial device (or a pseudo-terminal) as a Port."""
+
+import contextlib
+import errno
+import fcntl
+import grp
+import logging
+import os
+import select
+import termios
+from pathlib import Path
+
+import serial
+
+from drivers.clock import Clock, MonotonicClock
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.port.latency import latency_advice
+from drivers.port.owners import held_by_us, is_pseudo_terminal, port_owners
+
+LOG = logging.getLogger("servoloop.drivers")
+
+_BURST = 32
+"""From this many expected bytes on, one wake-up for all is worth telling the kernel."""
+LARGEST_VMIN = 255
+STALLED_S = 1.0
+"""How long an adapter may take nothing; the kernel's 4 KB are sent within half of it at 115200 baud."""
+TOLERATED_RATE = 0.02
+"""How far the real rate may be from the wanted one: a receiver samples ten bits from one edge."""
+_UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
+_TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
+"""The kernel's own question for the rate as a number (asm-generic/termbits.h); the C library has but names."""
+
+
+class SerialPort:
+    """Opens a device exclusively and waits on its file descriptor, never spinning.
+
+    Raises PortMissing, PortBusy (with the owner's name) or PortDenied (with the group to join).
+    """
+
+    def __init__(self, device: str, baud: int = 1_000_000, clock: Clock | None = None) -> None:
+        self.name = device
+        self.baud = baud
+        self._clock = clock or MonotonicClock()
+        self._serial = _open(device, baud)
+        self._fd: int = self._serial.fileno()
+        try:
+            _shut_out_others(Path(device), self._fd)
+            _check_rate(device, self._fd, baud)
+        except PortError:
+            self.close()
+            raise
+        if advice := latency_advice(device):
+            LOG.warning("%s", advice)
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+        self._wake_size = 0
+        self._settings = termios.tcgetattr(self._fd)
+
+    def write(self, data: bytes) -> None:
+        sent = 0
+        try:
+            sent = os.write(self._fd, data)
+            if sent == len(data):
+                return
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        self._wait_for_room()  # the kernel's buffer is full: rare, a request is short
+        self.write(data[sent:])
+
+    def _wait_for_room(self) -> None:
+        try:
+            room = select.select([], [self._fd], [], STALLED_S)[1]
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not room:
+            raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        # What a cycle reads needs no more than this, for between two cycles the processor forgets every step that is
+        # taken here.
+        received = b""
+        try:
+            wait_s = deadline_s - self._clock.now()
+            if size == self._wake_size and wait_s > 0.0 and self._poll.poll(int(wait_s * 1000.0)):
+                received = piece = os.read(self._fd, size)
+                while piece and len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                    piece = os.read(self._fd, size - len(received))
+                    received += piece
+                if len(received) == size:
+                    return received
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        return self._read_on(received, size, deadline_s)
+
+    def _read_on(self, received: bytes, size: int, deadline_s: float) -> bytes:
+        """Piece by piece, until all is there or the time is up."""
+        ready = True
+        while ready and (missing := size - len(received)):
+            wake_size = 1 if missing < _BURST else min(missing, LARGEST_VMIN)
+            if wake_size != self._wake_size:
+                self._wake_at(wake_size)
+            wait_s = deadline_s - self._clock.now()
+            try:
+                # poll counts in milliseconds, select does the rest.
+                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._rest(wait_s)
+                while len(received) < size:
+                    data = os.read(self._fd, size - len(received))
+                    if not data:  # readable, yet nothing to read: the other end hung up
+                        raise self._lost(None)
+                    received += data
+            except BlockingIOError:
+                pass
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from error
+        return received
+
+    def _rest(self, wait_s: float) -> bool:
+        """What is left of a wait behind its whole milliseconds."""
+        rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
+        return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
+
+    def discard_input(self) -> None:
+        try:
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except (termios.error, OSError, ValueError) as error:
+            raise self._lost(error) from error
+
+    def set_baud(self, baud: int) -> None:
+        former = self._serial.baudrate
+        try:
+            self._serial.baudrate = baud
+            _check_rate(self.name, self._fd, baud)
+        except (ValueError, OSError, termios.error) as error:
+            self._serial.baudrate = former
+            raise PortError(_baud_text(self.name, baud, error)) from error
+        except PortError:
+            self._serial.baudrate = former
+            raise
+        finally:
+            self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
+        self.baud = baud
+
+    def close(self) -> None:
+        # A child of this program may hold the device still: the kernel would go on refusing it to all others.
+        with contextlib.suppress(OSError, ValueError):  # gone, or closed before
+            fcntl.ioctl(self._fd, termios.TIOCNXCL)
+        self._serial.close()
+        self._fd = -1
+
+    def _wake_at(self, size: int) -> None:
+        """Ask the kernel to wake us when a whole burst is there, not at each of its pieces.
+
+        On Linux a poll of a raw terminal waits for VMIN bytes; what knows no VMIN only wakes us more
+        often. Short replies are not worth the call.
+        """
+        self._settings[6][termios.VMIN] = size
+        try:
+            termios.tcsetattr(self._fd, termios.TCSANOW, self._settings)
+        except (termios.error, OSError, ValueError) as error:
+            raise self._lost(error) from error
+        self._wake_size = size
+
+    def _lost(self, error: Exception | None) -> PortLost:
+        reason = f" ({error})" if error else ""
+        return PortLost(f"{self.name} is gone{reason}: check the cable and the servos' power, then start again")
+
+
+def _open(device: str, baud: int) -> serial.Serial:
+    path = Path(device)
+    if not path.exists():
+        raise PortMissing(_missing_text(device))
+    # A program that does not lock the device (the SDKs do not) is seen only in the process table.
+    owners = list(port_owners(path))
+    if owners:
+        raise PortBusy(f"{device} is in use by {', '.join(owners)}: end that program first")
+    try:
+        return serial.Serial(device, baud, timeout=0, write_timeout=None, exclusive=True)
+    except serial.SerialException as error:
+        raise _open_error(path, error) from error
+    except (ValueError, OSError, termios.error) as error:
+        raise PortError(_baud_text(device, baud, error)) from error
+
+
+def _shut_out_others(path: Path, fd: int) -> None:
+    """The lock stops only programs that lock too (the SDKs do not); from here on the kernel stops all but root's.
+
+    Not of a pseudo-terminal: the kernel forgets this with the last close, and an emulator never closes its end. After
+    a program that was killed nobody could open it again.
+    """
+    if not is_pseudo_terminal(path):
+        with contextlib.suppress(OSError):  # gone already: whoever uses it is told
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def _baud_text(device: str, baud: int, error: Exception) -> str:
+    return f"{device} does not take {baud} baud or is no serial port: {error}"
+
+
+def _check_rate(device: str, fd: int, baud: int) -> None:
+    """An adapter that cannot make the rate takes the nearest it can, and says so only if asked."""
+    try:
+        answer = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2_SIZE))
+    except OSError:  # not a terminal of this kind
+        return
+    actual = int.from_bytes(answer[_OSPEED_AT : _OSPEED_AT + 4], "little")
+    if actual and abs(actual - baud) > TOLERATED_RATE * baud:
+        raise PortError(
+            f"{device} runs at {actual} baud when told {baud}: its adapter does not know that rate. "
+            "Set the servos and the robot file to one that it knows"
+        )
+
+
+def _open_error(path: Path, error: serial.SerialException) -> PortError:
+    if error.errno == errno.EACCES:
+        return PortDenied(_denied_text(path))
+    if error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
+        owners = ", ".join(port_owners(path))
+        if not owners and held_by_us(path):
+            return PortBusy(f"{path} is in use by this very program: close it first")
+        owners = owners or "a program of another user"
+        return PortBusy(f"{path} is in use by {owners}: end that program first")
+    if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return PortMissing(_missing_text(str(path)))
+    return PortError(f"cannot open {path}: {error}")
+
+
+def _missing_text(device: str) -> str:
+    found = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
+    return f"there is no {device}: plug in the adapter or name another port (there is {', '.join(found) or 'none'})"
+
+
+def _denied_text(path: Path) -> str:
+    group_id = path.stat().st_gid
+    try:
+        group = grp.getgrgid(group_id).gr_name
+    except KeyError:
+        group = str(group_id)
+    owned = f"it belongs to the group '{group}'. "
+    if group == "root":  # whoever joins it may far more than open ports
+        group = "dialout"
+        owned = (
+            f"it belongs to root alone. Give it to the group '{group}' by the line '{_UDEV_RULE}' in "
+            "/etc/udev/rules.d/99-servos.rules, and plug the adapter in again. "
+        )
+    return f"no permission to open {path}: {owned}Run 'sudo usermod -aG {group} $USER', log out and in again"

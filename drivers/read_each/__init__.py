@@ -1,1 +1,0 @@
-"""Servos that no group read reaches: each is asked by itself."""

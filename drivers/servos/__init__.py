@@ -1,0 +1,1 @@
+"""Servo models as data: control tables, models and series."""

@@ -1,0 +1,189 @@
+"""The Feetech series STS and SCS: how their lines speak, what their states and goals are in bytes.
+
+The packets of both are those of Dynamixel protocol 1.0. An STS has low bytes first (protocol 0 of Feetech's SDK) and
+answers sync reads; an SCS has high bytes first (protocol 1) and each must be asked by itself.
+"""
+
+from collections.abc import Callable
+from struct import Struct
+from typing import Final
+
+from scservo_sdk import PacketHandler
+from scservo_sdk.protocol_packet_handler import protocol_packet_handler
+
+from drivers.bus.types import ServoGoal, ServoState
+from drivers.protocol import v1
+from drivers.servos import scs, sts
+from drivers.servos.register import ServoModel
+from drivers.servos.series import Lock, Read, Series, WireProtocol, blocks_from_start, check_goal, signed
+
+
+def _no_refusal(number: int) -> str:
+    raise AssertionError(f"no status bit of a Feetech servo refuses an instruction, and {number} does not")
+
+
+STS_PROTOCOL: Final = WireProtocol(
+    name="Feetech STS",
+    packets=v1,
+    byte_order="little",
+    sdk=lambda: PacketHandler(0),
+    group_read="sync",
+    waits_for_silent=False,
+    refusals=0,
+    refusal=_no_refusal,
+    came_broken=lambda number: False,
+    reboot="unanswered",  # Feetech's protocol manual
+    factory_reset=b"",
+    broadcast_ping=False,
+)
+SCS_PROTOCOL: Final = WireProtocol(
+    name="Feetech SCS",
+    packets=v1,
+    byte_order="big",
+    # Not the SDK's PacketHandler(1): that turns the words of every other user in this process round.
+    sdk=protocol_packet_handler,
+    group_read="none",
+    waits_for_silent=False,
+    refusals=0,
+    refusal=_no_refusal,
+    came_broken=lambda number: False,
+    reboot="unanswered",
+    factory_reset=b"",
+    broadcast_ping=False,
+)
+
+# Every answer that a narrow register can give, looked up instead of calculated.
+_ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
+_LOADS: Final = tuple(signed(raw, 1 << 10) * sts.TORQUE_UNIT for raw in range(1 << 11))
+_VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
+_TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
+_SIGN: Final = 1 << 15
+_MAGNITUDE: Final = _SIGN - 1
+_new: Final = tuple.__new__
+assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
+assert sts.present_load.sign_bit == scs.present_load.sign_bit == 10
+
+
+def _state(
+    _scale: None, status: int, position: int, velocity: int, load: int, voltage: int, temperature: int
+) -> ServoState:
+    """A cycle calls this for each servo: a tuple is made of what was looked up."""
+    if (position | velocity) & _SIGN:
+        position, velocity = signed(position, _SIGN), signed(velocity, _SIGN)
+    fields = (
+        position, velocity, _LOADS[load & 0x7FF], _VOLTAGES_V[voltage], _TEMPERATURES_C[temperature], _ALARMS[status],
+        None,
+    )  # fmt: skip
+    return _new(ServoState, fields)
+
+
+_STS_GOAL: Final = Struct("<BBHHH")
+
+
+def _sts_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
+    """Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
+    would stop the servo at every goal."""
+    pack = _STS_GOAL.pack
+
+    def goal(wanted: ServoGoal) -> bytes:
+        position, velocity = wanted.position_counts, wanted.velocity_counts_s
+        if (position | velocity) & ~_MAGNITUDE:  # a sign, or what does not fit
+            if velocity < 0:  # the register has a sign, which means nothing in position mode
+                raise ValueError(f"a goal's velocity is 0 or more, not {velocity}: nothing written")
+            position = int.from_bytes(sts.goal_position.encode(position, "little"), "little")
+            velocity = int.from_bytes(sts.goal_velocity.encode(velocity, "little"), "little")
+        return pack(servo_id, 0, position, 0, velocity)
+
+    return goal
+
+
+def _sts_config_error(model: ServoModel, read: Read) -> str | None:
+    mode = sts.operating_mode
+    return f"is not in position mode: set {mode.name} ({mode.address}) to 0" if read(mode) else None
+
+
+def _sts_config_warning(read: Read) -> str | None:
+    """A simulator may have an empty table and be right all the same: no reason to refuse."""
+    phase = read(sts.phase)
+    if phase & sts.COUNTS_PER_S_PHASE:
+        return None
+    return (
+        f"phase (register {sts.phase.address}) is {phase}: by Feetech's table its unit of speed is then 50 counts/s. "
+        f"Every speed is taken and given for 1 count/s: set it to {phase | sts.COUNTS_PER_S_PHASE}"
+    )
+
+
+STS: Final = Series(
+    name="sts",
+    make="feetech",
+    protocol=STS_PROTOCOL,
+    models=tuple(sts.MODELS.values()),
+    registers=sts.REGISTERS,
+    state_block=sts.STATE_BLOCK,
+    goal_block=sts.GOAL_BLOCK,
+    # All end within the table. Their length bytes differ in two bits at least: no single flipped bit turns one into
+    # another.
+    blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), _state),
+    goal_of=_sts_goal_of,
+    servo_id=sts.servo_id,
+    model_number=sts.model_number,
+    status_level=sts.status_level,
+    answers_all=1,
+    harmless=sts.acceleration,
+    torque_enable=sts.torque_enable,
+    goal_position=sts.goal_position,
+    position_limits=sts.POSITION_LIMITS,
+    max_torque=sts.max_torque,
+    torque_limit=sts.torque_limit,
+    full_torque=1000,
+    config_error=_sts_config_error,
+    config_warning=_sts_config_warning,
+    lock=Lock(sts.lock),
+)
+
+
+_SCS_GOAL: Final = Struct(">BHHH")
+
+
+def _scs_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
+    def goal(wanted: ServoGoal) -> bytes:
+        check_goal(model.last_count, wanted)
+        speed = min(wanted.velocity_counts_s, scs.goal_velocity.largest)
+        return _SCS_GOAL.pack(servo_id, wanted.position_counts, 0, speed)
+
+    return goal
+
+
+def _scs_config_error(model: ServoModel, read: Read) -> str | None:
+    if read(scs.min_position) == read(scs.max_position) == 0:
+        return "is in motor mode, where a goal is no position: set its position limits (registers 9 and 11)"
+    return None
+
+
+SCS: Final = Series(
+    name="scs",
+    make="feetech",
+    protocol=SCS_PROTOCOL,
+    models=tuple(scs.MODELS.values()),
+    registers=scs.REGISTERS,
+    state_block=scs.STATE_BLOCK,
+    goal_block=scs.GOAL_BLOCK,
+    # The memory table ends at 66, Feetech's header of the series at 70.
+    blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), _state),
+    goal_of=_scs_goal_of,
+    servo_id=scs.servo_id,
+    model_number=scs.model_number,
+    status_level=scs.status_level,
+    answers_all=1,
+    torque_enable=scs.torque_enable,
+    goal_position=scs.goal_position,
+    position_limits=(scs.min_position, scs.max_position),
+    max_torque=scs.max_torque,
+    torque_limit=None,
+    full_torque=1000,
+    config_error=_scs_config_error,
+    lock=Lock(scs.lock),
+)
+
+
+SERIES: Final = tuple(series for series in list(globals().values()) if isinstance(series, Series))

@@ -1,0 +1,111 @@
+"""Control table of the Feetech SCS series (potentiometer), and its models.
+
+Source: Feetech's "SCSCL memory table" and its SDK's SCSCL header; docs/servos.md says how each line
+was checked. Words are big endian and there is no sync read. Negative numbers are sign-magnitude.
+Positions are 0 to 1023 over the sensor's angle, which is less than a turn: there is no seam. The
+series has no homing offset, no operating mode, no current and no torque limit in RAM.
+"""
+
+from typing import Final
+
+from drivers.servos.register import Access, Register, ServoModel
+from drivers.servos.sts import KG_CM, RPM
+
+READ: Final = Access.READ
+
+# EEPROM: kept over power-off only if written with the lock open.
+firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
+firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
+model_number = Register("model_number", 3, 2, READ, persistent=True)
+servo_id = Register("id", 5, 1, persistent=True)
+baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into sts.BAUD_RATES
+return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us
+status_level = Register("status_level", 8, 1, persistent=True)
+min_position = Register("min_position", 9, 2, persistent=True)  # counts; 0 and 0: motor mode
+max_position = Register("max_position", 11, 2, persistent=True)  # counts
+max_temperature = Register("max_temperature", 13, 1, persistent=True)  # deg C
+max_voltage = Register("max_voltage", 14, 1, persistent=True)  # 0.1 V
+min_voltage = Register("min_voltage", 15, 1, persistent=True)  # 0.1 V
+max_torque = Register("max_torque", 16, 2, persistent=True)  # 0.1 %
+phase = Register("phase", 18, 1, persistent=True)
+unloading_condition = Register("unloading_condition", 19, 1, persistent=True)  # status bits
+led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True)  # status bits
+position_p = Register("position_p", 21, 1, persistent=True)
+position_d = Register("position_d", 22, 1, persistent=True)
+position_i = Register("position_i", 23, 1, persistent=True)
+minimum_startup_force = Register("minimum_startup_force", 24, 2, persistent=True)  # 0.1 %
+cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
+ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
+protective_torque = Register("protective_torque", 37, 1, persistent=True)  # %
+protection_time = Register("protection_time", 38, 1, persistent=True)  # 40 ms
+overload_torque = Register("overload_torque", 39, 1, persistent=True)  # %
+
+# RAM: the goals.
+torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping
+acceleration = Register("acceleration", 41, 1)  # not in Feetech's SDK: not every servo has it
+goal_position = Register("goal_position", 42, 2)  # counts
+goal_time = Register("goal_time", 44, 2, sign_bit=15)  # ms; in motor mode the drive, sign in bit 10
+goal_velocity = Register("goal_velocity", 46, 2)  # counts/s; 0: as fast as it can
+lock = Register("lock", 48, 1)  # 1: EEPROM locked
+
+# RAM: the state. The first five are one block of eight bytes.
+present_position = Register("present_position", 56, 2, READ)  # counts
+present_velocity = Register("present_velocity", 58, 2, READ, sign_bit=15)  # counts/s
+present_load = Register("present_load", 60, 2, READ, sign_bit=10)  # 0.1 % of full drive
+present_voltage = Register("present_voltage", 62, 1, READ)  # 0.1 V
+present_temperature = Register("present_temperature", 63, 1, READ)  # deg C
+async_write_flag = Register("async_write_flag", 64, 1, READ)
+status = Register("status", 65, 1, READ)  # status bits
+moving = Register("moving", 66, 1, READ)
+
+# Factory values.
+pwm_max_step = Register("pwm_max_step", 78, 1, READ)
+moving_threshold = Register("moving_threshold", 79, 1, READ)  # 50 counts/s
+dts = Register("dts", 80, 1, READ)  # ms
+min_velocity = Register("min_velocity", 81, 1, READ)  # 50 counts/s
+max_velocity = Register("max_velocity", 82, 1, READ)  # 50 counts/s
+
+REGISTERS: Final[tuple[Register, ...]] = tuple(
+    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
+)
+
+STATE_BLOCK: Final = (
+    present_position,
+    present_velocity,
+    present_load,
+    present_voltage,
+    present_temperature,
+)
+GOAL_BLOCK: Final = (goal_position, goal_time, goal_velocity)
+
+POSITIONS: Final = 1024
+"""Readings are below this, whatever angle they span."""
+
+
+def counts_per_turn(span_deg: float) -> int:
+    """Counts in a whole turn, of which the sensor sees ``span_deg``. Rounding costs less than half a count."""
+    return round(POSITIONS * 360.0 / span_deg)
+
+
+SCS15 = ServoModel(
+    name="scs15",
+    number=0x050F,  # bytes 5, 15
+    byte_order="big",
+    counts_per_turn=counts_per_turn(215.0),
+    rated_voltage_v=7.4,
+    stall_torque_nm=16.5 * KG_CM,
+    no_load_speed_rad_s=65.0 * RPM,
+    positions=POSITIONS,
+)
+SCS0009 = ServoModel(
+    name="scs0009",
+    number=0x0504,  # bytes 5, 4
+    byte_order="big",
+    counts_per_turn=counts_per_turn(300.0),
+    rated_voltage_v=6.0,
+    stall_torque_nm=2.3 * KG_CM,
+    no_load_speed_rad_s=100.0 * RPM,
+    positions=POSITIONS,
+)
+
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}

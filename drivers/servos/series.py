@@ -1,0 +1,170 @@
+"""A series is what the bus must know of servos with one control table; a wire protocol is how a line of them speaks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from struct import Struct
+from types import ModuleType
+from typing import Any, Literal
+
+from drivers.bus.types import ServoGoal, ServoState
+from drivers.servos.register import ByteOrder, Register, ServoModel
+
+Read = Callable[[Register], int]
+"""Reads a register of the servo that is looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WireProtocol:
+    """Servos of one wire protocol can share a line."""
+
+    name: str
+    packets: ModuleType
+    """``drivers.protocol.v1`` or ``v2``."""
+    byte_order: ByteOrder
+    sdk: Callable[[], Any]
+    """The maker's packet handler, for calls to one servo."""
+    group_read: Literal["sync", "bulk", "none"]
+    """How several servos are asked by one packet. ``sync``: all of them; ``bulk``: only models that know it."""
+    waits_for_silent: bool
+    """Whether a servo may wait in vain for one before it in a group read that is silent."""
+    refusals: int
+    """Those bits of a reply's error byte that refuse an instruction. The others are alarms, which are states."""
+    refusal: Callable[[int], str]
+    """What they say, behind "it" or the servo's name."""
+    came_broken: Callable[[int], bool]
+    """Whether they say that the instruction came broken: that is the line's fault, and it may be given again."""
+    reboot: Literal["acknowledged", "unanswered", "none"]
+    factory_reset: bytes
+    """The option of the instruction."""
+    broadcast_ping: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateBlock:
+    """A state block is ``size`` bytes from ``address`` that hold the whole state of a servo.
+
+    ``fields`` are the state's numbers, ``at`` so many bytes from the block's beginning. ``state`` makes values of the
+    model's own scale (see ``Series.scale_of``), of the reply's error byte and of these numbers.
+    ``proof``: some of the numbers, by their place, and what each of them is as long as the block is what
+    it is taken for; otherwise the numbers mean nothing.
+    """
+
+    address: int
+    size: int
+    fields: Struct
+    at: int
+    state: Callable[..., ServoState]
+    fast: bool = False
+    """Whether some firmware answers a fast sync read of it."""
+    proof: tuple[tuple[int, int], ...] = ()
+
+    def decode(self, scale: float | None, error: int, data: bytes) -> ServoState | None:
+        """The state in one reply's data; None without proof."""
+        numbers = self.fields.unpack_from(data, self.at)
+        if any(numbers[place] != value for place, value in self.proof):
+            return None
+        return self.state(scale, error, *numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """The register that guards a servo's EEPROM. Dynamixel has none: torque off is its key."""
+
+    register: Register
+    opened: int = 0
+    closed: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Series:
+    """Servos with one control table.
+
+    ``blocks``: what may be asked for, all of one state but of different sizes, the preferred first: a servo that may
+    still answer an earlier question is asked for another (drivers/bus/late_replies.py). ``config_error`` reads the
+    settings: why the servo must not be driven like this, if so.
+    """
+
+    name: str
+    make: Literal["feetech", "dynamixel"]
+    protocol: WireProtocol
+    models: tuple[ServoModel, ...]
+    registers: tuple[Register, ...]
+    """What all models have, by address."""
+    state_block: tuple[Register, ...]
+    goal_block: tuple[Register, ...]
+    blocks: tuple[StateBlock, ...]
+    goal_of: Callable[[int, ServoModel], Callable[[ServoGoal], bytes]]
+    """Of a servo (ID, model): makes its entry in a sync write, ID included. ValueError for a goal that does not fit."""
+    scale_of: Callable[[ServoModel], float | None] = lambda model: None
+    """What the model needs beside the table to make values of its numbers."""
+    servo_id: Register
+    model_number: Register
+    status_level: Register
+    answers_all: int
+    """Value of ``status_level`` at which writes are acknowledged."""
+    torque_enable: Register
+    goal_position: Register
+    position_limits: tuple[Register, Register]
+    """The lowest and the highest goal."""
+    max_torque: Register
+    """What lasts over power-off, and ``torque_limit`` must not exceed."""
+    torque_limit: Register | None
+    """None where the table has no limit that ends with the power."""
+    full_torque: int
+    """Full drive, in the units of both."""
+    config_error: Callable[[ServoModel, Read], str | None]
+    config_warning: Callable[[Read], str | None] = lambda read: None
+    """What is odd about the settings, and no reason to refuse the servo."""
+    harmless: Register | None = None
+    """A register of RAM that may be written with what it holds, to see whether writes are acknowledged."""
+    before_torque: tuple[tuple[Register, int], ...] = ()
+    """What to write before the torque goes on."""
+    position_p: Register | None = None
+    """The position P gain, where it lives in RAM."""
+    hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
+    """Where the names of alarms stand, where a reply only says that there are any."""
+    bulk_models: tuple[ServoModel, ...] = ()
+    """Those that answer a bulk read, where not all do."""
+    lock: Lock | None = None
+
+    @property
+    def goal_address(self) -> int:
+        """Where the goal block begins."""
+        return self.goal_block[0].address
+
+    @property
+    def goal_size(self) -> int:
+        """Bytes of the goal block."""
+        return sum(register.size for register in self.goal_block)
+
+
+def blocks_from_start(
+    registers: tuple[Register, ...], sizes: tuple[int, ...], fields: Struct, state: Callable[..., ServoState]
+) -> tuple[StateBlock, ...]:
+    """Blocks of these sizes that all begin with the state, which ``registers`` are."""
+    return tuple(StateBlock(registers[0].address, size, fields, 0, state) for size in sizes)
+
+
+def blocks_to_end(
+    starts: tuple[Register, ...], end: int, fields: Struct, state: Callable[..., ServoState], *, fast: bool
+) -> tuple[StateBlock, ...]:
+    """Blocks that begin with these registers, all with one end, where the state is."""
+    sizes = {first.address: end - first.address for first in starts}
+    return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
+
+
+def signed(raw: int, sign: int) -> int:
+    """A sign-magnitude number whose sign is the bit ``sign``."""
+    return -(raw & sign - 1) if raw & sign else raw & sign - 1
+
+
+def check_goal(last: int, goal: ServoGoal) -> None:
+    """ValueError where the position or the velocity is none that a servo with positions 0 to ``last`` has.
+
+    The velocity before it is in the servo's units: there a small negative one may have become 0, which is as fast as
+    the servo can.
+    """
+    if not 0 <= goal.position_counts <= last:
+        raise ValueError(f"goal_position takes 0 to {last}, not {goal.position_counts}: nothing written")
+    if goal.velocity_counts_s < 0:
+        raise ValueError(f"a goal's velocity is 0 or more, not {goal.velocity_counts_s}: nothing written")

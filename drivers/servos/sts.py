@@ -1,0 +1,169 @@
+"""Control table of the Feetech STS series, and its models.
+
+Source: Feetech's "SMS/STS memory table" (magnetic encoder), in its newer edition where editions
+differ, and the data sheets that stand beside the models. docs/servos.md says how each was checked.
+Words are little endian. Negative numbers are sign-magnitude, the sign in bit 15 unless a line
+says otherwise.
+"""
+
+import math
+from typing import Final
+
+from drivers.servos.register import Access, Register, ServoModel, bit_names
+
+READ: Final = Access.READ
+MODEL_ADDRESS: Final = 3
+"""Where every Feetech servo keeps its model number, whatever its table."""
+
+# EEPROM: written only with the lock open.
+firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
+firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
+endianness = Register("endianness", 2, 1, READ, persistent=True)  # 0: low byte first
+model_number = Register("model_number", MODEL_ADDRESS, 2, READ, persistent=True)
+servo_id = Register("id", 5, 1, persistent=True)
+baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into BAUD_RATES
+return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us; 1 to 49 count as 50
+status_level = Register("status_level", 8, 1, persistent=True)
+min_position = Register("min_position", 9, 2, persistent=True)  # counts; 0 and 0: multi-turn
+max_position = Register("max_position", 11, 2, persistent=True)  # counts
+max_temperature = Register("max_temperature", 13, 1, persistent=True)  # deg C
+max_voltage = Register("max_voltage", 14, 1, persistent=True)  # 0.1 V
+min_voltage = Register("min_voltage", 15, 1, persistent=True)  # 0.1 V
+max_torque = Register("max_torque", 16, 2, persistent=True)  # 0.1 %
+phase = Register("phase", 18, 1, persistent=True)  # bits: direction, units, multi-turn
+unloading_condition = Register("unloading_condition", 19, 1, persistent=True)  # status bits
+led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True)  # status bits
+position_p = Register("position_p", 21, 1, persistent=True)
+position_d = Register("position_d", 22, 1, persistent=True)
+position_i = Register("position_i", 23, 1, persistent=True)
+# Older editions make 24 one word of two bytes. Up to 254 both readings agree; 25 is safe to write
+# only where the firmware is known to have the limit.
+minimum_startup_force = Register("minimum_startup_force", 24, 1, persistent=True)  # 0.1 %
+integral_limit = Register("integral_limit", 25, 1, persistent=True)  # 4 units of I; 0: none
+cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
+ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
+protection_current = Register("protection_current", 28, 2, persistent=True)  # 6.5 mA
+angular_resolution = Register("angular_resolution", 30, 1, persistent=True)
+homing_offset = Register("homing_offset", 31, 2, persistent=True, sign_bit=11)  # counts
+operating_mode = Register("operating_mode", 33, 1, persistent=True)  # 0 position, 1 speed, 2 PWM, 3 step
+protective_torque = Register("protective_torque", 34, 1, persistent=True)  # %
+protection_time = Register("protection_time", 35, 1, persistent=True)  # 10 ms
+overload_torque = Register("overload_torque", 36, 1, persistent=True)  # %
+velocity_p = Register("velocity_p", 37, 1, persistent=True)
+overcurrent_time = Register("overcurrent_time", 38, 1, persistent=True)  # 10 ms
+velocity_i = Register("velocity_i", 39, 1, persistent=True)
+
+# RAM: the goals.
+torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping, 128: here is the middle
+acceleration = Register("acceleration", 41, 1)  # 100 counts/s^2; 0: no limit
+goal_position = Register("goal_position", 42, 2, sign_bit=15)  # counts
+# The name is that of the SCS table, where it is a time. An STS takes its PWM goal from here in mode 2
+# and ignores it in position mode.
+goal_time = Register("goal_time", 44, 2, sign_bit=10)  # 0.1 % of full drive
+goal_velocity = Register("goal_velocity", 46, 2, sign_bit=15)  # counts/s; 0: as fast as it can
+torque_limit = Register("torque_limit", 48, 2)  # 0.1 %
+lock = Register("lock", 55, 1)  # 1: EEPROM locked
+
+# RAM: the state. The first five are one block of eight bytes.
+present_position = Register("present_position", 56, 2, READ, sign_bit=15)  # counts
+present_velocity = Register("present_velocity", 58, 2, READ, sign_bit=15)  # counts/s
+present_load = Register("present_load", 60, 2, READ, sign_bit=10)  # 0.1 % of full drive
+present_voltage = Register("present_voltage", 62, 1, READ)  # 0.1 V
+present_temperature = Register("present_temperature", 63, 1, READ)  # deg C
+async_write_flag = Register("async_write_flag", 64, 1, READ)
+status = Register("status", 65, 1, READ)  # status bits
+moving = Register("moving", 66, 1, READ)
+present_target = Register("present_target", 67, 2, READ, sign_bit=15)  # counts; newer firmware
+present_current = Register("present_current", 69, 2, READ, sign_bit=15)  # 6.5 mA
+
+# Factory values. Feetech calls them read-only; LeRobot writes 85.
+moving_threshold = Register("moving_threshold", 80, 1, READ)
+dts = Register("dts", 81, 1, READ)  # ms
+velocity_unit = Register("velocity_unit", 82, 1, READ)
+hts = Register("hts", 83, 1, READ)  # 20.83 ns
+max_velocity = Register("max_velocity", 84, 1, READ)  # 0.732 turns a minute
+max_acceleration = Register("max_acceleration", 85, 1, READ)  # 100 counts/s^2
+acceleration_multiplier = Register("acceleration_multiplier", 86, 1, READ)  # where acceleration is 0
+
+REGISTERS: Final[tuple[Register, ...]] = tuple(
+    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
+)
+
+STATE_BLOCK: Final = (
+    present_position,
+    present_velocity,
+    present_load,
+    present_voltage,
+    present_temperature,
+)
+GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
+
+COUNTS_PER_S_PHASE: Final = 1 << 2
+"""Bit of phase: speeds are in counts/s; without it, in 50 counts/s."""
+POSITION_LIMITS: Final = (min_position, max_position)
+
+BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
+
+STATUS_BITS: Final = {
+    0: "voltage",
+    1: "angle sensor",
+    2: "temperature",
+    3: "current",
+    4: "angle",
+    5: "overload",
+}
+"""Meaning of the bits of a reply's status byte and of the ``status`` register."""
+
+VOLTAGE_UNIT_V: Final = 0.1
+TORQUE_UNIT: Final = 0.001
+ACCELERATION_UNIT_COUNTS_S2: Final = 100
+CURRENT_UNIT_A: Final = 0.0065
+
+KG_CM: Final = 0.0980665
+"""Newton metres in the kg cm of the data sheets."""
+RPM: Final = 2.0 * math.pi / 60.0
+"""rad/s in a turn a minute."""
+
+STS3215 = ServoModel(  # C018, gear 1:345, 12 V
+    name="sts3215",
+    number=777,
+    byte_order="little",
+    counts_per_turn=4096,
+    rated_voltage_v=12.0,
+    stall_torque_nm=2.94,  # 30 kg cm
+    no_load_speed_rad_s=45.0 * RPM,
+)
+STS3215_C001 = ServoModel(  # gear 1:345, 7.4 V; says the same number as the 12 V version
+    name="sts3215_c001",
+    number=777,
+    byte_order="little",
+    counts_per_turn=4096,
+    rated_voltage_v=7.4,
+    stall_torque_nm=19.5 * KG_CM,
+    no_load_speed_rad_s=52.0 * RPM,
+)
+STS3250 = ServoModel(  # C001, 12 V
+    name="sts3250",
+    number=2825,
+    byte_order="little",
+    counts_per_turn=4096,
+    rated_voltage_v=12.0,
+    stall_torque_nm=50.0 * KG_CM,
+    no_load_speed_rad_s=math.pi / 3.0 / 0.133,  # 0.133 s for 60 degrees
+)
+STS3032 = ServoModel(  # C062, 12 V
+    name="sts3032",
+    number=521,
+    byte_order="little",
+    counts_per_turn=4096,
+    rated_voltage_v=12.0,
+    stall_torque_nm=10.0 * KG_CM,
+    no_load_speed_rad_s=148.0 * RPM,
+)
+
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}
+
+
+def alarms(status: int) -> tuple[str, ...]:
+    """Names of the bits that are set in a status byte."""
+    return bit_names(status, STATUS_BITS)

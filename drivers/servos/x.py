@@ -1,0 +1,177 @@
+"""Control table of the Dynamixel X series and the MX-28, protocol 2.0, and the models that have it.
+
+Source: ROBOTIS e-manual, the models' pages. Numbers, addresses and sizes agree with the models' files in
+the official SDK (dynamixel_easy_sdk 4.1, control_table); docs/servos.md says what each line was compared
+with. It is one table with differences at 38, 40, 62, 102 and 126 (see below), and in where the indirect
+registers lie. Numbers are little endian, negative ones two's complement.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.servos.register import Access, Register, ServoModel, bit_names
+
+READ: Final = Access.READ
+
+# EEPROM: written only while the torque is off.
+model_number = Register("model_number", 0, 2, READ, persistent=True)
+model_information = Register("model_information", 2, 4, READ, persistent=True)
+firmware_version = Register("firmware_version", 6, 1, READ, persistent=True)
+servo_id = Register("id", 7, 1, persistent=True)
+baud_rate = Register("baud_rate", 8, 1, persistent=True)  # index into BAUD_RATES
+return_delay = Register("return_delay", 9, 1, persistent=True)  # 2 us
+drive_mode = Register("drive_mode", 10, 1, persistent=True)  # bits, see below
+operating_mode = Register("operating_mode", 11, 1, persistent=True)  # 3: position
+secondary_id = Register("secondary_id", 12, 1, persistent=True)  # above 252: none
+protocol_type = Register("protocol_type", 13, 1, persistent=True)
+homing_offset = Register("homing_offset", 20, 4, persistent=True, signed=True)  # counts
+moving_threshold = Register("moving_threshold", 24, 4, persistent=True)  # 0.229 rpm
+temperature_limit = Register("temperature_limit", 31, 1, persistent=True)  # deg C
+max_voltage_limit = Register("max_voltage_limit", 32, 2, persistent=True)  # 0.1 V
+min_voltage_limit = Register("min_voltage_limit", 34, 2, persistent=True)  # 0.1 V
+pwm_limit = Register("pwm_limit", 36, 2, persistent=True)  # 1/885 of full drive
+velocity_limit = Register("velocity_limit", 44, 4, persistent=True)  # 0.229 rpm
+max_position_limit = Register("max_position_limit", 48, 4, persistent=True)  # counts
+min_position_limit = Register("min_position_limit", 52, 4, persistent=True)  # counts
+shutdown = Register("shutdown", 63, 1, persistent=True)  # hardware error bits
+
+# RAM: the switches, the gains, the goals.
+torque_enable = Register("torque_enable", 64, 1)  # 0 off, 1 on
+led = Register("led", 65, 1)
+status_return_level = Register("status_return_level", 68, 1)  # 0: ping, 1: and read, 2: all
+registered_instruction = Register("registered_instruction", 69, 1, READ)
+hardware_error_status = Register("hardware_error_status", 70, 1, READ)  # hardware error bits
+velocity_i_gain = Register("velocity_i_gain", 76, 2)
+velocity_p_gain = Register("velocity_p_gain", 78, 2)
+position_d_gain = Register("position_d_gain", 80, 2)  # 1/16
+position_i_gain = Register("position_i_gain", 82, 2)  # 1/65536
+position_p_gain = Register("position_p_gain", 84, 2)  # 1/128
+feedforward_2nd_gain = Register("feedforward_2nd_gain", 88, 2)  # 1/4
+feedforward_1st_gain = Register("feedforward_1st_gain", 90, 2)  # 1/4
+bus_watchdog = Register("bus_watchdog", 98, 1)  # 20 ms
+goal_pwm = Register("goal_pwm", 100, 2, signed=True)  # 1/885; in position mode the limit of the drive
+goal_velocity = Register("goal_velocity", 104, 4, signed=True)  # 0.229 rpm
+profile_acceleration = Register("profile_acceleration", 108, 4)  # 214.577 rev/min^2; 0: no ramp
+profile_velocity = Register("profile_velocity", 112, 4)  # 0.229 rpm; 0: as fast as it can
+goal_position = Register("goal_position", 116, 4, signed=True)  # counts
+
+# RAM: the state.
+realtime_tick = Register("realtime_tick", 120, 2, READ)  # ms
+moving = Register("moving", 122, 1, READ)
+moving_status = Register("moving_status", 123, 1, READ)
+present_pwm = Register("present_pwm", 124, 2, READ, signed=True)  # 1/885 of full drive
+present_velocity = Register("present_velocity", 128, 4, READ, signed=True)  # 0.229 rpm
+present_position = Register("present_position", 132, 4, READ, signed=True)  # counts
+velocity_trajectory = Register("velocity_trajectory", 136, 4, READ, signed=True)  # 0.229 rpm
+position_trajectory = Register("position_trajectory", 140, 4, READ, signed=True)  # counts
+present_voltage = Register("present_voltage", 144, 2, READ)  # 0.1 V
+present_temperature = Register("present_temperature", 146, 1, READ)  # deg C
+
+REGISTERS: Final[tuple[Register, ...]] = tuple(
+    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
+)
+"""What all models have."""
+
+# Not in all of them: some estimate their load, the others measure the current.
+present_load = Register("present_load", 126, 2, READ, signed=True)  # 0.1 %
+present_current = Register("present_current", 126, 2, READ, signed=True)  # the model's unit
+current_limit = Register("current_limit", 38, 2, persistent=True)  # the model's unit
+goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
+pwm_slope = Register("pwm_slope", 62, 1, persistent=True)  # XL330, XC330
+acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # MX-28; 214.577 rev/min^2
+
+STATE_BLOCK_ADDRESS: Final = present_pwm.address
+STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
+"""All of the state in one piece. The same bytes in all models: the drive is present_pwm, because what
+stands at 126 differs."""
+GOAL_BLOCK: Final = (profile_velocity, goal_position)
+
+BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+"""By the value of ``baud_rate``; XL330 and XC330 lack the last."""
+
+POSITION_MODE: Final = 3
+TIME_BASED_PROFILE: Final = 1 << 2
+"""Bit of drive_mode: profile_velocity is a time in ms."""
+TORQUE_ON_BY_GOAL: Final = 1 << 3
+"""Bit of drive_mode: a goal switches the torque on."""
+
+HARDWARE_ERROR_BITS: Final = {
+    0: "voltage",
+    2: "temperature",
+    3: "motor encoder",
+    4: "electrical shock",
+    5: "overload",
+}
+
+FULL_PWM: Final = 885
+VELOCITY_UNIT_COUNTS_S: Final = 0.229 * 4096 / 60.0
+ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * 4096 / 3600.0
+VOLTAGE_UNIT_V: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model(ServoModel):
+    """``own``: what its table has beyond ``REGISTERS``. ``stall_current_a`` at the rated voltage, as the torque."""
+
+    own: tuple[Register, ...]
+    current_unit_a: float | None
+    """What one unit of ``present_current`` is; None where it has ``present_load`` instead."""
+    stall_current_a: float
+
+
+def _model(
+    name: str,
+    number: int,
+    volts: float,
+    stall_nm: float,
+    stall_a: float,
+    no_load_rpm: float,
+    current_unit_a: float | None,
+    beyond: tuple[Register, ...] = (),
+) -> Model:
+    """``beyond``: what not all have, other than what stands at 38, 102 and 126."""
+    load = (present_load,) if current_unit_a is None else (current_limit, goal_current, present_current)
+    return Model(
+        name, number, "little", 4096, volts, stall_nm, no_load_rpm * 2.0 * math.pi / 60.0,
+        own=load + beyond, current_unit_a=current_unit_a, stall_current_a=stall_a,
+    )  # fmt: skip
+
+
+def _x330(name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float) -> Model:
+    """An XL330 or XC330."""
+    return _model(name, number, volts, stall_nm, stall_a, no_load_rpm, 0.001, (pwm_slope,))
+
+
+XL330_M077 = _x330("xl330-m077", 1190, 5.0, 0.215, 1.47, 383.0)
+XL330_M288 = _x330("xl330-m288", 1200, 5.0, 0.52, 1.47, 103.0)
+XC330_M181 = _x330("xc330-m181", 1230, 5.0, 0.60, 1.8, 129.0)
+XC330_M288 = _x330("xc330-m288", 1240, 5.0, 0.93, 1.8, 81.0)
+XC330_T181 = _x330("xc330-t181", 1210, 12.0, 0.80, 0.88, 113.0)
+XC330_T288 = _x330("xc330-t288", 1220, 12.0, 1.0, 0.88, 71.0)
+XL430_W250 = _model("xl430-w250", 1060, 12.0, 1.5, 1.4, 61.0, None)
+XC430_W150 = _model("xc430-w150", 1070, 12.0, 1.6, 1.4, 106.0, None)
+XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 1.4, 70.0, None)
+XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 2.3, 77.0, 0.00269)
+XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 2.3, 46.0, 0.00269)
+MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, (acceleration_limit,))
+"""An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
+
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
+
+X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own)
+"""Their indirect registers are fewer, and lie elsewhere in old firmware."""
+CURRENT_UNIT_A: Final = {
+    name: model.current_unit_a for name, model in MODELS.items() if model.current_unit_a is not None
+}
+"""Models that measure their current, and in which unit."""
+
+
+def registers(model: Model) -> tuple[Register, ...]:
+    """The whole table of a model, by address; the indirect registers left out."""
+    return tuple(sorted(REGISTERS + model.own, key=lambda register: register.address))
+
+
+def alarms(hardware_error: int) -> tuple[str, ...]:
+    """Names of the bits that are set in ``hardware_error_status``."""
+    return bit_names(hardware_error, HARDWARE_ERROR_BITS)

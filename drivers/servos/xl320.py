@@ -1,0 +1,91 @@
+"""Control table of the Dynamixel XL-320: protocol 2.0, but a table of its own.
+
+Source: ROBOTIS e-manual, page XL-320; every address and size agrees with xl320.model of the official
+SDK (dynamixel_easy_sdk 4.1). Numbers are little endian. Speeds and loads have their direction in bit
+10: set is clockwise, towards smaller positions.
+"""
+
+import math
+from typing import Final
+
+from drivers.servos.register import Access, Register, ServoModel, bit_names
+
+READ: Final = Access.READ
+
+# EEPROM.
+model_number = Register("model_number", 0, 2, READ, persistent=True)
+firmware_version = Register("firmware_version", 2, 1, READ, persistent=True)
+servo_id = Register("id", 3, 1, persistent=True)
+baud_rate = Register("baud_rate", 4, 1, persistent=True)  # index into BAUD_RATES
+return_delay = Register("return_delay", 5, 1, persistent=True)  # 2 us
+cw_angle_limit = Register("cw_angle_limit", 6, 2, persistent=True)  # counts
+ccw_angle_limit = Register("ccw_angle_limit", 8, 2, persistent=True)  # counts
+control_mode = Register("control_mode", 11, 1, persistent=True)  # 1: wheel, 2: joint
+temperature_limit = Register("temperature_limit", 12, 1, persistent=True)  # deg C
+min_voltage_limit = Register("min_voltage_limit", 13, 1, persistent=True)  # 0.1 V
+max_voltage_limit = Register("max_voltage_limit", 14, 1, persistent=True)  # 0.1 V
+max_torque = Register("max_torque", 15, 2, persistent=True)  # 1/1023
+status_return_level = Register("status_return_level", 17, 1, persistent=True)  # 0: ping, 1: and read, 2: all
+shutdown = Register("shutdown", 18, 1, persistent=True)  # hardware error bits
+
+# RAM: the switches, the gains, the goals.
+torque_enable = Register("torque_enable", 24, 1)  # 0 off, 1 on
+led = Register("led", 25, 1)
+d_gain = Register("d_gain", 27, 1)
+i_gain = Register("i_gain", 28, 1)
+p_gain = Register("p_gain", 29, 1)
+goal_position = Register("goal_position", 30, 2)  # counts
+moving_speed = Register("moving_speed", 32, 2)  # 0.111 rpm; 0: as fast as it can
+torque_limit = Register("torque_limit", 35, 2)  # 1/1023; 0 after a shutdown
+
+# RAM: the state.
+present_position = Register("present_position", 37, 2, READ)  # counts
+present_speed = Register("present_speed", 39, 2, READ, sign_bit=10)  # 0.111 rpm
+present_load = Register("present_load", 41, 2, READ, sign_bit=10)  # 1/1023 of full drive, estimated
+present_voltage = Register("present_voltage", 45, 1, READ)  # 0.1 V
+present_temperature = Register("present_temperature", 46, 1, READ)  # deg C
+registered_instruction = Register("registered_instruction", 47, 1, READ)
+moving = Register("moving", 49, 1, READ)
+hardware_error_status = Register("hardware_error_status", 50, 1, READ)  # hardware error bits
+punch = Register("punch", 51, 2)
+
+REGISTERS: Final[tuple[Register, ...]] = tuple(
+    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
+)
+
+STATE_BLOCK_ADDRESS: Final = present_position.address
+STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
+"""All of the state in one piece; the two bytes at 43 have no name."""
+GOAL_BLOCK: Final = (goal_position, moving_speed)
+
+BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000)
+"""By the value of ``baud_rate``."""
+
+JOINT_MODE: Final = 2
+HARDWARE_ERROR_BITS: Final = {0: "overload", 1: "temperature", 2: "voltage"}
+"""The e-manual gives these for ``shutdown``, and for ``hardware_error_status`` none: taken to be the same."""
+
+POSITIONS: Final = 1024
+"""Readings are below this; they span 300 degrees."""
+LARGEST_SPEED: Final = 1023
+FULL_TORQUE: Final = 1023
+COUNTS_PER_TURN: Final = round(POSITIONS * 360.0 / 300.0)
+SPEED_UNIT_COUNTS_S: Final = 0.111 * COUNTS_PER_TURN / 60.0
+VOLTAGE_UNIT_V: Final = 0.1
+
+XL320: Final = ServoModel(
+    name="xl320",
+    number=350,
+    byte_order="little",
+    counts_per_turn=COUNTS_PER_TURN,
+    rated_voltage_v=7.4,
+    stall_torque_nm=0.39,
+    no_load_speed_rad_s=114.0 * 2.0 * math.pi / 60.0,
+    positions=POSITIONS,
+)
+MODELS: Final = {XL320.name: XL320}
+
+
+def alarms(hardware_error: int) -> tuple[str, ...]:
+    """Names of the bits that are set in ``hardware_error_status``."""
+    return bit_names(hardware_error, HARDWARE_ERROR_BITS)

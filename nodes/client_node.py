@@ -1,0 +1,26 @@
+"""The ROS node of a client process, with its executor."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from nodes.ros_process import exit_watchdog, init_rclpy
+
+
+@contextmanager
+def client_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """A node of that name on an executor that the caller spins. Signals stay the caller's."""
+    init_rclpy()
+    node = Node(name)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        with exit_watchdog():
+            executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+            rclpy.try_shutdown()

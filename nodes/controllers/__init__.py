@@ -1,0 +1,1 @@
+"""Each loaded controller's ROS node: its parameters, topics, services and actions."""

@@ -1,0 +1,87 @@
+"""The goals of one action under way: accepted here, decided by the loop."""
+
+from collections.abc import Callable
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from rclpy.action import CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+
+from controller.trajectory.goal import GoalStatus
+
+RESULT_TIMEOUT_S: Final = 10
+"""So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status
+message names all goals of that time, and answers come late after some hundreds."""
+
+
+class AcceptedGoal(Protocol):
+    """An accepted goal; the loop's thread decides it."""
+
+    @property
+    def done(self) -> bool: ...
+    @property
+    def status(self) -> GoalStatus: ...
+
+
+Handle = TypeVar("Handle", bound=AcceptedGoal)
+
+
+class ActionGoals(Generic[Handle]):
+    """The goals of one action; all calls come from the ROS thread.
+
+    ``cancel`` tells the controller, ``result`` makes the action's result.
+    """
+
+    def __init__(self, cancel: Callable[[Handle], None], result: Callable[[Handle], Any]) -> None:
+        self._cancel = cancel
+        self._result = result
+        self._handles: dict[bytes, Handle] = {}
+        self._undecided: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+
+    @property
+    def waiting(self) -> bool:
+        """True while a client waits for a result."""
+        return bool(self._undecided)
+
+    def accept(self, server_goal: ServerGoalHandle, handle: Handle) -> None:
+        """In the server's ``handle_accepted_callback``: ``execute`` runs only when the executor comes round again."""
+        key = bytes(server_goal.goal_id.uuid)
+        self._handles[key] = handle
+        self._undecided[key] = (server_goal, Future())
+        server_goal.execute()
+
+    def on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
+        """The server's ``cancel_callback``."""
+        handle = self._handles.get(bytes(server_goal.goal_id.uuid))
+        if handle is None or handle.done:
+            return CancelResponse.REJECT
+        self._cancel(handle)
+        return CancelResponse.ACCEPT
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Publish the feedback of a cycle to the goals that are not decided."""
+        for key, (server_goal, _) in self._undecided.items():
+            if not self._handles[key].done:
+                server_goal.publish_feedback(feedback)
+
+    def finish_decided(self) -> None:
+        """End the goals that are decided."""
+        for key in [key for key in self._undecided if self._handles[key].done]:
+            _, future = self._undecided.pop(key)
+            future.set_result(None)
+
+    async def execute(self, server_goal: ServerGoalHandle) -> Any:
+        """The server's ``execute_callback``: waits for the decision without holding up the executor."""
+        key = bytes(server_goal.goal_id.uuid)
+        if key in self._undecided:  # else it has been decided already
+            await self._undecided[key][1]
+        handle = self._handles.pop(key)
+        # A goal that ends in the instant in which its cancel is accepted is canceling for the action server,
+        # which then allows no success.
+        if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
+            server_goal.canceled()
+        elif handle.status is GoalStatus.SUCCEEDED:
+            server_goal.succeed()
+        else:
+            server_goal.abort()
+        return self._result(handle)

@@ -1,0 +1,116 @@
+"""The ROS interfaces of the broadcasters: ``joint_states`` and ``dynamic_joint_states``."""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from control_msgs.msg import DynamicJointState, InterfaceValue
+from rclpy.node import Node
+from sensor_msgs.msg import JointState as JointStateMessage
+
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster, JointStates
+from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster
+from hal.types import FloatArray, JointState
+from nodes.publishing import LATCHED, LATCHED_WHILE_NEW
+
+
+class HasInterfaces(Protocol):
+    """A controller of state interfaces, which come in the same order as their values."""
+
+    @property
+    def interfaces(self) -> Mapping[str, tuple[str, ...]]:
+        """By joint."""
+        ...
+
+    def values(self, state: JointState) -> Sequence[Sequence[float]]:
+        """By joint and interface."""
+        ...
+
+
+class DynamicStates:
+    """Fills its message for subscribers only: that takes longer than the rest of a broadcaster's cycle."""
+
+    def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
+        self._controller = controller
+        self._topic = node.create_publisher(DynamicJointState, topic, LATCHED_WHILE_NEW)
+        interfaces = controller.interfaces
+        self._message = DynamicJointState(
+            joint_names=list(interfaces),
+            interface_values=[InterfaceValue(interface_names=list(names)) for names in interfaces.values()],
+        )
+        self._message.header.frame_id = frame_id
+
+    def publish(self, state: JointState, stamp: Time) -> None:
+        """Publish this state, if there is a subscriber."""
+        if not self._topic.get_subscription_count():
+            return
+        self._message.header.stamp = stamp
+        for joint, values in zip(self._message.interface_values, self._controller.values(state), strict=True):
+            joint.values = array("d", values)
+        self._topic.publish(self._message)
+
+
+class JointStateNode:
+    """On the node of its controller, a message for each cycle."""
+
+    def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
+        self.node = node
+        self._controller = controller
+        parameters = controller.parameters
+        folder = "~/" if parameters.use_local_topics else ""
+        self._topic = node.create_publisher(JointStateMessage, f"{folder}joint_states", LATCHED)
+        self._message = JointStateMessage(name=list(controller.names))
+        self._message.header.frame_id = parameters.frame_id
+        source = parameters.source("position")
+        self._has_position = np.array([source in controller.interfaces[name] for name in controller.names], dtype=bool)
+        self._known = np.ones(len(controller.names), dtype=bool)
+        self._dynamic: DynamicStates | None = None
+        if parameters.publish_dynamic_joint_states:
+            topic = f"{folder}dynamic_joint_states"
+            self._dynamic = DynamicStates(node, topic, controller, parameters.frame_id)
+
+    def publish_cycle(self, state: JointState, stamp: Time) -> None:
+        """The state of one cycle. One message serves all: publishing writes it out at once."""
+        if self._controller.state is None:
+            return
+        self._fill(self._controller.sample(state))
+        if self._message.name:
+            self._message.header.stamp = stamp
+            self._topic.publish(self._message)
+        if self._dynamic is not None:
+            self._dynamic.publish(state, stamp)
+
+    def _fill(self, states: JointStates) -> None:
+        """A joint that has never been measured is left out: a position of NaN is of no use to anybody."""
+        known = ~(np.isnan(states.position) & self._has_position)
+        message = self._message
+        if (known != self._known).any():
+            message.name = [name for name, is_known in zip(states.names, known, strict=True) if is_known]
+            self._known = known
+        message.position = _numbers(states.position[known])
+        message.velocity = _numbers(states.velocity[known])
+        message.effort = _numbers(states.effort[known])
+
+
+def _numbers(values: FloatArray) -> "array[float]":
+    """The values as an array, which a message takes as it is; of a list rclpy checks every number."""
+    return array("d", values.tobytes())
+
+
+class ServoStateNode:
+    """On the node of its controller. ``publish`` runs after each cycle, and passes on what is new."""
+
+    def __init__(self, node: Node, controller: ServoStateBroadcaster) -> None:
+        self.node = node
+        self._controller = controller
+        self._states = DynamicStates(node, "~/dynamic_joint_states", controller)
+        self._shown: JointState | None = None
+
+    def publish(self, stamp: Time) -> None:
+        """The state that is due, if it is."""
+        state = self._controller.state
+        if state is not None and state is not self._shown:
+            self._states.publish(state, stamp)
+        self._shown = state

@@ -1,0 +1,192 @@
+"""The controllers' ROS nodes: they come and go with the controllers."""
+
+import logging
+from collections.abc import Iterator, Sequence
+
+from builtin_interfaces.msg import Time
+from lifecycle_msgs.msg import TransitionEvent
+from rclpy.executors import Executor
+
+from controller.interface import Controller
+from controller.manager.client import ManagerClient
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.manager import ControllerManager
+from controller.manager.plugins import controller_types
+from controller.manager.registry import Transition
+from controller.manager.switch import Loaded
+from hal.types import JointState
+from nodes.controllers.controller_parameters import ControllerParameters
+from nodes.controllers.interface_nodes import (
+    ControllerInterfaceNode,
+    EveryCycleNode,
+    NewestCycleNode,
+    interface_node_of,
+)
+from nodes.controllers.node_entities import NodeEntities
+from nodes.lifecycle_messages import transition_events
+from nodes.parameter_node import NO_EVENT_CALLBACKS, ParameterNode
+
+LOG = logging.getLogger("servoloop.nodes")
+
+LAST_CYCLES = 2
+"""A node that is no longer wanted lives so many cycles more: goals that ended with its controller get their results."""
+
+_LACKING = "%s does its work, but its ROS node lacks what failed here"
+
+
+class ControllerNode:
+    """The ROS node of one loaded controller; it has the controller's interface while the controller is configured."""
+
+    def __init__(self, spec: ControllerSpec, manager_client: ManagerClient) -> None:
+        self.node = _make_node(spec)
+        self._transitions = self.node.create_publisher(
+            TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
+        )
+        self._specs = [spec]
+        """The one that loaded the controller, and those that its parameters made: the loop may lag behind the last."""
+        self.controller: Controller | None = None
+        """The one that the interface belongs to."""
+        self._interface: ControllerInterfaceNode | None = None
+        self._interface_entities: NodeEntities | None = None
+        self._cycles_left = LAST_CYCLES
+        try:
+            settable: frozenset[str] = getattr(controller_types().get(spec.kind), "settable", frozenset())
+            ControllerParameters(
+                self.node,
+                spec.parameters,
+                settable,
+                lambda new: self._specs.append(manager_client.change(spec.name, new)),
+                lambda: manager_client.configured(spec.name),
+            )
+        except Exception:  # a plug-in's, mostly: the other controllers' clients still wait for their answers
+            LOG.exception(_LACKING, spec.name)
+
+    def belongs_to(self, entry: Loaded | None) -> bool:
+        """True if ``entry`` is this node's controller, and not one of its name that was loaded since.
+
+        Specs older than that of ``entry`` are forgotten.
+        """
+        while entry is not None and self._specs and self._specs[0] is not entry.spec:
+            del self._specs[0]
+        return entry is not None and bool(self._specs)
+
+    def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]]) -> None:
+        """Publish these cycles, with their stamps; ``stamp`` is the newest one's."""
+        try:
+            if isinstance(self._interface, EveryCycleNode):
+                for cycle in cycles:
+                    self._interface.publish_cycle(*cycle)
+            if isinstance(self._interface, NewestCycleNode):
+                self._interface.publish(stamp)
+        except Exception:  # a plug-in's, mostly: the other controllers still publish
+            LOG.exception("%s shows nothing from here on", self.node.get_name())
+            self._interface = None
+
+    def publish_transition(self, transition: Transition) -> None:
+        """Publish the two events of a transition."""
+        for event in transition_events(transition, self.node.get_clock().now().nanoseconds):
+            self._transitions.publish(event)
+
+    def last_cycles_are_over(self) -> bool:
+        """Count one cycle more of a node or an interface that is no longer wanted."""
+        self._cycles_left -= 1
+        return self._cycles_left < 0
+
+    def set_controller(self, controller: Controller | None) -> None:
+        """Give the node the interface of ``controller``, once that of the former one has had its last cycles."""
+        if self.controller is controller or (self._interface_entities is not None and not self.last_cycles_are_over()):
+            return
+        self._remove_interface()
+        self.controller = controller
+        if controller is not None:
+            self._interface_entities = NodeEntities(self.node)
+            try:
+                self._interface = interface_node_of(self.node, controller)
+            except Exception:  # a plug-in's, mostly
+                LOG.exception(_LACKING, controller.name)
+
+    def destroy(self) -> None:
+        """Take the node off the graph, after its action servers: rclpy would leave them and their names behind."""
+        self._remove_interface()
+        self.node.destroy_node()
+
+    def _remove_interface(self) -> None:
+        if self._interface_entities is not None:
+            self._interface_entities.remove()
+        self.controller = self._interface = self._interface_entities = None
+        self._cycles_left = LAST_CYCLES
+
+
+class ControllerNodes:
+    """The nodes of all loaded controllers; all calls come from the ROS thread."""
+
+    def __init__(self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor) -> None:
+        self._manager = manager
+        self._manager_client = manager_client
+        self._executor = executor
+        self._nodes: dict[str, ControllerNode] = {}
+        self._unloaded: dict[str, ControllerNode] = {}
+        self._synchronized_with: object = None
+        self._complete = True
+
+    @property
+    def controllers(self) -> Iterator[Controller]:
+        """The controllers whose nodes have their interfaces."""
+        return (node.controller for node in self._nodes.values() if node.controller is not None)
+
+    def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
+        """Publish the cycles since the last call, with their stamps; ``stamp`` is the newest one's."""
+        for node in (*self._nodes.values(), *self._unloaded.values()):
+            node.publish(stamp, cycles)
+
+    def synchronize(self) -> bool:
+        """Bring the graph to what the manager has; returns whether it is complete, or needs another cycle."""
+        if self._manager.registry.loaded is self._synchronized_with and self._complete:
+            return True
+        loaded = self._manager.registry.loaded
+        for name in [name for name, node in self._nodes.items() if not node.belongs_to(loaded.get(name))]:
+            self._unloaded[name] = self._nodes.pop(name)
+        self._destroy_unloaded()
+        for name, entry in loaded.items():
+            if name not in self._unloaded:
+                if name not in self._nodes:
+                    self._add(entry.spec)
+                self._nodes[name].set_controller(entry.controller)
+        self._publish_transitions()
+        self._synchronized_with = loaded
+        self._complete = not self._unloaded and all(
+            self._nodes[n].controller is e.controller for n, e in loaded.items()
+        )
+        return self._complete
+
+    def close(self) -> None:
+        """Take all of them off the graph."""
+        for node in (*self._nodes.values(), *self._unloaded.values()):
+            node.destroy()
+
+    def _destroy_unloaded(self) -> None:
+        for name, node in list(self._unloaded.items()):
+            if node.last_cycles_are_over():
+                del self._unloaded[name]
+                self._executor.remove_node(node.node)
+                node.destroy()
+
+    def _add(self, spec: ControllerSpec) -> None:
+        self._nodes[spec.name] = ControllerNode(spec, self._manager_client)
+        self._executor.add_node(self._nodes[spec.name].node)
+
+    def _publish_transitions(self) -> None:
+        """Publish every transition since the last time."""
+        while self._manager.registry.transitions:
+            transition = self._manager.registry.transitions.popleft()
+            node = self._nodes.get(transition.name) or self._unloaded.get(transition.name)
+            if node is not None:
+                node.publish_transition(transition)
+
+
+def _make_node(spec: ControllerSpec) -> ParameterNode:
+    try:
+        return ParameterNode(spec.name, cli_args=list(spec.node_arguments) or None)
+    except Exception as error:  # rcl's, which has no name of its own here
+        LOG.error("%s: its node arguments %s are not used: %s", spec.name, spec.node_arguments, error)
+        return ParameterNode(spec.name)

@@ -1,0 +1,107 @@
+"""The ROS interface of the joint trajectory controller: its states and feedback; trajectory_goals.py has its goals."""
+
+from collections.abc import Sequence
+
+from builtin_interfaces.msg import Time
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
+from control_msgs.srv import QueryTrajectoryState
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from controller.motion import Kinematics
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
+from hal.types import FloatArray, JointState
+from nodes.controllers.trajectory_goals import TrajectoryGoals
+from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter
+
+
+class TrajectoryNode:
+    """On the node of its controller: a state and feedback for each cycle, and results behind them.
+
+    Beside the goals' topics upstream's ``~/controller_state``, ``~/speed_scaling_input`` and ``~/query_state``.
+    """
+
+    def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
+        self.node = node
+        self._controller = controller
+        self._goals = TrajectoryGoals(node, controller)
+        self._rate_limiter = RateLimiter()
+        self._state = node.create_publisher(JointTrajectoryControllerState, "~/controller_state", LATCHED_WHILE_NEW)
+        node.create_subscription(SpeedScalingFactor, "~/speed_scaling_input", self._on_scaling, ANY_CLIENT)
+        node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
+
+    def publish_cycle(self, state: JointState, stamp: Time) -> None:
+        """Publish the state of one cycle, and feedback of the goals under way where it is due."""
+        rate_hz = self._controller.parameters.action_monitor_rate
+        for tracking in self._controller.tracked(state.stamp_s):
+            self._goals.newest = tracking, stamp.sec + stamp.nanosec * 1e-9
+            if self._state.get_subscription_count():
+                self._state.publish(self._state_message(tracking, stamp))
+            if self._goals.under_way.waiting and self._rate_limiter.due(state.stamp_s, rate_hz):
+                self._goals.under_way.publish_feedback(self._feedback(tracking, stamp))
+        if self._controller.tracking is None:
+            self._goals.newest = None
+
+    def publish(self, stamp: Time) -> None:
+        """The end of the goals that are decided: after the states of all cycles."""
+        self._goals.under_way.finish_decided()
+
+    def _on_scaling(self, message: SpeedScalingFactor) -> None:
+        if reason := self._controller.scaling.ask(message.factor):
+            self.node.get_logger().warning(reason)
+
+    def _on_query(
+        self, request: QueryTrajectoryState.Request, response: QueryTrajectoryState.Response
+    ) -> QueryTrajectoryState.Response:
+        """The service samples the trajectory at a time, with the present speed scaling."""
+        if self._goals.newest is None:
+            response.message = "Can't sample trajectory. Controller is not active."
+            return response
+        tracking, stamp_s = self._goals.newest
+        state, response.success = tracking.at(request.time.sec + request.time.nanosec * 1e-9 - stamp_s)
+        response.message = "" if response.success else "No trajectory is under way at that time."
+        response.name = list(self._controller.joints)
+        response.position, response.velocity = state.position.tolist(), state.velocity.tolist()
+        response.acceleration = state.acceleration.tolist()
+        return response
+
+    def _state_message(self, tracking: Tracking, stamp: Time) -> JointTrajectoryControllerState:
+        message = JointTrajectoryControllerState()
+        message.header.stamp = stamp
+        message.joint_names = list(self._controller.joints)
+        message.reference = _kinematics(tracking.reference)
+        message.feedback = _point(tracking.feedback_position, tracking.feedback_velocity)
+        message.error = _error(tracking)
+        message.output = _point(tracking.output)
+        message.speed_scaling_factor = tracking.speed_scaling_factor
+        return message
+
+    def _feedback(self, tracking: Tracking, stamp: Time) -> FollowJointTrajectory.Feedback:
+        feedback = FollowJointTrajectory.Feedback()
+        feedback.header.stamp = stamp
+        feedback.joint_names = list(self._controller.joints)
+        feedback.desired = _kinematics(tracking.reference)
+        feedback.actual = _point(tracking.feedback_position, tracking.feedback_velocity)
+        feedback.error = _error(tracking)
+        return feedback
+
+
+def _error(tracking: Tracking) -> JointTrajectoryPoint:
+    """Desired less actual."""
+    return _point(tracking.error, tracking.reference.velocity - tracking.feedback_velocity)
+
+
+def _kinematics(state: Kinematics) -> JointTrajectoryPoint:
+    """A full point."""
+    return _point(state.position, state.velocity, state.acceleration)
+
+
+def _point(
+    position: FloatArray | Sequence[float],
+    velocity: FloatArray | Sequence[float] = (),
+    acceleration: FloatArray | Sequence[float] = (),
+) -> JointTrajectoryPoint:
+    """A point message; arrays of shape (n,), or empty."""
+    return JointTrajectoryPoint(positions=list(position), velocities=list(velocity), accelerations=list(acceleration))

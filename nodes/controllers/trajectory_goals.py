@@ -1,0 +1,127 @@
+"""The goals that reach a joint trajectory controller over ROS: of its action, and trajectories on its topic."""
+
+from dataclasses import replace
+
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
+from rclpy.action import ActionServer, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from controller.trajectory.goal import ERASE, GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.sampler import Tracking
+from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
+from nodes.publishing import ANY_CLIENT, LATCHED
+
+NO_TOLERANCES = Tolerances()
+
+
+class TrajectoryGoals:
+    """Upstream's ``~/follow_joint_trajectory`` and ``~/joint_trajectory``, and our ``~/rejection_reason``: why the last
+    goal or trajectory was refused, for those who come later too."""
+
+    def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
+        self._node = node
+        self._clock = node.get_clock()
+        self._controller = controller
+        self.newest: tuple[Tracking, float] | None = None
+        """The newest cycle and its ROS time in seconds; None while the controller is inactive."""
+        self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
+        self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
+        self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
+        node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
+        self._server = ActionServer(
+            node,
+            FollowJointTrajectory,
+            "~/follow_joint_trajectory",
+            execute_callback=self.under_way.execute,
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self.under_way.on_cancel,
+            result_timeout=RESULT_TIMEOUT_S,
+        )
+
+    def _on_goal(self, request: FollowJointTrajectory.Goal) -> GoalResponse:
+        goal = self._goal_of(request)
+        reason = self._controller.check(goal)
+        if reason:
+            self._refuse(f"goal rejected: {reason}")
+            return GoalResponse.REJECT
+        self._offered = request, goal
+        return GoalResponse.ACCEPT
+
+    def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
+        self.under_way.accept(server_goal, self._controller.submit(self._checked(server_goal.request)))
+
+    def _checked(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
+        """The goal as it was checked, with its plan."""
+        offered, self._offered = self._offered, None
+        if offered is not None and offered[0] is request:
+            return offered[1]
+        return self._goal_of(request)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        goal = self._timed(message, NO_TOLERANCES, from_topic=True)
+        if reason := self._controller.check(goal):
+            self._refuse(f"trajectory on the topic ignored: {reason}")
+        else:
+            self._controller.submit(goal)
+
+    def _refuse(self, reason: str) -> None:
+        """Say why something is not executed, in the log and on the topic."""
+        self._node.get_logger().error(reason)
+        self._reason.publish(String(data=reason))
+
+    def _goal_of(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
+        tolerances = Tolerances(
+            path={t.name: _tolerance(t) for t in request.path_tolerance},
+            goal={t.name: _tolerance(t) for t in request.goal_tolerance},
+            goal_time_s=_seconds(request.goal_time_tolerance),
+        )
+        return self._timed(request.trajectory, tolerances)
+
+    def _timed(self, message: JointTrajectory, tolerances: Tolerances, from_topic: bool = False) -> TrajectoryGoal:
+        """A trajectory with the time of the next cycle, by the newest one."""
+        now_s = self._clock.now().nanoseconds * 1e-9
+        goal = _trajectory(message, now_s, tolerances, from_topic)
+        if self.newest is None:
+            return goal
+        tracking, stamp_s = self.newest
+        ahead_s = max(stamp_s + self._controller.period_s - now_s, 0.0)
+        return replace(goal, next_cycle_s=ahead_s, begins_s=tracking.stamp_s + now_s - stamp_s + ahead_s)
+
+
+def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, from_topic: bool) -> TrajectoryGoal:
+    """A trajectory; ``now_s`` is ROS time, against which its stamp counts."""
+    stamp_s = _seconds(message.header.stamp)
+    points = tuple(
+        GoalPoint(
+            tuple(point.positions),
+            _seconds(point.time_from_start),
+            tuple(point.velocities),
+            tuple(point.accelerations),
+            has_effort=bool(point.effort),
+        )
+        for point in message.points
+    )
+    delay_s = stamp_s - now_s if stamp_s else 0.0
+    return TrajectoryGoal(tuple(message.joint_names), points, tolerances, delay_s, from_topic)
+
+
+def _tolerance(message: JointTolerance) -> float:
+    """The position's. Those of velocity and acceleration have no effect on position commands, but if they
+    make no sense, then as upstream the whole tolerance makes none."""
+    others = (message.velocity, message.acceleration)
+    return next((float(other) for other in others if other < 0.0 and other != ERASE), float(message.position))
+
+
+def _seconds(stamp: Duration | Time) -> float:
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def _result(handle: GoalHandle) -> FollowJointTrajectory.Result:
+    return FollowJointTrajectory.Result(error_code=handle.error_code, error_string=handle.error_text)

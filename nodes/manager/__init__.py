@@ -1,0 +1,1 @@
+"""The node ``/controller_manager``, and the nodes of the hardware components."""

@@ -1,0 +1,191 @@
+"""``/controller_manager``: who controls what, as ``ros2 control`` and the spawner ask and order it."""
+
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from controller_manager_msgs.msg import ControllerManagerActivity, ControllerState, NamedLifecycleState
+from controller_manager_msgs.srv import (
+    CleanupController,
+    ConfigureController,
+    ListControllers,
+    ListControllerTypes,
+    LoadController,
+    ReloadControllerLibraries,
+    SwitchController,
+    UnloadController,
+)
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
+from std_msgs.msg import String
+
+from controller.manager.client import ManagerClient
+from controller.manager.requests import Request
+from controller.manager.switch import Loaded, Strictness, SwitchRequest
+from hal.lifecycle import LifecycleState
+from nodes.lifecycle_messages import state_message
+from nodes.manager.pending_requests import PendingRequests
+from nodes.parameter_node import ParameterNode
+from nodes.publishing import EVERY_CALL, LATCHED
+from nodes.stack import Stack
+
+BASE_CLASS = "controller_interface::ControllerInterface"
+
+
+class ManagerNode:
+    """Everything runs in the ROS thread; what the loop does for it, is waited for without holding up others."""
+
+    def __init__(self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests) -> None:
+        self.node = ParameterNode("controller_manager", allow_undeclared_parameters=True)
+        self._stack = stack
+        self._manager_client = manager_client
+        self._pending = pending
+        self._told: object = None
+        self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
+        self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
+        self._declare(stack.factory.file.manager)
+        group = ReentrantCallbackGroup()  # while one waits for the loop, others are served
+        for kind, name, callback in (
+            (ListControllers, "list_controllers", self._controllers),
+            (ListControllerTypes, "list_controller_types", self._types),
+            (LoadController, "load_controller", self._served(self._load)),
+            (ConfigureController, "configure_controller", self._served(lambda r: manager_client.configure(r.name))),
+            (CleanupController, "cleanup_controller", self._served(lambda r: manager_client.cleanup(r.name))),
+            (UnloadController, "unload_controller", self._served(lambda r: manager_client.unload(r.name))),
+            (
+                ReloadControllerLibraries,
+                "reload_controller_libraries",
+                self._served(lambda r: manager_client.reload(r.force_kill)),
+            ),
+            (SwitchController, "switch_controller", self._switch),
+        ):
+            self.node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
+
+    def publish(self) -> None:
+        """``~/activity``, where anything has changed."""
+        components = self._components()
+        seen = (self._stack.loop.manager.registry.loaded, components)
+        if self._told != seen:
+            self._told = seen
+            message = ControllerManagerActivity()
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            loaded = self._stack.loop.manager.registry.loaded.values()
+            message.controllers = [NamedLifecycleState(name=c.name, state=state_message(c.state)) for c in loaded]
+            message.hardware_components = [NamedLifecycleState(name=n, state=state_message(s)) for n, s in components]
+            self._activity.publish(message)
+
+    # Parameters
+
+    def _declare(self, parameters: Mapping[str, Any]) -> None:
+        """Declare the controllers file's parameters, as upstream does, and the description that is in use."""
+        rate = round(1.0 / self._stack.loop.period_s)
+        for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
+            self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
+        for name, value in _flat(parameters):
+            if not self.node.has_parameter(name):
+                self.node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))
+
+    def _said(self, controller: str, what: str) -> Any:
+        """The parameter ``<controller>.<what>``, or None."""
+        return self.node.get_parameter_or(f"{controller}.{what}").value if controller else None
+
+    def _on_description(self, message: String) -> None:
+        if message.data != self._stack.description.xml:
+            self.node.get_logger().warning(
+                "another robot description is on /robot_description: it is not used. "
+                "Start the stack with that URDF (servoloop up --urdf FILE)"
+            )
+
+    # Services
+
+    def _served(self, act: Callable[[Any], Request[None]]) -> Callable[[Any, Any], Awaitable[Any]]:
+        """A service callback that answers ``ok``, and logs the reason where it is not."""
+
+        async def serve(request: Any, response: Any) -> Any:
+            try:
+                await self._pending.result(act(request))
+                response.ok = True
+            except Exception as error:  # also whatever a plug-in raises
+                self.node.get_logger().error(str(error))
+                response.ok = False
+            return response
+
+        return serve
+
+    def _load(self, request: LoadController.Request) -> Request[None]:
+        name = request.name
+        return self._manager_client.load(
+            name,
+            str(self._said(name, "type") or ""),
+            [Path(path) for path in _listed(self._said(name, "params_file"))],
+            _listed(self._said(name, "fallback_controllers")),
+            _listed(self._said(name, "node_options_args")),
+        )
+
+    def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
+        return self._manager_client.reload(request.force_kill)
+
+    async def _switch(
+        self, request: SwitchController.Request, response: SwitchController.Response
+    ) -> SwitchController.Response:
+        try:
+            switch = SwitchRequest(
+                tuple(request.activate_controllers), tuple(request.deactivate_controllers), self._strictness(request)
+            )
+            timeout_s = Duration.from_msg(request.timeout).nanoseconds * 1e-9
+            response.message = await self._pending.result(self._manager_client.switch(switch, timeout_s))
+            response.ok = True
+        except Exception as error:
+            self.node.get_logger().error(str(error))
+            response.ok, response.message = False, str(error)
+        return response
+
+    def _strictness(self, request: SwitchController.Request) -> Strictness:
+        if request.strictness == 0:
+            self.node.get_logger().warning("no strictness is given: BEST_EFFORT (1) is taken, STRICT would be 2")
+            return Strictness.BEST_EFFORT
+        return Strictness(request.strictness)
+
+    def _types(
+        self, request: ListControllerTypes.Request, response: ListControllerTypes.Response
+    ) -> ListControllerTypes.Response:
+        response.types = self._manager_client.controller_types()
+        response.base_classes = [BASE_CLASS] * len(response.types)
+        return response
+
+    def _controllers(
+        self, request: ListControllers.Request, response: ListControllers.Response
+    ) -> ListControllers.Response:
+        rate = round(1.0 / self._stack.loop.period_s)
+        response.controller = [controller_message(c, rate) for c in self._stack.loop.manager.registry.loaded.values()]
+        return response
+
+    def _components(self) -> tuple[tuple[str, LifecycleState], ...]:
+        return tuple((member.name, member.state) for member in self._stack.loop.hardware.members)
+
+
+def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
+    """A controller's state message. There are no chained ones here, and none that run on their own."""
+    return ControllerState(
+        name=entry.name,
+        state=entry.state.name.lower(),
+        type=entry.spec.kind,
+        update_rate=rate_hz,
+        claimed_interfaces=list(entry.commands) if entry.active else [],
+        required_command_interfaces=list(entry.commands),
+        required_state_interfaces=list(entry.states),
+    )
+
+
+def _listed(value: Any) -> list[str]:
+    """A parameter of one or several texts as a list, as upstream takes it."""
+    return [value] if isinstance(value, str) and value else list(value or [])
+
+
+def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif value is not None and value != []:
+            yield f"{prefix}{key}", value

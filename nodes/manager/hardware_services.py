@@ -1,0 +1,109 @@
+"""The services of ``/controller_manager`` for hardware, as ``ros2 control`` and the hardware spawner ask them."""
+
+from controller_manager_msgs.msg import HardwareComponentState, HardwareInterface
+from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces, SetHardwareComponentState
+from lifecycle_msgs.msg import State
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+from hal.component import Component
+from hal.lifecycle import LifecycleState
+from hal.member import Member
+from nodes.lifecycle_messages import state_message
+from nodes.manager.pending_requests import PendingRequests
+from nodes.publishing import EVERY_CALL
+from nodes.stack import Stack
+
+
+class HardwareServices:
+    """Everything runs in the ROS thread. A change may take seconds, in which the others are served."""
+
+    def __init__(self, node: Node, stack: Stack, pending: PendingRequests) -> None:
+        self._node = node
+        self._stack = stack
+        self._pending = pending
+        group = ReentrantCallbackGroup()  # while one waits, the others and the node's own are served
+        for kind, name, callback in (
+            (ListHardwareComponents, "list_hardware_components", self._list_components),
+            (ListHardwareInterfaces, "list_hardware_interfaces", self._list_interfaces),
+            (SetHardwareComponentState, "set_hardware_component_state", self._set_state),
+        ):
+            node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
+
+    def _pairs(self) -> list[tuple[Component, Member]]:
+        members = self._stack.loop.hardware.members
+        return list(zip(self._stack.description.components, members, strict=True))
+
+    def _list_components(
+        self, request: ListHardwareComponents.Request, response: ListHardwareComponents.Response
+    ) -> ListHardwareComponents.Response:
+        rate_hz = 1.0 / self._stack.loop.period_s
+        response.component = [
+            HardwareComponentState(
+                name=component.name,
+                type=component.kind,
+                rw_rate=max(1, round(rate_hz / member.every)),
+                plugin_name=component.plugin,
+                state=state_message(member.state),
+                command_interfaces=self._commands(component, member),
+                state_interfaces=_states(component, member),
+            )
+            for component, member in self._pairs()
+        ]
+        return response
+
+    def _list_interfaces(
+        self, request: ListHardwareInterfaces.Request, response: ListHardwareInterfaces.Response
+    ) -> ListHardwareInterfaces.Response:
+        for component, member in self._pairs():
+            response.command_interfaces += self._commands(component, member)
+            response.state_interfaces += _states(component, member)
+        return response
+
+    def _commands(self, component: Component, member: Member) -> list[HardwareInterface]:
+        claimed = self._stack.loop.manager.registry.claimed
+        return [
+            HardwareInterface(name=name, data_type="double", is_available=member.sound, is_claimed=name in claimed)
+            for name in component.commands
+        ]
+
+    async def _set_state(
+        self, request: SetHardwareComponentState.Request, response: SetHardwareComponentState.Response
+    ) -> SetHardwareComponentState.Response:
+        member = self._stack.loop.hardware.member(request.name)
+        target = _target(request.target_state)
+        response.ok = False
+        if member is None:
+            self._node.get_logger().error(f"hardware component with name '{request.name}' does not exist")
+            return response
+        if target is None:
+            self._refuse(request)
+        else:
+            response.ok = await self._reached(request.name, target)
+        response.state = state_message(member.state)
+        return response
+
+    async def _reached(self, name: str, target: LifecycleState) -> bool:
+        try:
+            await self._pending.result(self._stack.loop.component_transitions.ask(name, target, self._stack.relax))
+        except Exception as error:  # also whatever a plug-in raises
+            self._node.get_logger().error(f"{name} is not set {target.name.lower()}: {error}")
+            return False
+        return True
+
+    def _refuse(self, request: SetHardwareComponentState.Request) -> None:
+        said, known = request.target_state, ", ".join(f"{s.value} {s.name.lower()}" for s in LifecycleState)
+        self._node.get_logger().error(
+            f"{request.name} cannot be set to '{said.label}' (id {said.id}): known are {known}"
+        )
+
+
+def _target(state: State) -> LifecycleState | None:
+    """By its id, or by its label where the id is 0."""
+    return next(
+        (s for s in LifecycleState if s.value == state.id or (not state.id and s.name.lower() == state.label)), None
+    )
+
+
+def _states(component: Component, member: Member) -> list[HardwareInterface]:
+    return [HardwareInterface(name=name, data_type="double", is_available=member.sound) for name in component.states]

@@ -1,0 +1,99 @@
+"""The class of all nodes of the stack."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ROSClock
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time_source import USE_SIM_TIME_NAME
+from rclpy.timer import Timer
+
+from nodes.rclpy_patches import type_service
+from nodes.rclpy_patches.guard import usable_patches
+
+NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
+"""No warnings of subscribers that do not fit: each is one more event to wait on in every cycle."""
+
+
+class ParameterNode(Node):
+    """A node of the stack: its parameters answer like rclcpp's, its time is the machine's.
+
+    ``use_sim_time`` has no effect: the loop keeps the machine's clock, and another one's stamps would not fit it.
+    """
+
+    def __init__(self, name: str, allow_undeclared_parameters: bool = False, **more: Any) -> None:
+        self._machine_clock = ROSClock()
+        self._undeclared_allowed = allow_undeclared_parameters
+        self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
+        """Each callback of the node's parameters, behind the method that removes it."""
+        super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
+
+    def get_clock(self) -> Clock:
+        """The node's time. rclpy's own clock follows ``use_sim_time``, and with it timers and stamps would."""
+        return self._machine_clock
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, callback_group: Any = None, clock: Any = None, **more: Any
+    ) -> Timer:
+        return super().create_timer(timer_period_sec, callback, callback_group, clock or self._machine_clock, **more)
+
+    @property
+    def parameter_names(self) -> frozenset[str]:
+        """The names of all parameters that have a value or were declared."""
+        return frozenset(self.get_parameters_by_prefix(""))
+
+    def forget_parameter(self, name: str) -> None:
+        """Undeclare it, also if it is read-only."""
+        self.describe_parameter(name).read_only = False
+        self.undeclare_parameter(name)
+
+    def add_pre_set_parameters_callback(self, callback: Any) -> None:
+        super().add_pre_set_parameters_callback(callback)
+        self.parameter_callbacks.append((self.remove_pre_set_parameters_callback, callback))
+
+    def add_on_set_parameters_callback(self, callback: Any) -> None:
+        super().add_on_set_parameters_callback(callback)
+        self.parameter_callbacks.append((self.remove_on_set_parameters_callback, callback))
+
+    def add_post_set_parameters_callback(self, callback: Any) -> None:
+        super().add_post_set_parameters_callback(callback)
+        self.parameter_callbacks.append((self.remove_post_set_parameters_callback, callback))
+
+    def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
+        if topic == "/parameter_events":
+            more["event_callbacks"] = NO_EVENT_CALLBACKS
+        return super().create_publisher(msg_type, topic, qos_profile, **more)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        for parameter in parameter_list:
+            if why := self._why_not(parameter.name):
+                reason = f"parameter '{parameter.name}' cannot be set because it {why}"
+                return SetParametersResult(successful=False, reason=reason)
+            if parameter.name == USE_SIM_TIME_NAME and parameter.value:
+                self.get_logger().warning(
+                    "use_sim_time has no effect: the loop and its stamps keep the machine's clock"
+                )
+        return super().set_parameters_atomically(parameter_list)
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """The descriptor, also of a parameter that was never declared, which rclpy leaves without name and type."""
+        known = super().describe_parameter(name)
+        return known if known.name else ParameterDescriptor(name=name, type=self.get_parameter_type(name))
+
+    def get_parameter_type(self, name: str) -> int:
+        """A number, as it goes into an answer: of what is not there, rclpy's own would end the service's callback."""
+        kind: int | Parameter.Type = super().get_parameter_type(name)
+        return kind.value if isinstance(kind, Parameter.Type) else kind
+
+    def destroy_node(self) -> None:
+        if type_service.PATCH in usable_patches():
+            type_service.remove_type_service(self)
+        super().destroy_node()
+
+    def _why_not(self, name: str) -> str:
+        if not self.has_parameter(name):
+            return "" if self._undeclared_allowed else "was not declared"
+        return "is read-only" if self.describe_parameter(name).read_only else ""

@@ -1,0 +1,186 @@
+"""The ROS surface of the pick-and-place application: its action, topics and service; job.py has the job's steps.
+
+Everything runs in one thread, that of a SingleThreadedExecutor: callbacks never overlap, so neither the job nor the
+flags below need a lock. A job is a task of that executor; it awaits, never blocks.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from apple_quality_msgs.msg import AppleQualityArray
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.time import Time
+from sorting_arm_interfaces.action import PickPlace
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from nodes.pick_place import parameters
+from nodes.pick_place.arm import RosArm
+from nodes.pick_place.job import Ending, PickPlaceJob, Result, State
+from nodes.pick_place.settings import normal_grade
+from nodes.pick_place.state import state_json
+from nodes.pick_place.vision import candidate, reason_not_fresh
+from nodes.pick_place.waiter import Waiter
+
+_LOG_EVERY_S = 5.0
+_LAST_WORDS_S = 0.1
+_DISCOVERY_S = 4.0
+"""Before the first job: two participants see each other at the next announcement of one of them, every 3 s (Fast DDS),
+and a job waits for the arm for 2 s only."""
+
+
+class PickPlaceNode:
+    """The node's ROS surface; what a job does is in ``PickPlaceJob``."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._log = node.get_logger()
+        self._settings = parameters.declare(node)
+        self._arm = RosArm(node, self._settings)
+        self._waiter = Waiter(node)
+        self._enabled = True
+        self._stopping = False
+        self._job: PickPlaceJob | None = None
+        self._idle = Future()
+        self._seq = 0
+        self._jobs = 0
+        self._states = node.create_publisher(String, "/sorting/arm/state", 10)
+        node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_vision, 10)
+        node.create_service(SetBool, "/sorting/arm/enable", self._on_enable)
+        if not self._arm.look(_DISCOVERY_S):
+            self._log.warning("the arm is not there yet: a job will wait for it, but not for long")
+        self._server = self._serve(parameters.action_name(node))
+        self._log.info(f"ready for goals; grades {', '.join(self._settings.bins_rad)}")
+
+    async def stop(self) -> None:
+        """Take no more jobs, cancel the running one, and let its result leave."""
+        self._stopping = True
+        if self._job is not None:
+            self._log.info("told to stop: canceling the running job")
+            self._idle = Future()
+            self._job.cancel("canceled: the node was told to stop")
+            self._waiter.wake()
+            await self._waiter.until(self._longest_cancel_s(), self._idle)
+            await self._waiter.until(_LAST_WORDS_S)
+
+    def _longest_cancel_s(self) -> float:
+        return self._settings.goal_timeout_s + self._settings.cancel_timeout_s + 1.0
+
+    def _serve(self, name: str) -> ActionServer:
+        return ActionServer(
+            self._node,
+            PickPlace,
+            name,
+            self._execute,
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    # --- what comes in -----------------------------------------------------------------------
+
+    def _on_goal(self, goal: Any) -> GoalResponse:
+        reason = self._reason_to_reject(goal.grade)
+        if reason is None:
+            return GoalResponse.ACCEPT
+        self._log.warning(f"goal rejected: {reason}")
+        return GoalResponse.REJECT
+
+    def _on_accepted(self, handle: Any) -> None:
+        # not in _on_goal: were the answer to the client lost, the node would be busy for ever
+        self._job = self._new_job(handle.request.grade, handle.publish_feedback)
+        handle.execute()
+
+    def _on_cancel(self, _handle: Any) -> CancelResponse:
+        if self._job is not None:
+            self._job.cancel()
+            self._waiter.wake()
+        return CancelResponse.ACCEPT
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        self._enabled = request.data
+        response.success = True
+        response.message = "enabled" if self._enabled else "disabled: no new job starts"
+        self._log.info(response.message)
+        return response
+
+    def _on_vision(self, message: Any) -> None:
+        if not self._node.get_parameter(parameters.AUTO_GOAL).value:
+            return
+        grade = candidate(apple.grade for apple in message.apples)
+        reason = self._reason_to_ignore(message.header.stamp, grade)
+        if reason is not None:
+            # a camera repeats itself many times a second
+            self._log.warning(f"vision message ignored: {reason}", throttle_duration_sec=_LOG_EVERY_S)
+            return
+        self._job = self._new_job(grade or "", None)
+        self._node.executor.create_task(self._run, self._job)
+
+    def _reason_to_reject(self, grade: str) -> str | None:
+        if self._stopping:
+            return "the node is stopping"
+        if not normal_grade(grade):
+            return f"the grade is empty; known grades: {', '.join(self._settings.bins_rad)}"
+        if not self._enabled:
+            return "disabled; call /sorting/arm/enable with data: true"
+        if self._job is not None:
+            return f"busy with job {self._job.request_id} (grade {self._job.grade})"
+        return None
+
+    def _reason_to_ignore(self, stamp: Any, grade: str | None) -> str | None:
+        now_s = self._node.get_clock().now().nanoseconds * 1e-9
+        stamp_s = Time.from_msg(stamp).nanoseconds * 1e-9
+        stale = reason_not_fresh(stamp_s, now_s, self._settings.vision_max_age_s)
+        if stale is not None:
+            return stale
+        return "no apple in it has a grade" if grade is None else self._reason_to_reject(grade)
+
+    # --- the job -----------------------------------------------------------------------------
+
+    def _new_job(self, grade: str, feedback: Callable[[Any], None] | None) -> PickPlaceJob:
+        self._jobs += 1
+
+        def tell(state: State) -> None:
+            self._publish(state)
+            if state.feedback and feedback is not None:
+                feedback(PickPlace.Feedback(request_id=state.request_id, phase=state.phase, message=state.message))
+
+        return PickPlaceJob(self._jobs, grade, self._settings, self._arm, tell)
+
+    async def _execute(self, handle: Any) -> Any:
+        if self._job is None:  # cannot be: _on_accepted has set it
+            return PickPlace.Result(message="internal error: no job")
+        result = await self._run(self._job)
+        if result.ending is Ending.SUCCEEDED:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return PickPlace.Result(
+            success=result.ending is Ending.SUCCEEDED,
+            request_id=result.request_id,
+            message=result.message,
+        )
+
+    async def _run(self, job: PickPlaceJob) -> Result:
+        self._log.info(f"job {job.request_id}: grade {job.grade}")
+        try:
+            result = await job.run()
+        finally:
+            self._job = None
+            if not self._idle.done():
+                self._idle.set_result(None)
+        words = f"job {job.request_id} {result.ending.value}: {result.message}"
+        if result.ending is Ending.SUCCEEDED:  # rclpy wants one severity a line of code
+            self._log.info(words)
+        else:
+            self._log.error(words)
+        return result
+
+    def _publish(self, state: State) -> None:
+        self._seq += 1
+        time_s = self._node.get_clock().now().nanoseconds * 1e-9
+        self._states.publish(String(data=state_json(self._seq, time_s, state)))

@@ -1,0 +1,76 @@
+"""Poses, times and names of the pick-and-place node. No ROS; the defaults are the course's cell."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+Pose = tuple[float, ...]
+
+
+def _bins() -> dict[str, Pose]:
+    return {
+        "A": (0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+        "B": (0.0, -0.2, -0.8, -0.6, -1.1, 1.55),
+        "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Poses in rad, one number a joint in the order of ``joints``; the hand in metres, 0 is open."""
+
+    joints: tuple[str, ...] = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
+    ready_rad: Pose = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
+    pick_rad: Pose = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
+    bins_rad: Mapping[str, Pose] = field(default_factory=_bins)
+    """Grade (stripped, upper case) to the pose above its bin."""
+    hand_open_m: float = 0.0
+    hand_closed_m: float = 0.05
+    move_time_s: float = 2.0
+    """The duration of each motion of the arm."""
+    server_timeout_s: float = 2.0
+    """For the arm's action server to appear."""
+    goal_timeout_s: float = 3.0
+    """For the arm to accept or reject a goal."""
+    result_timeout_s: float = 10.0
+    """For the arm to be done with a goal."""
+    cancel_timeout_s: float = 2.0
+    """For the arm to confirm that it stopped."""
+    vision_max_age_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        mistakes = list(_mistakes(self))
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
+
+
+def normal_grade(text: str) -> str:
+    """A grade as grades are compared: without spaces around them, in upper case."""
+    return text.strip().upper()
+
+
+def _mistakes(settings: Settings) -> Iterator[str]:
+    if not settings.joints:
+        yield "joints is empty"
+    poses = {"poses.ready": settings.ready_rad, "poses.pick": settings.pick_rad}
+    poses |= {f"bins.{grade}": pose for grade, pose in settings.bins_rad.items()}
+    for name, pose in poses.items():
+        yield from _pose_mistakes(name, pose, len(settings.joints))
+    for name in ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
+                 "cancel_timeout_s", "vision_max_age_s"):  # fmt: skip
+        value_s = getattr(settings, name)
+        if not (math.isfinite(value_s) and value_s > 0.0):
+            yield f"{name} is {value_s}: it must be a positive number of seconds"
+    for name in ("hand_open_m", "hand_closed_m"):
+        if not math.isfinite(getattr(settings, name)):
+            yield f"{name} must be a finite number of metres"
+    for grade in settings.bins_rad:
+        if grade != normal_grade(grade) or not grade:
+            yield f"grade {grade!r} can never be asked for: write {normal_grade(grade)!r}"
+
+
+def _pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[str]:
+    if len(pose) != joints:
+        yield f"{name} has {len(pose)} numbers for {joints} joints"
+    elif not all(map(math.isfinite, pose)):
+        yield f"{name} has a number that is not finite"

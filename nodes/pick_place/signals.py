@@ -1,0 +1,34 @@
+"""SIGINT and SIGTERM as a call in a thread of its own. No ROS."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from typing import Final
+
+LAST_S: Final = 1.0
+"""From the second signal to the end of the process, as in servoloop/signals.py."""
+
+
+def on_stop_signal(call: Callable[[], object]) -> None:
+    """Run ``call`` at the first SIGINT or SIGTERM; a second signal ends the process. Only in the main thread.
+
+    An ordinary handler would run when the main thread is back in Python, and that one sleeps inside
+    the middleware. The wake-up descriptor is written at once, whichever thread gets the signal.
+    """
+    reader, writer = os.pipe()  # never closed: a signal may come as long as the process lives
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+
+    def wait() -> None:
+        os.read(reader, 1)
+        call()
+        number = os.read(reader, 1)[0]
+        time.sleep(LAST_S)
+        os.write(2, b"a second signal: ended at once. The arm finishes the motion under way and holds there\n")
+        os._exit(128 + number)
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()

@@ -1,0 +1,45 @@
+"""Waiting with a time-out in a callback of a single-threaded executor, without blocking it."""
+
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+
+class Waiter:
+    """Time-outs run on the steady clock: a simulated clock that stands still must not stop them."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+
+    async def until(self, timeout_s: float, *futures: Future) -> bool:
+        """True once one of the futures is done, at once or within ``timeout_s``."""
+        bell = Future()
+
+        def ring(_: Any = None) -> None:
+            if not bell.done():
+                bell.set_result(None)
+                self.wake()
+
+        timer = self._node.create_timer(timeout_s, ring, clock=self._clock)
+        for future in futures:
+            future.add_done_callback(ring)
+        try:
+            await bell
+        finally:
+            self._node.destroy_timer(timer)
+            for future in futures:
+                future.remove_done_callback(ring)
+        return any(future.done() for future in futures)
+
+    def wake(self) -> None:
+        """Let the executor look at its tasks again.
+
+        rclpy resumes a task that awaits a future only on its next round, and it may have looked at
+        that task before the future was set.
+        """
+        if self._node.executor is not None:
+            self._node.executor.wake()

@@ -1,0 +1,196 @@
+"""rcl's functions through ctypes, which leaves the interpreter's lock to others: what gil_release.py puts into rclpy.
+
+The layouts are those of rmw/types.h and action_msgs/msg/detail/goal_status_array__struct.h of Jazzy. To be imported
+only where gil_release.py allows it: the libraries are opened here, and their functions looked up.
+"""
+
+import ctypes
+import logging
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.service import Service
+
+LOG = logging.getLogger("servoloop.nodes")
+
+_TIMEOUT: Final = 2  # RCL_RET_TIMEOUT of rcl/types.h
+_NOTHING_TAKEN: Final = (601, 2201)  # RCL_RET_SERVICE_TAKE_FAILED; RCL_RET_ACTION_SERVER_TAKE_FAILED
+
+_RCL: Final = ctypes.CDLL("librcl.so")
+_RCL_ACTION: Final = ctypes.CDLL("librcl_action.so")
+_RCUTILS: Final = ctypes.CDLL("librcutils.so")
+
+
+class _RequestId(ctypes.Structure):
+    """rmw_request_id_t: whom an answer is for."""
+
+    _fields_ = (("writer_guid", ctypes.c_uint8 * 16), ("sequence_number", ctypes.c_int64))
+
+
+class _ServiceInfo(ctypes.Structure):
+    """rmw_service_info_t."""
+
+    _fields_ = (("sent_ns", ctypes.c_int64), ("received_ns", ctypes.c_int64), ("request_id", _RequestId))
+
+
+class GoalStatuses(ctypes.Structure):
+    """rcl_action_goal_status_array_t: a sequence, and rcutils_allocator_t."""
+
+    _fields_ = (("sequence", ctypes.c_void_p * 3), ("allocator", ctypes.c_void_p * 5))
+
+
+class _ErrorText(ctypes.Structure):
+    """rcutils_error_string_t."""
+
+    _fields_ = (("text", ctypes.c_char * 1024),)
+
+
+_RCUTILS.rcutils_get_error_string.restype = _ErrorText
+
+
+class _Kind:
+    """A message type's functions that turn messages into C and back. These do hold the interpreter's lock."""
+
+    def __init__(self, kind: Any) -> None:
+        self._create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(_address(kind._CREATE_ROS_MESSAGE))
+        self._destroy = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(_address(kind._DESTROY_ROS_MESSAGE))
+        self._from_python = ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)(
+            _address(kind._CONVERT_FROM_PY)
+        )
+        self._to_python = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)(_address(kind._CONVERT_TO_PY))
+
+    def sent(self, message: Any, send: Callable[[int], int]) -> int:
+        """The return value of ``send`` for the message in C."""
+        raw = self._create()
+        try:
+            self._from_python(message, raw)  # raises by itself
+            return send(raw)
+        finally:
+            self._destroy(raw)
+
+    def taken(self, take: Callable[[int], int]) -> tuple[int, Any]:
+        """The return value of ``take``, and the message that ``take`` has filled in."""
+        raw = self._create()
+        try:
+            code = take(raw)
+            return code, None if code else self._to_python(raw)
+        finally:
+            self._destroy(raw)
+
+
+_KINDS: Final[dict[Any, _Kind]] = {}
+
+
+def _kind(kind: Any) -> _Kind:
+    if kind not in _KINDS:
+        kind.__class__.__import_type_support__()
+        _KINDS[kind] = _Kind(kind)
+    return _KINDS[kind]
+
+
+def _address(capsule: object) -> int:
+    get = ctypes.pythonapi.PyCapsule_GetPointer
+    get.restype, get.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
+    return int(get(capsule, None))
+
+
+def _function(library: ctypes.CDLL, name: str, arguments: int) -> Any:
+    function = getattr(library, name)
+    function.restype, function.argtypes = ctypes.c_int, (ctypes.c_void_p,) * arguments
+    return function
+
+
+_publish = _function(_RCL, "rcl_publish", 3)
+_take_request = _function(_RCL, "rcl_take_request_with_info", 3)
+_send_response = _function(_RCL, "rcl_send_response", 3)
+_get_statuses = _function(_RCL_ACTION, "rcl_action_get_goal_status_array", 2)
+_publish_status = _function(_RCL_ACTION, "rcl_action_publish_status", 2)
+_publish_feedback = _function(_RCL_ACTION, "rcl_action_publish_feedback", 2)
+_end_statuses = _function(_RCL_ACTION, "rcl_action_goal_status_array_fini", 1)
+
+
+def _check(code: int, what: str) -> None:
+    if code:
+        raise rclpy_implementation.RCLError(f"could not {what}: {_said()}")
+
+
+def _said() -> str:
+    text = _RCUTILS.rcutils_get_error_string().text.decode(errors="replace")
+    _RCUTILS.rcutils_reset_error()
+    return str(text)
+
+
+def publisher_publish(publisher: Any, message: Any) -> None:
+    pointer = publisher.pointer
+    _check(_kind(type(message)).sent(message, lambda raw: int(_publish(pointer, raw, None))), "publish")
+
+
+def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | None]:
+    info, pointer = _ServiceInfo(), service.pointer
+    code, request = _kind(kind).taken(lambda raw: int(_take_request(pointer, ctypes.byref(info), raw)))
+    if code in _NOTHING_TAKEN:
+        return None, None
+    _check(code, "take a request")
+    return request, info
+
+
+def service_send_response(service: Service, response: Any, info: _ServiceInfo) -> None:
+    if not isinstance(response, service.srv_type.Response):
+        raise TypeError(f"{service.srv_name} answers {service.srv_type.__name__}.Response, not {type(response)}")
+    with service.handle:
+        pointer, to = service.handle.pointer, ctypes.byref(info.request_id)
+        code = _kind(type(response)).sent(response, lambda raw: int(_send_response(pointer, to, raw)))
+    if code == _TIMEOUT:
+        why = "it has left, or listens with qualities of service that do not fit"
+        LOG.warning("%s: a client could not be answered: %s (%s)", service.srv_name, why, _said())
+        return
+    _check(code, f"answer on {service.srv_name}")
+
+
+def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]]:
+    function = _function(_RCL_ACTION, f"rcl_action_take_{name}_request", 3)
+
+    def take(server: Any, kind: Any) -> tuple[_RequestId | None, Any]:
+        request_id, pointer = _RequestId(), server.pointer
+        code, request = _kind(kind).taken(lambda raw: int(function(pointer, ctypes.byref(request_id), raw)))
+        if code in _NOTHING_TAKEN:
+            return None, None
+        _check(code, f"take a {name} request")
+        return request_id, request
+
+    return take
+
+
+def server_send(name: str) -> Callable[[Any, _RequestId, Any], None]:
+    function = _function(_RCL_ACTION, f"rcl_action_send_{name}_response", 3)
+
+    def send(server: Any, request_id: _RequestId, response: Any) -> None:
+        pointer, to = server.pointer, ctypes.byref(request_id)
+        code = _kind(type(response)).sent(response, lambda raw: int(function(pointer, to, raw)))
+        _check(code, f"send a {name} response")
+
+    return send
+
+
+def server_publish_feedback(server: Any, message: Any) -> None:
+    pointer = server.pointer
+    code = _kind(type(message)).sent(message, lambda raw: int(_publish_feedback(pointer, raw)))
+    _check(code, "publish feedback")
+
+
+def server_publish_status(server: Any) -> None:
+    statuses = GoalStatuses()
+    _check(_get_statuses(server.pointer, ctypes.byref(statuses)), "get the goals' status")
+    try:
+        _check(_publish_status(server.pointer, ctypes.byref(statuses)), "publish the goals' status")
+    finally:
+        _end_statuses(ctypes.byref(statuses))
+
+
+def written_by_zero_initialized_goal_statuses() -> int:
+    """The size of rcl's own goal status array. x86_64 only, where a structure is returned through a hidden pointer."""
+    untouched = 0xA5
+    buffer = (ctypes.c_ubyte * 4096)(*[untouched] * 4096)
+    _function(_RCL_ACTION, "rcl_action_get_zero_initialized_goal_status_array", 1)(buffer)
+    return max((index + 1 for index, byte in enumerate(buffer) if byte != untouched), default=0)

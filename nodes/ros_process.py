@@ -1,0 +1,39 @@
+"""A process's way into the ROS graph, and its way out of the graph in a limited time."""
+
+import faulthandler
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from nodes.discovery import stay_on_this_machine, who_can_command
+
+EXIT_LIMIT_S: Final = 10.0
+
+
+def init_rclpy(arguments: Sequence[str] | None = None) -> str:
+    """Initialise rclpy with the discovery range of this process; returns in words who can command the arm.
+
+    Signals stay the caller's: rclpy's own handlers close the middleware at once, and then no goal could be ended.
+    """
+    stay_on_this_machine(os.environ)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    return who_can_command(os.environ)
+
+
+@contextmanager
+def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
+    """End the process where the body takes longer, with status 1 and a traceback that says where it hung.
+
+    Fast DDS (2.14) can wait for itself for ever where two participants leave in the same instant, as at a Ctrl-C for a
+    whole launch file: ``DomainParticipant::set_listener`` holds the lock that it waits for. The interpreter's own lock
+    may be held meanwhile, so this is a thread in C.
+    """
+    faulthandler.dump_traceback_later(seconds, exit=True)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()

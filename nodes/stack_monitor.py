@@ -1,0 +1,99 @@
+"""A monitor of a running stack, by its topics: for the live view and the report."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from hal.types import FloatArray
+
+LOOP_STATUS = "servoloop: control loop"
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One cycle of the arm controller; arrays (n,), rad and rad/s; the stamp is ROS time."""
+
+    stamp_s: float
+    reference: FloatArray
+    reference_velocity: FloatArray
+    feedback: FloatArray
+
+
+@dataclass(slots=True)
+class NewestMessages:
+    """The newest message of each topic."""
+
+    position: dict[str, float] = field(default_factory=dict)
+    velocity: dict[str, float] = field(default_factory=dict)
+    error: dict[str, float] = field(default_factory=dict)
+    diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Status name → its values, with ``message`` beside them."""
+    samples: list[Sample] = field(default_factory=list)
+    """All cycles since the caller last emptied it."""
+
+    @property
+    def loop(self) -> dict[str, str]:
+        """The loop's figures as /diagnostics has them."""
+        return self.diagnostics.get(LOOP_STATUS, {})
+
+    def servo(self, joint: str) -> dict[str, str]:
+        """The values of the status of that joint's servo."""
+        for name, values in self.diagnostics.items():
+            if name.startswith(f"servoloop: {joint} "):
+                return values
+        return {}
+
+
+class StackMonitor:
+    """Subscribes to the stack's topics; messages come in only while the caller spins."""
+
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, arm: str) -> None:
+        self.newest = NewestMessages()
+        self._node = node
+        self._executor = executor
+        node.create_subscription(JointState, "/joint_states", self._on_joints, 10)
+        node.create_subscription(JointTrajectoryControllerState, f"/{arm}/controller_state", self._on_state, 50)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def spin(self, seconds: float) -> None:
+        """Take in what comes, for at most so long."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def set_parameter(self, node_name: str, name: str, value: bool) -> bool:
+        """Set a boolean parameter of another node; whether it agreed."""
+        client = self._node.create_client(SetParameters, f"/{node_name}/set_parameters")
+        if not client.wait_for_service(timeout_sec=5.0):
+            return False
+        parameter = Parameter(name, Parameter.Type.BOOL, value).to_parameter_msg()
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        self._executor.spin_until_future_complete(future, timeout_sec=5.0)
+        response = future.result()
+        return response is not None and all(result.successful for result in response.results)
+
+    def _on_joints(self, message: JointState) -> None:
+        self.newest.position = dict(zip(message.name, message.position, strict=True))
+        self.newest.velocity = dict(zip(message.name, message.velocity, strict=True))
+
+    def _on_state(self, message: JointTrajectoryControllerState) -> None:
+        error = message.error.positions
+        self.newest.error = dict(zip(message.joint_names, error, strict=True))
+        self.newest.samples.append(
+            Sample(
+                message.header.stamp.sec + message.header.stamp.nanosec * 1e-9,
+                np.array(message.reference.positions),
+                np.array(message.reference.velocities),
+                np.array(message.feedback.positions),
+            )
+        )
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            self.newest.diagnostics[status.name] = {**values, "message": status.message}

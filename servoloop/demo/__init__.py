@@ -1,0 +1,1 @@
+"""``servoloop demo``: the main job from the action to the bytes, shown and measured."""

@@ -1,0 +1,117 @@
+"""The demo's cell: emulator, stack and pick-place node, each a process of its own, and the clients that watch them."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from drivers.errors import DriverError
+from servoloop.demo.jobs import Camera, JobRunner
+from servoloop.demo.live import Live
+from servoloop.files import CONFIG, read_files
+from servoloop.ports import device_paths, port_options
+from servoloop.processes import Processes
+from servoloop.signals import Signals
+from sim_backend.world_feed import WorldFeedClient, feed_path
+
+if TYPE_CHECKING:
+    from nodes.stack_monitor import StackMonitor
+
+ARM = "arm_controller"
+ARM_JOINTS = tuple(f"joint{i}" for i in range(1, 7))
+NODE = "nodes.vision_pick_place_controller"
+PARAMETERS = CONFIG / "vision_pick_place_controller.yaml"
+"""What the node is started with; among other things the grades, each with its bin."""
+START_S = 60.0
+LEFT = "its processes end by themselves"
+"""Behind a second signal: each gets SIGTERM when its parent has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell is ready for jobs: its processes run, its clients are connected."""
+
+    runner: JobRunner
+    monitor: "StackMonitor"
+    component: str
+    """The hardware component's name."""
+    process_ids: Mapping[str, int]
+    """By process: emulator, stack, pick_place."""
+
+
+def check_grades(grades: Sequence[str]) -> None:
+    """Check that the node's parameters have a bin for each grade. Raises DriverError."""
+    node = yaml.safe_load(PARAMETERS.read_text())["vision_pick_place_controller"]
+    known: list[str] = node["ros__parameters"]["grades"]
+    unknown = [grade.strip() for grade in grades if grade.strip().upper() not in known]
+    if unknown:
+        names = ", ".join(unknown)
+        raise DriverError(f"--grades {names}: there is no bin for it. {PARAMETERS} has the grades {', '.join(known)}")
+
+
+def environment() -> dict[str, str]:
+    """The environment with a ROS domain of the demo's own on this machine, unless the user has named one."""
+    values = dict(os.environ)
+    values.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    values.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    return values
+
+
+@contextmanager
+def cell(out: Path, robot: Path | None, live: Live) -> Iterator[Cell]:
+    """Start the cell; end it behind the block. ``out``: an existing folder for logs and pictures.
+
+    Raises DriverError with a process' last words if one of them fails, Interrupted after a signal.
+    """
+    from nodes.client_node import client_node
+    from nodes.pick_place.client import PickClient
+    from nodes.pick_place.homing import Homing
+    from nodes.stack_monitor import StackMonitor
+
+    os.environ.update(environment())
+    link = out / "bus"
+    component = read_files(robot=robot).component.name
+    with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
+        process_ids = _start(processes, link, robot, live)
+        with client_node("servoloop_demo") as (node, executor):
+            monitor = StackMonitor(node, executor, ARM)
+            camera = Camera(_feed(link, processes), ARM_JOINTS)
+            picker, homing = PickClient(node, executor), Homing(node, executor)
+            runner = JobRunner(monitor, picker, homing, live, camera, signals, processes)
+            runner.wait_for_node(START_S)
+            yield Cell(runner, monitor, component, process_ids)
+        live.say("drawing the pictures")
+        processes.end()
+
+
+def _feed(link: Path, processes: Processes) -> WorldFeedClient:
+    try:
+        return WorldFeedClient(feed_path(link))
+    except OSError as error:
+        processes.check()
+        raise DriverError(f"the emulator does not show its world at {feed_path(link)}: {error}") from error
+
+
+def _start(processes: Processes, link: Path, robot: Path | None, live: Live) -> dict[str, int]:
+    """Start all three processes, each when the one before it is ready; their process IDs."""
+    buses = read_files(robot=robot).robot.file.lines()
+    ready = link.with_name("ready")
+    ready.unlink(missing_ok=True)
+    arm = ("--robot", str(robot)) if robot else ()
+    started: dict[str, int] = {}
+    live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
+    command = ("servoloop", "emulate", str(link), "--pictures", str(link.parent), *arm)
+    started["emulator"] = processes.start("emulator", *command)
+    served = [feed_path(link), *device_paths(link, buses).values()]
+    processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)
+    live.say("the stack")
+    command = ("servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *arm)
+    started["stack"] = processes.start("stack", *command)
+    processes.wait_until(ready.exists, "starting the stack", START_S)
+    live.say("the pick-place node")
+    started["pick_place"] = processes.start("pick_place", NODE, "--ros-args", "--params-file", str(PARAMETERS))
+    return started

@@ -1,0 +1,94 @@
+"""The demo's report: a table in the terminal and result.json."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from servoloop.demo.demo import Report
+from servoloop.demo.following_error import worst
+from servoloop.demo.jobs import Run
+
+
+def write_json(report: Report, path: Path) -> None:
+    """Write the report for programs."""
+    path.write_text(json.dumps(_content(report), indent=2, allow_nan=False) + "\n")
+
+
+def succeeded(report: Report) -> bool:
+    """Whether every cube lies in the bin of its grade."""
+    return bool(report.runs) and all(run.success for run in (*report.runs, report.comparison))
+
+
+def print_table(report: Report, console: Console) -> None:
+    """Print the report for people."""
+    table = Table("grade", "bin", "time", "largest", "RMS", "fastest", "largest", "RMS", title="following error, rad")
+    for column in (*table.columns[2:5], *table.columns[6:]):
+        column.justify = "right"
+    for run in report.runs:
+        table.add_row(*_cells(run))
+    table.add_section()
+    grade, *rest = _cells(report.comparison)
+    table.add_row(f"{grade} *", *rest)
+    console.print(table)
+    console.print("of the worst joint and of the fastest, while moving; * servos without their own interpolation\n")
+    console.print(_loop_table(report))
+    console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
+
+
+def _loop_table(report: Report) -> Table:
+    loop, cpu = report.loop, report.cpu_percent
+    columns = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
+    table = Table(*columns, title="control loop")
+    table.add_row(
+        f"{loop['cycles']:.0f}",
+        f"{loop['missed_cycles']:.0f}",
+        f"{loop['unmeasured_cycles']:.0f}",
+        f"{loop['latest_wake_up_ms']:.2f} ms",
+        f"{loop['longest_cycle_ms']:.2f} ms",
+        f"{cpu['idle']:.1f} %",
+        f"{cpu['moving']:.1f} %",
+    )
+    return table
+
+
+def _cells(run: Run) -> tuple[str, ...]:
+    place = ("[green]" if run.success else "[red]") + (run.bin or "none") + "[/]"
+    error = run.between_cycles
+    cells = (run.grade, place, f"{run.duration_s:.2f} s")
+    if not error.largest_rad:
+        return (*cells, *("?" for _ in range(5)))
+    i = error.fastest
+    numbers = (max(error.largest_rad), max(error.rms_moving_rad), error.largest_rad[i], error.rms_moving_rad[i])
+    texts = [f"{number:.4f}" for number in numbers]
+    return (*cells, *texts[:2], f"joint{i + 1}", *texts[2:])
+
+
+def _content(report: Report) -> dict[str, Any]:
+    runs = report.runs
+    return {
+        "success": succeeded(report),
+        "cubes": {"in_their_bins": sum(run.success for run in runs), "of": len(runs)},
+        "runs": [_run(run) for run in runs],
+        "loop": {**report.loop, "cpu_percent_of_a_core": report.cpu_percent},
+        "following_error": {
+            "of": "joint1 to joint6 in all runs, the worst of them; at the cycles and every 5 ms between them",
+            "with_servo_interpolation": worst(run.between_cycles for run in runs).as_dict(),
+            "without_servo_interpolation": report.comparison.between_cycles.as_dict(),
+        },
+        "comparison_run": _run(report.comparison),
+    }
+
+
+def _run(run: Run) -> dict[str, Any]:
+    return {
+        "grade": run.grade,
+        "success": run.success,
+        "bin": run.bin,
+        "duration_s": round(run.duration_s, 3),
+        "message": run.message,
+        "following_error_at_the_cycles": run.at_cycles.as_dict(),
+        "following_error_between_them": run.between_cycles.as_dict(),
+    }

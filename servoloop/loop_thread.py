@@ -1,0 +1,86 @@
+"""The loop thread of ``servoloop up``: the only one that talks to the hardware."""
+
+import logging
+import threading
+from dataclasses import dataclass
+from typing import Final
+
+from controller.loop import ControlLoop
+from controller.shutdown import shut_down
+from drivers.errors import DriverError
+from servoloop.background_worker import BackgroundWorker
+from servoloop.files import Files
+from servoloop.realtime import put_first
+from servoloop.signals import Signals
+
+LOG = logging.getLogger("servoloop")
+
+HANG_S: Final = 30.0
+"""The longest step on the way to the end has 10 s: waiting for what is being switched."""
+LEFT: Final = "servos under torque hold their last goal"
+
+
+@dataclass(slots=True)
+class LoopThread:
+    """The loop thread runs the control loop, then brings the arm to its end, and says what became of both."""
+
+    loop: ControlLoop
+    worker: BackgroundWorker
+    relax: bool
+    files: Files
+    signals: Signals
+    failed: bool = True
+    """Until all has gone well."""
+    done: bool = False
+    alive_s: float = 0.0
+    """When the loop's thread was last seen to get on, or had no reason yet to end."""
+
+    def start(self) -> threading.Thread:
+        """The loop runs in a thread of its own, which does not keep a program from ending in which it hangs."""
+        self.alive_s = self.loop.clock.now()
+        thread = threading.Thread(target=self, name="control loop", daemon=True)
+        thread.start()
+        return thread
+
+    def __call__(self) -> None:
+        """The thread's work. The arm is brought to its end whatever ends the loop."""
+        ran = False
+        try:
+            put_first()
+            self.loop.run(lambda: self._told(1))
+            ran = True
+        except DriverError as error:
+            LOG.error("the loop ends: %s", error)
+        except Exception:  # a defect: whatever it is, the arm is still brought to its end below
+            LOG.exception("the loop ends")
+        finally:
+            try:
+                self.failed = bool(self._end()) or not ran
+            finally:
+                self.done = True  # the other thread waits for it, whatever happened here
+
+    def hangs(self) -> bool:
+        """Whether the thread has been told to end and has got no further for so long: it waits for hardware for ever.
+
+        Our own hardware waits for no reply for ever. A user's plug-in may.
+        """
+        now_s = self.loop.clock.now()
+        if not self.signals.count:
+            self.alive_s = now_s
+        return not self.done and now_s - self.alive_s > HANG_S
+
+    def _told(self, signals: int) -> bool:
+        """The loop asks in every cycle, also on its way to the park pose."""
+        self.alive_s = self.loop.clock.now()
+        return self.signals.count >= signals
+
+    def _end(self) -> list[str]:
+        park = self.files.robot.file.park
+        return shut_down(
+            self.loop,
+            self.relax,
+            park.pose if park else None,
+            park.velocity_scale if park else 1.0,
+            hurry=lambda: self._told(2),
+            settle=self.worker.join,
+        )

@@ -1,0 +1,105 @@
+"""A bench's own processes: whatever they do, the bench comes to an end, and none of them outlives it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from bench.children import child, kill, next_line, start
+
+pytestmark = pytest.mark.slow
+
+PARENT = """
+import sys
+from bench.children import child
+with child("-m", "bench.simulator", sys.argv[1]) as simulator:
+    print(simulator.pid, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_process_that_says_something_else_ends_the_bench_with_a_sentence() -> None:
+    with (
+        pytest.raises(SystemExit, match="-c print\\('no'\\)… is not ready: it says 'no' and not 'ready'"),
+        child("-c", "print('no')"),
+    ):
+        pytest.fail("it is not ready")
+
+
+def test_a_process_that_ends_at_once_ends_the_bench_with_a_sentence() -> None:
+    with pytest.raises(SystemExit, match="it says '' and not 'ready'"), child("-c", "pass"):
+        pytest.fail("it is not ready")
+
+
+def test_a_process_that_hangs_ends_the_bench_with_a_sentence() -> None:
+    process = start("-c", "import time; time.sleep(99)")
+    with pytest.raises(SystemExit, match=f"process {process.pid} has said nothing for 0 s: it hangs, the bench ends"):
+        next_line(process, patience_s=0.1)
+    kill(process)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("bench", "simulator"),
+    [("bench.two_ports --cycles 100000", "--serve"), ("bench.bus --cycles 100000", "bench.simulator")],
+)
+def test_a_bench_whose_simulator_is_killed_ends_with_a_sentence(bench: str, simulator: str) -> None:
+    with measuring(*bench.split()) as process:
+        next(one for one in psutil.Process(process.pid).children() if simulator in one.cmdline()).kill()
+        _, words = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert words.splitlines()[-1].startswith("the bench ends: ")
+    assert "Traceback" not in words
+
+
+@contextmanager
+def measuring(*command: str) -> Iterator["subprocess.Popen[str]"]:
+    """A program that has a pseudo-terminal open, and has measured for a while."""
+    with subprocess.Popen([sys.executable, "-m", *command], stderr=subprocess.PIPE, text=True) as process:
+        try:
+            deadline_s = time.monotonic() + 60.0
+            while not any(line.startswith("/dev/pts/") for line in open_files(process.pid)):
+                assert process.poll() is None and time.monotonic() < deadline_s
+                time.sleep(0.05)
+            time.sleep(1.0)
+            yield process
+        finally:
+            process.kill()
+
+
+def open_files(process_id: int) -> list[str]:
+    """Without the standard streams, which may be a terminal."""
+    found = []
+    for descriptor in Path(f"/proc/{process_id}/fd").iterdir():
+        with suppress(FileNotFoundError):
+            found += [os.readlink(descriptor)] if int(descriptor.name) > 2 else []
+    return found
+
+
+@pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "takes no more bytes")])
+def test_measuring_a_line_ends_when_its_servos_are_gone(tmp_path: Path, number: int, says: str) -> None:
+    with child("-m", "bench.simulator", str(tmp_path / "bus")) as simulator:
+        command = ["servoloop", "bench", "bus", "--port", str(tmp_path / "bus"), "--cycles", "10000000"]
+        with measuring(*command) as process:
+            simulator.send_signal(number)
+            _, words = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert says in words and "Traceback" not in words
+
+
+def test_a_simulator_ends_with_its_bench_when_that_is_killed(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", PARENT, str(tmp_path / "bus")]
+    bench = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert bench.stdout is not None
+    simulator = psutil.Process(int(bench.stdout.readline()))
+    bench.kill()
+    bench.communicate()
+    gone, _ = psutil.wait_procs([simulator], timeout=20.0)
+    assert gone == [simulator] or simulator.status() == psutil.STATUS_ZOMBIE

@@ -1,0 +1,485 @@
+"""Hardware components that are lost or switched while the others go on."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from controller.component_transitions import ComponentTransition
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from controller.manager.requests import ENDED
+from controller.manager.switch import SwitchError, SwitchRequest
+from controller.shutdown import shut_down
+from drivers.errors import PortLost, PortMissing
+from hal.components import Components
+from hal.errors import PartLost
+from hal.lifecycle import LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from sim_backend.clock import SimulatedClock
+from tests.controller.test_loop import Puppet
+from tests.hal.faults import fault_texts
+
+UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
+PERIOD_S = 0.05
+LIMIT = JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)
+GONE = "/dev/hand is gone"
+SPEED_RAD_S = 2.0
+
+
+class Breakable(MockHardware):
+    """A mock whose calls can fail, and that remembers them."""
+
+    def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
+        super().__init__(name, joints, clock)
+        self.failing: dict[str, Exception] = {}
+        self.calls: list[str] = []
+        self.written: list[FloatArray] = []
+
+    def _call(self, what: str) -> None:
+        self.calls.append(what)
+        if what in self.failing:
+            raise self.failing[what]
+
+    def configure(self) -> None:
+        self._call("configure")
+        super().configure()
+
+    def activate(self) -> None:
+        self._call("activate")
+        super().activate()
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        self._call("relax" if relax else "hold")
+        return super().deactivate(relax)
+
+    def cleanup(self) -> None:
+        super().cleanup()
+        self._call("cleanup")
+
+    def read(self) -> JointState:
+        self._call("read")
+        return super().read()
+
+    def write(self, command: JointCommand) -> None:
+        self.written.append(command.values.copy())
+        super().write(command)
+        self._call("write")
+
+    def changes(self) -> list[str]:
+        """The calls that change its state."""
+        return [call for call in self.calls if call not in ("read", "write")]
+
+
+class Mover(Puppet):
+    """Commands one joint, at a constant speed once it is told to go."""
+
+    def __init__(self, joint: str) -> None:
+        super().__init__()
+        self.name = f"{joint}_controller"
+        self.command_interfaces = (f"{joint}/position",)
+        self.state_interfaces = self.command_interfaces
+        self.speed = 0.0
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        self.command = self.command + self.speed * period_s
+
+
+class Two:
+    """An arm of two joints and a hand of one, each a component with its controllers."""
+
+    def __init__(self, keep_alive: bool = False, every: Sequence[int] = (1, 1)) -> None:
+        self.clock = SimulatedClock(5.0)
+        self.arm = Breakable("arm", ("shoulder", "elbow"), self.clock)
+        self.hand = Breakable("hand", ("finger",), self.clock)
+        self.components = Components([self.arm, self.hand], self.clock, every)
+        limits = dict.fromkeys(self.components.joints, LIMIT)
+        self.manager = ControllerManager(self.components, limits)
+        self.movers = {joint: Mover(joint) for joint in self.components.joints}
+        for mover in self.movers.values():
+            self.manager.registry.add(mover)
+        self.background: list[Callable[[], None]] = []
+        self.loop = ControlLoop(
+            self.components,
+            self.manager,
+            limits,
+            self.clock,
+            PERIOD_S,
+            keep_alive=keep_alive,
+            background_worker=self.background.append,
+        )
+        self.states: list[JointState] = []
+        self.loop.on_cycle = self.states.append
+
+    def up(self) -> "Two":
+        self.components.configure()
+        self.loop.activate()
+        return self
+
+    def going(self) -> "Two":
+        """All joints at speed."""
+        self.up()
+        for mover in self.movers.values():
+            mover.speed = SPEED_RAD_S
+        self.cycle(4)
+        return self
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.clock.sleep_until(self.clock.now() + PERIOD_S)
+            self.loop.step()
+
+    def work(self) -> None:
+        """The background worker does its work, and the cycle in which they are back."""
+        for work in self.background:
+            work()
+        self.background.clear()
+        self.cycle()
+
+    def set(self, target: LifecycleState, name: str = "hand") -> ComponentTransition:
+        """Until it is decided."""
+        change = self.loop.component_transitions.ask(name, target)
+        for _ in range(40):
+            self.cycle()
+            self.work()
+            if change.done:
+                return change
+        raise AssertionError("never decided")
+
+    def active(self) -> list[str]:
+        return [joint for joint, mover in self.movers.items() if self.manager.registry.state(mover.name) is ACTIVE]
+
+
+def gentle(path: Sequence[FloatArray]) -> bool:
+    """Whether no joint was braked harder than it may be."""
+    velocity = np.diff(np.array(path), axis=0) / PERIOD_S
+    return bool(np.abs(np.diff(velocity, axis=0)).max() <= LIMIT.acceleration * PERIOD_S * 1.2)
+
+
+def test_one_behind_the_other_in_state_and_command() -> None:
+    two = Two().going()
+    assert two.components.command_interfaces == ("shoulder/position", "elbow/position", "finger/position")
+    np.testing.assert_allclose(two.states[-1].position, 3 * SPEED_RAD_S * PERIOD_S)
+    np.testing.assert_allclose(two.loop.command, 4 * SPEED_RAD_S * PERIOD_S)
+    assert two.arm.written[-1].shape == (2,) and two.hand.written[-1].shape == (1,)
+
+
+@pytest.mark.parametrize("kind", [PortLost, RuntimeError], ids=["lost", "a defect"])
+@pytest.mark.parametrize("call", ["read", "write"])
+def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_nothing_else(
+    call: str, kind: type[Exception]
+) -> None:
+    two = Two().going()
+    two.hand.failing[call] = error = kind(GONE)
+    two.cycle()
+    assert two.active() == ["shoulder", "elbow"]
+    assert fault_texts(two.states[-1]) in ({}, {"finger": "hand is lost: /dev/hand is gone"})
+    before = two.loop.command[:2]
+    two.cycle(20)
+    np.testing.assert_allclose(two.loop.command[:2], np.clip(before + 20 * SPEED_RAD_S * PERIOD_S, -2.0, 2.0))
+    assert set(two.states[-1].faults) == {"finger"}
+    assert two.hand.state is UNCONFIGURED
+    assert two.hand.changes()[-1] == "cleanup"
+    assert two.components.lost[0].error is error
+
+
+@pytest.mark.parametrize("kind", [PortLost, PartLost])
+def test_what_is_left_of_a_lost_component_is_braked_and_not_stopped_dead(kind: type[PortLost]) -> None:
+    two = Two().going()
+    two.hand.failing["write"] = kind(GONE)
+    two.cycle(30)
+    assert len(two.hand.written) > 6
+    assert gentle(two.hand.written)
+    assert two.hand.written[-1] == pytest.approx(two.hand.written[-2], abs=0.01)
+
+
+@pytest.mark.parametrize("state", [INACTIVE, UNCONFIGURED])
+def test_a_component_that_stops_working_by_itself_is_lost(state: LifecycleState) -> None:
+    two = Two().going()
+    two.hand.state = state
+    two.cycle()
+    assert two.active() == ["shoulder", "elbow"]
+    two.cycle(20)
+    assert (two.hand.state, two.hand.changes()[-1]) == (UNCONFIGURED, "cleanup")
+    assert str(two.components.lost[0].error) == f"it has become {state.name.lower()} by itself"
+    assert two.set(ACTIVE).result() is None
+    two.cycle(3)
+    assert two.components.lost == []
+
+
+def test_with_the_last_component_the_loop_ends() -> None:
+    two = Two().up()
+    two.hand.failing["read"] = PortLost(GONE)
+    two.cycle(2)
+    two.arm.failing["read"] = PortLost("/dev/arm is gone")
+    with pytest.raises(PortLost, match="/dev/arm is gone"):
+        two.cycle()
+    assert two.arm.state is ACTIVE  # whoever ends the loop still has it to stop
+
+
+def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() -> None:
+    two = Two()
+    two.components.configure(["hand"])
+    two.loop.activate()
+    assert two.active() == ["shoulder", "elbow"]
+    two.arm.failing["read"] = PortLost(GONE)
+    with pytest.raises(PortLost):
+        two.cycle()
+
+
+def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are() -> None:
+    two = Two(keep_alive=True).going()
+    for hardware in (two.arm, two.hand):
+        hardware.failing["read"] = PortLost(GONE)
+    two.cycle(20)
+    assert (two.arm.state, two.hand.state, two.active()) == (UNCONFIGURED, UNCONFIGURED, [])
+    assert set(two.states[-1].faults) == {"shoulder", "elbow", "finger"}
+    two.hand.failing.clear()
+    two.hand._position[:] = -0.7  # somebody has moved it by hand
+    written = len(two.hand.written)
+    assert two.set(ACTIVE).result() is None
+    assert two.hand.state is ACTIVE
+    two.cycle(2)
+    np.testing.assert_allclose(two.hand.written[written:], -0.7)
+    assert two.loop.command[2] == pytest.approx(-0.7)
+    assert set(two.states[-1].faults) == {"shoulder", "elbow"}
+    assert two.components.lost == [two.components.members[0]]
+
+
+def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
+    two = Two().up()
+    two.hand.failing = {"read": PortLost(GONE), "cleanup": RuntimeError("a defect")}
+    two.hand.cleanup = lambda: two.hand._call("cleanup")  # type: ignore[method-assign]
+    two.cycle(2)
+    assert two.components.members[1].state is FINALIZED
+    written = len(two.hand.written)
+    two.cycle(3)
+    assert len(two.hand.written) == written
+    with pytest.raises(Exception, match="hand is finalized, which is its end"):
+        two.set(ACTIVE).result()
+
+
+WAYS = {
+    # from, to: calls, where it ends
+    (UNCONFIGURED, UNCONFIGURED): ([], UNCONFIGURED),
+    (UNCONFIGURED, INACTIVE): (["configure"], INACTIVE),
+    (UNCONFIGURED, ACTIVE): (["configure", "activate"], ACTIVE),
+    (UNCONFIGURED, FINALIZED): (["cleanup"], FINALIZED),
+    (INACTIVE, UNCONFIGURED): (["cleanup"], UNCONFIGURED),
+    (INACTIVE, INACTIVE): ([], INACTIVE),
+    (INACTIVE, ACTIVE): (["activate"], ACTIVE),
+    (INACTIVE, FINALIZED): (["cleanup"], FINALIZED),
+    (ACTIVE, UNCONFIGURED): (["hold", "cleanup"], UNCONFIGURED),
+    (ACTIVE, INACTIVE): (["hold"], INACTIVE),
+    (ACTIVE, ACTIVE): ([], ACTIVE),
+    (ACTIVE, FINALIZED): (["hold", "cleanup"], FINALIZED),
+    (FINALIZED, FINALIZED): ([], FINALIZED),
+}
+
+
+@pytest.mark.parametrize(("begin", "target"), WAYS)
+def test_the_way_from_state_to_state(begin: LifecycleState, target: LifecycleState) -> None:
+    two = Two().up()
+    two.set(begin).result()
+    two.hand.calls.clear()
+    two.set(target).result()
+    assert (two.hand.changes(), two.components.members[1].state) == WAYS[(begin, target)]
+    assert two.active()[:2] == ["shoulder", "elbow"]
+
+
+@pytest.mark.parametrize("target", [UNCONFIGURED, INACTIVE, ACTIVE])
+def test_finalized_is_the_end(target: LifecycleState) -> None:
+    two = Two().up()
+    two.set(FINALIZED).result()
+    with pytest.raises(Exception, match="hand is finalized"):
+        two.set(target).result()
+
+
+def test_deactivating_a_component_in_mid_motion_ends_its_controllers_and_brakes_it_first() -> None:
+    two = Two().going()
+    change = two.loop.component_transitions.ask("hand", INACTIVE)
+    two.cycle()
+    assert two.active() == ["shoulder", "elbow"]
+    assert not change.done and two.hand.state is ACTIVE
+    two.cycle(20)
+    assert "hold" not in two.hand.calls  # that is done in the background
+    two.work()
+    assert change.done and two.hand.state is INACTIVE
+    assert gentle(two.hand.written)
+    reads, writes = two.hand.calls.count("read"), len(two.hand.written)
+    two.cycle(3)
+    assert (two.hand.calls.count("read"), len(two.hand.written)) == (reads + 3, writes)
+
+
+def test_while_a_component_is_configured_aside_the_others_have_their_cycles() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    change = two.loop.component_transitions.ask("hand", ACTIVE)
+    two.cycle(10)
+    assert not change.done
+    assert two.components.members[1].away
+    assert fault_texts(two.states[-1]) == {"finger": "hand is being switched"}
+    assert two.arm.calls[-2:] == ["read", "write"]
+    two.work()
+    assert change.done and two.states[-1].faults == {}
+
+
+def test_what_a_user_cannot_do_is_said_and_the_component_stays_where_it_got() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand.failing["configure"] = PortMissing("/dev/hand is not there: plug it in")
+    with pytest.raises(PortMissing, match="plug it in"):
+        two.set(ACTIVE).result()
+    assert two.hand.state is UNCONFIGURED
+    two.hand.failing = {"activate": RuntimeError("a defect")}
+    with pytest.raises(RuntimeError, match="a defect"):
+        two.set(ACTIVE).result()
+    assert two.hand.state is INACTIVE
+    with pytest.raises(Exception, match="hardware component 'foot' does not exist"):
+        two.set(ACTIVE, "foot").result()
+
+
+def test_wishes_for_one_component_are_fulfilled_one_after_the_other() -> None:
+    two = Two().up()
+    changes = [
+        two.loop.component_transitions.ask("hand", target) for target in (INACTIVE, ACTIVE, UNCONFIGURED, ACTIVE)
+    ]
+    for _ in range(20):
+        two.cycle()
+        two.work()
+    assert all(change.done for change in changes)
+    assert two.hand.changes()[2:] == ["hold", "activate", "hold", "cleanup", "configure", "activate"]
+
+
+def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand._position[:] = np.nan
+    with pytest.raises(Exception, match="finger has not been measured, torque is off again"):
+        two.set(ACTIVE).result()
+    assert two.hand.changes()[-1] == "relax"
+
+
+def test_one_that_cannot_be_let_go_again_either_keeps_nobody_from_the_cycle(caplog: pytest.LogCaptureFixture) -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand._position[:] = np.nan
+    two.hand.failing["relax"] = RuntimeError("stuck")
+    with pytest.raises(Exception, match="finger has not been measured"):
+        two.set(ACTIVE).result()
+    assert "torque may still be on: could not switch hand off: stuck" in caplog.text
+    two.cycle(3)
+    assert two.hand.changes()[-1] == "cleanup"
+    assert two.active() == ["shoulder", "elbow"]
+
+
+def test_a_defect_in_the_first_reading_is_told_to_whoever_wanted_it() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    two.hand.failing["read"] = RuntimeError("a defect")
+    change = two.set(ACTIVE)
+    with pytest.raises(RuntimeError, match="a defect"):
+        change.result()
+    assert two.active() == ["shoulder", "elbow"]
+
+
+def test_a_component_lost_on_its_way_out_is_given_up() -> None:
+    two = Two().going()
+    change = two.loop.component_transitions.ask("hand", INACTIVE)
+    two.cycle()
+    two.hand.failing["write"] = PortLost(GONE)
+    two.cycle(20)
+    assert two.hand.state is UNCONFIGURED
+    with pytest.raises(PortLost):
+        change.result()
+
+
+def test_a_slow_component_is_read_and_written_in_every_so_many_cycles() -> None:
+    two = Two(every=(1, 4)).up()
+    two.cycle(16)
+    assert two.arm.calls.count("read") == 17
+    assert two.hand.calls.count("read") == 4 + 1
+    assert len(two.hand.written) == 4
+    two.movers["finger"].speed = SPEED_RAD_S
+    two.cycle(12)
+    steps = np.diff(np.array(two.hand.written[-3:]), axis=0)
+    np.testing.assert_allclose(steps, 4 * SPEED_RAD_S * PERIOD_S)
+
+
+def test_controllers_are_kept_from_what_is_not_there() -> None:
+    two = Two().up()
+    ready, measured = two.components.ready, two.components.measured
+    assert ready("finger/position") and measured("finger/velocity")
+    two.set(INACTIVE).result()
+    assert not ready("finger/position") and measured("finger/velocity")
+    two.set(UNCONFIGURED).result()
+    assert not measured("finger/velocity") and ready("shoulder/position")
+    with pytest.raises(SwitchError, match="command interface 'finger/position' is not available"):
+        two.manager.switch(SwitchRequest(activate=("finger_controller",)), two.loop.command)
+
+
+def test_an_onlooker_looks_on_whatever_is_there() -> None:
+    two = Two().up()
+    onlooker = Mover("eye")
+    onlooker.command_interfaces, onlooker.state_interfaces = (), ("finger/position", "elbow/position")
+    onlooker.command = np.empty(0)
+    two.manager.registry.add(onlooker)
+    two.set(UNCONFIGURED).result()
+    two.manager.switch(SwitchRequest(activate=("eye_controller",)), two.loop.command)
+    two.cycle()
+    assert two.manager.registry.state("eye_controller") is ACTIVE
+
+
+def test_whoever_waits_at_the_end_is_told() -> None:
+    two = Two().up()
+    waiting = two.loop.component_transitions.ask("hand", INACTIVE)
+    two.loop.component_transitions.end()
+    late = two.loop.component_transitions.ask("hand", INACTIVE)
+    for change in (waiting, late):
+        assert change.done
+        with pytest.raises(RuntimeError, match=ENDED):
+            change.result()
+
+
+def test_what_comes_back_after_the_last_cycle_does_not_leap_to_where_it_once_was() -> None:
+    two = Two().up()
+    two.set(UNCONFIGURED).result()
+    change = two.loop.component_transitions.ask("hand", ACTIVE)
+    two.cycle()
+    two.hand._position[:] = 0.9
+    assert shut_down(two.loop, False, None, 1.0, settle=lambda: [work() for work in two.background].clear()) == []
+    assert change.done and two.loop.command[2] == pytest.approx(0.9)
+    assert two.hand.changes()[-2:] == ["hold", "cleanup"]
+
+
+def test_at_the_end_the_others_stand_before_anybody_is_waited_for() -> None:
+    two = Two().going()
+    two.set(UNCONFIGURED).result()
+    two.loop.component_transitions.ask("hand", ACTIVE)
+    two.cycle()
+    speed: list[float] = []
+
+    def settle() -> None:
+        speed.extend(np.diff(np.array(two.arm.written[-2:]), axis=0)[0] / PERIOD_S)
+        two.background[0]()
+
+    assert np.abs(np.diff(np.array(two.arm.written[-2:]), axis=0)).max() > 0.05
+    assert shut_down(two.loop, False, None, 1.0, settle=settle) == []
+    np.testing.assert_allclose(speed, 0.0, atol=1e-9)
+    assert gentle(two.arm.written)
+
+
+def test_kept_alive_the_loop_begins_without_a_component_that_cannot_be_activated(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    two = Two(keep_alive=True)
+    two.hand.failing["activate"] = PortLost(GONE)
+    two.up()
+    two.cycle()
+    assert (two.arm.state, two.hand.state) == (ACTIVE, INACTIVE)
+    assert two.active() == ["shoulder", "elbow"]
+    refused = Two()
+    refused.hand.failing["activate"] = PortLost(GONE)
+    with pytest.raises(PortLost):
+        refused.up()

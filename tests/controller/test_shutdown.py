@@ -1,0 +1,138 @@
+"""How the arm is left, whatever fails on the way there."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controller.shutdown import shut_down
+from drivers.errors import PortLost
+from hal.lifecycle import LifecycleState
+from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, to
+
+PARK = {"shoulder": -0.5, "elbow": 0.5}
+SCALE = 0.25
+
+
+def moving_bench() -> Bench:
+    bench = Bench().up()
+    bench.send(to(1.5, 0.0))
+    bench.cycle(12)
+    assert bench.velocity[0] > 1.0
+    return bench
+
+
+def last_calls(bench: Bench) -> list[str]:
+    return [call for call in bench.hardware.calls if call not in ("read", "write")]
+
+
+def failing_with(error: Exception) -> Callable[..., Any]:
+    def fail(*_: object) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("relax", [False, True])
+@pytest.mark.parametrize("park", [None, PARK], ids=["no park pose", "park pose"])
+@pytest.mark.parametrize("hurry", [False, True])
+def test_it_stops_parks_where_asked_and_ends(relax: bool, park: dict[str, float] | None, hurry: bool) -> None:
+    bench = moving_bench()
+    handle = bench.send(to(-1.0, 0.0))
+    cycles = len(bench.path())
+    assert shut_down(bench.loop, relax, park, SCALE, lambda: hurry) == []
+    assert last_calls(bench) == ["relax" if relax else "hold", "cleanup"]
+    assert bench.hardware.state is LifecycleState.UNCONFIGURED
+    assert handle.error_text == "Current goal cancelled during deactivate transition."
+    path = bench.path()[:, :2]
+    parked = relax and park is not None and not hurry
+    assert (np.abs(path[-1] - [-0.5, 0.5]).max() < 1e-6) == parked
+    velocity = np.diff(path, axis=0) / PERIOD_S
+    change = np.abs(np.diff(velocity, axis=0)).max()
+    assert change <= ARM_LIMITS.acceleration * PERIOD_S * 1.2  # the motion's own curve between two cycles
+    assert np.abs(velocity[-1]).max() < 0.05 + 0.5 * parked
+    if parked:
+        stopped = cycles + int(np.argmin(np.abs(velocity[cycles:, 0])))
+        assert np.abs(velocity[stopped:]).max() <= SCALE * ARM_LIMITS.velocity + 1e-9
+
+
+def test_it_keeps_the_rate_on_the_way() -> None:
+    bench = moving_bench()
+    begin_s, written = bench.clock.now(), len(bench.path())
+    shut_down(bench.loop, True, PARK, SCALE)
+    count = len(bench.path()) - written
+    assert bench.clock.now() - begin_s == pytest.approx(count * PERIOD_S)
+
+
+def test_a_second_signal_on_the_way_to_the_park_pose_lets_go_there_and_then() -> None:
+    bench = moving_bench()
+    begin_s = bench.clock.now()
+    assert shut_down(bench.loop, True, PARK, SCALE, lambda: bench.clock.now() > begin_s + 1.0) == []
+    assert last_calls(bench) == ["relax", "cleanup"]
+    assert bench.clock.now() < begin_s + 1.0 + 2 * PERIOD_S
+    assert np.abs(bench.path()[-1][:2] - [-0.5, 0.5]).max() > 0.1
+
+
+@pytest.mark.parametrize("relax", [False, True])
+@pytest.mark.parametrize("where", ["update", "deactivate", "both"])
+def test_after_a_controllers_bug_it_still_stops_and_parks(where: str, relax: bool) -> None:
+    bench = moving_bench()
+    error = RuntimeError("a controller's bug")
+    if where in ("update", "both"):
+        bench.arm.update = failing_with(error)  # type: ignore[method-assign]
+        bench.cycle()  # the manager deactivates it
+    if where in ("deactivate", "both"):
+        bench.arm.deactivate = failing_with(error)  # type: ignore[method-assign]
+    problems = shut_down(bench.loop, relax, PARK, SCALE)
+    expected = ["could not end the controllers: a controller's bug"] if where == "deactivate" else []
+    assert problems == expected
+    assert last_calls(bench) == ["relax" if relax else "hold", "cleanup"]
+    assert (np.abs(bench.path()[-1][:2] - [-0.5, 0.5]).max() < 1e-6) == relax
+    velocity = np.diff(bench.path()[:, :2], axis=0) / PERIOD_S
+    assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * 1.2
+
+
+@pytest.mark.parametrize("relax", [False, True], ids=["hold", "relax"])
+@pytest.mark.parametrize(
+    ("failing", "problems"),
+    [
+        (("read",), ["stop the motion", "park"]),
+        (("write",), ["stop the motion", "park"]),
+        (("relax", "hold"), ["switch off"]),
+        (("cleanup",), ["release the port"]),
+        (
+            ("read", "write", "relax", "hold", "cleanup"),
+            ["stop the motion", "park", "switch off", "release the port"],
+        ),
+    ],
+    ids=["read", "write", "switching off", "cleanup", "port lost"],
+)
+def test_every_later_step_is_tried(failing: tuple[str, ...], problems: list[str], relax: bool) -> None:
+    bench = moving_bench()
+    bench.hardware.failing = dict.fromkeys(failing, PortLost("the port was unplugged"))
+    found = shut_down(bench.loop, relax, PARK, SCALE)
+    wanted = [problem for problem in problems if relax or problem != "park"]
+    assert found == [f"could not {problem}: the port was unplugged" for problem in wanted]
+    assert last_calls(bench) == ["relax" if relax else "hold", "cleanup"]
+    assert not bench.arm.running
+
+
+def test_a_park_pose_out_of_reach_is_said_and_the_arm_let_go() -> None:
+    bench = moving_bench()
+    (problem,) = shut_down(bench.loop, True, {"shoulder": float("nan")}, SCALE)
+    assert problem.startswith("could not park: the park pose cannot be reached: ")
+    assert last_calls(bench) == ["relax", "cleanup"]
+
+
+def test_an_arm_that_never_came_up_is_only_closed() -> None:
+    bench = Bench()
+    bench.hardware.configure()
+    assert shut_down(bench.loop, True, PARK, SCALE) == []
+    assert bench.hardware.calls == ["cleanup"]
+
+
+def test_what_switching_off_reports_is_passed_on() -> None:
+    bench = moving_bench()
+    bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
+    assert shut_down(bench.loop, True, PARK, SCALE) == ["servo 3: does not answer"]

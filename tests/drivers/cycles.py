@@ -1,0 +1,16 @@
+"""A cycle as the control loop runs it."""
+
+from collections.abc import Mapping, Sequence
+
+from drivers.bus.bus import Bus
+from drivers.bus.types import Reading, ServoGoal
+
+
+def exchange(
+    bus: Bus, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
+) -> Mapping[int, Reading]:
+    """States in, then goals out."""
+    bus.request(servo_ids, deadline_s)
+    readings = bus.receive()
+    bus.write_goals(goals)
+    return readings

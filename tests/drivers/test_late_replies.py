@@ -1,0 +1,129 @@
+"""Late replies of one servo are told from present ones, whatever is lost, as long as they come in their order."""
+
+from collections import deque
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplies
+
+SIZES = (8, 10, 13, 15)
+CYCLE_S = 0.01
+
+
+class OneServo:
+    """Questions to it, and its replies in an adapter that gives them out in their order."""
+
+    def __init__(self) -> None:
+        self.late = LateReplies()
+        self.asked: list[int] = []
+        self.held: deque[int] = deque()
+        """The questions whose replies are in the adapter."""
+
+    def ask(self, *, lost: bool = False, comes: int = 100) -> int | None:
+        """One question, after which so many replies come; the question whose answer was believed."""
+        question, now_s = len(self.asked), len(self.asked) * CYCLE_S
+        self.late.forget(now_s)
+        self.asked.append(SIZES[self.late.place({1: SIZES})])
+        if not lost:
+            self.held.append(question)
+        believed = None
+        for _ in range(min(comes, len(self.held))):
+            size = self.asked[answered := self.held.popleft()]
+            if not self.late.take(1, size, size == self.asked[question]):
+                assert believed is None
+                believed = answered
+                self.late.answered(1, now_s)
+        if believed is None:
+            self.late.add(1, self.asked[question], now_s, "silent")
+        return believed
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 6)), max_size=150))
+def test_only_the_present_answer_is_believed_and_soon_again(cycles: list[tuple[bool, int]]) -> None:
+    servo = OneServo()
+    for lost, comes in cycles:
+        question = len(servo.asked)
+        assert servo.ask(lost=lost, comes=comes) in (None, question)
+    servo.ask(lost=True)  # whatever is in the adapter comes
+    beginning = len(servo.asked)
+    believed = servo.ask(), servo.ask()
+    assert believed[0] in (None, beginning)
+    assert believed[1] == beginning + 1
+
+
+def test_a_reply_that_may_be_an_old_one_is_not_believed_but_the_next_is() -> None:
+    servo = OneServo()
+    for _ in SIZES:
+        assert servo.ask(lost=True) is None
+    assert servo.ask() is None
+    assert servo.ask() == len(SIZES) + 1
+
+
+def test_a_certain_answer_closes_every_earlier_question_of_its_servo_alone() -> None:
+    late = LateReplies()
+    late.add(1, 8, 0.0, "silent")
+    late.add(2, 8, 0.0, "silent")
+    late.add_single(1, 0.0)
+    late.answered(1, 0.0)
+    late.forget(HELD_S)
+    assert late.servos(0.0) == {2} and late.doubtful({2: 8}) and not late.doubtful({1: 8, 2: 10})
+
+
+def test_each_late_reply_is_told_as_what_its_question_was_counted() -> None:
+    late = LateReplies()
+    for counted in ("silent", "corrupt"):
+        late.add(1, 8, 0.0, counted)
+    assert [late.take(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
+
+
+def test_open_questions_are_closed_in_the_end() -> None:
+    late = LateReplies()
+    for now_s, size in ((0.0, 8), (1.0, 10)):
+        late.add(1, size, now_s, "corrupt")
+    late.forget(OPEN_S)
+    assert late.sizes() == {10}
+    late.forget(OPEN_S + 1.0)
+    assert not late
+
+
+def test_a_group_is_asked_for_the_size_that_is_open_for_the_fewest_and_then_for_the_last_one() -> None:
+    late = LateReplies()
+    for now_s, place in enumerate((0, 1, 3, 2)):
+        late.add(1, SIZES[place], now_s, "silent")
+    assert late.place({1: SIZES}) == 2
+    late.add(2, SIZES[2], 3.0, "silent")
+    assert late.place({1: SIZES, 2: SIZES}) == 3
+    assert late.place({2: SIZES}) == 0
+
+
+def test_each_of_several_that_are_alike_may_still_come_and_none_after_them() -> None:
+    late = LateReplies()
+    for counted in ("silent", "silent", "silent", "corrupt"):
+        late.add(1, 8, 0.0, counted)
+    assert late and late.servos(0.0) == {1}
+    assert [late.take(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
+    assert not late and late.servos(0.0) == frozenset()
+
+
+def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
+    late = LateReplies()
+    late.add(1, 8, 0.0, "silent")
+    late.answered(1, 0.0)
+    late.forget(HELD_S * 0.9)
+    assert late.place({1: SIZES}) == 1
+    assert late.take(1, 8, asked=True) is None
+    late.forget(HELD_S * 1.1)
+    assert not late
+
+
+def test_only_a_size_that_is_open_for_its_servo_and_was_not_overtaken_is_in_doubt() -> None:
+    late = LateReplies()
+    late.add(1, 8, 0.0, "silent")
+    assert late.doubtful({1: 8, 2: 8})
+    assert not late.doubtful({1: 10, 2: 8}) and not late.doubtful({2: 8}) and not late.doubtful({})
+    late.answered(1, 0.0)
+    assert not late.doubtful({1: 8})
+    late.add(1, 8, 0.1, "corrupt")
+    assert late.doubtful({1: 8})
+    assert late.take(1, 8, asked=True) == "corrupt"

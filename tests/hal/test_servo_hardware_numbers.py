@@ -1,0 +1,138 @@
+"""The numbers of a cycle: how long a read may last, how fast a servo is told to go, which sign its load has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.servos import sts
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import JointCommand, JointLimits
+from sim_backend.faults import Disturbance
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
+from tests.hal.bench import JOINTS, PERIOD_S, Bench, at
+
+HERE = at(0.0, 0.0, JOINTS[2].position(1500))
+UNTOLD_PERIOD_S = 0.05
+"""What a cycle takes at the stack's usual 20 Hz, which holds until a command says otherwise."""
+
+every_kind = pytest.mark.parametrize(
+    "kind", [kind for kind in KINDS if not kind.with_goals], ids=lambda kind: kind.name
+)
+
+
+def seven_joints(line: Line) -> ServoHardware:
+    """Joints j1 to j7, configured."""
+    kind = line.kind
+    limits = JointLimits(-5.0, 5.0, 3.0, 5.0, 50.0)
+    joints = [Joint(f"j{i}", i, kind.models[i], limits, zero_counts=kind.table.middle) for i in IDS]
+    hardware = ServoHardware("arm", joints, lambda: line.bus, line.clock)
+    hardware.configure()
+    return hardware
+
+
+def silence(line: Line, servo_ids: tuple[int, ...]) -> None:
+    for servo_id in servo_ids:
+        line.faults.silence(servo_id)
+
+
+# The time of a read
+
+
+@every_kind
+@pytest.mark.parametrize("period_s", [0.004, 0.01, 0.02])
+@pytest.mark.parametrize("silent", [IDS, (1,), (3, 5)], ids=str)
+def test_whoever_is_silent_a_read_leaves_time_for_the_goals_of_its_cycle(
+    kind: Kind, period_s: float, silent: tuple[int, ...]
+) -> None:
+    line = Line(kind)
+    hardware = seven_joints(line)
+    hardware.activate()
+    silence(line, silent)
+    for _ in range(20):
+        begin_s = line.clock.now()
+        hardware.write(JointCommand(np.zeros(len(IDS)), period_s))
+        hardware.read()
+        assert line.clock.now() < begin_s + period_s
+        line.clock.sleep_until(begin_s + period_s)
+
+
+@every_kind
+def test_until_a_command_tells_the_period_it_is_that_of_20_hz(kind: Kind) -> None:
+    line = Line(kind)
+    hardware = seven_joints(line)
+    line.faults.disturbance = Disturbance(seed=1, drop=0.6)  # takes longest: who answers now and then is asked again
+    for _ in range(20):
+        begin_s = line.clock.now()
+        hardware.read()
+        assert line.clock.now() < begin_s + UNTOLD_PERIOD_S
+        line.clock.sleep_until(begin_s + UNTOLD_PERIOD_S)
+
+
+@every_kind
+def test_at_20_hz_there_is_time_for_every_servo_although_one_is_silent(kind: Kind) -> None:
+    line = Line(kind)
+    hardware = seven_joints(line)
+    silence(line, (4,))
+    for _ in range(20):
+        begin_s = line.clock.now()
+        assert hardware.read().faults.keys() == {"j4"}
+        line.clock.sleep_until(begin_s + UNTOLD_PERIOD_S)
+
+
+# The speed that goes with a goal
+
+
+@pytest.mark.parametrize(("lag_counts", "free"), [(0, True), (-131, True), (131, True), (-132, False), (132, False)])
+def test_without_interpolation_a_servo_is_let_loose_within_one_period_of_its_goal(lag_counts: int, free: bool) -> None:
+    """At 4 rad/s the shoulder makes 130.4 counts in a period, 131 begun ones."""
+    bench = Bench().active()
+    bench.hardware.interpolate = False
+    bench.servos.servo(1).memory.put(sts.torque_enable, 0)  # or it would not stay where it is placed
+    bench.servos.servo(1).firmware.load_goal()
+    bench.place((2048 + lag_counts, 2000, 1500))
+    bench.hardware.read()
+    assert bench.measured(1) == 2048 + lag_counts
+    bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    assert (bench.held(1, sts.goal_velocity) == 0) is free
+
+
+def test_a_joint_that_may_be_faster_than_its_register_can_say_is_told_the_most_that_it_can() -> None:
+    """One count/s more and the register's sign bit would be set: backwards."""
+    fast = replace(JOINTS[0], limits=replace(JOINTS[0].limits, velocity=60.0))
+    bench = Bench(joints=(fast, *JOINTS[1:])).active()
+    bench.hardware.write(JointCommand(HERE + at(2.0, 0.0, 0.0), 0.02))
+    assert abs(bench.held(1, sts.goal_position) - 2048) / 0.02 > 0x7FFF
+    assert bench.held(1, sts.goal_velocity) == 0x7FFF
+
+
+# What a state tells
+
+
+def test_voltage_and_temperature_are_those_of_the_joints_own_servo() -> None:
+    bench = Bench().active()
+    for servo_id, voltage, temperature_c in ((1, 111, 31), (2, 112, 32), (7, 117, 37)):
+        state = bytes((0, 8, 0, 0, 0, 0, voltage, temperature_c))
+        bench.servos.servo(servo_id).read = lambda address, size, state=state: state  # type: ignore[method-assign]
+    health = bench.hardware.read().health
+    assert [health[joint.name].voltage_v for joint in JOINTS] == pytest.approx([11.1, 11.2, 11.7])
+    assert [health[joint.name].temperature_c for joint in JOINTS] == [31.0, 32.0, 37.0]
+
+
+def test_what_went_wrong_is_told_of_the_joint_whose_servo_it_was() -> None:
+    bench = Bench().active()
+    bench.servos.faults.corrupt_next(2)
+    health = bench.wait().health
+    assert {name: told.counters.corrupt for name, told in health.items()} == {"shoulder": 0, "elbow": 1, "finger": 0}
+
+
+def test_a_joints_load_has_the_sign_of_its_effort() -> None:
+    bench = Bench().active()
+    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's is mounted mirrored
+    for _ in range(10):
+        state = bench.cycle(HERE)
+    for joint, effort in zip(JOINTS, state.effort, strict=True):
+        load = state.health[joint.name].load
+        assert load > 0.1
+        assert load * joint.full_effort == pytest.approx(effort)

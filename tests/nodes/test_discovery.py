@@ -1,0 +1,78 @@
+"""Who can reach the nodes: what is set for which wish, and what the user is told of it."""
+
+import pytest
+
+from nodes.discovery import PROFILE, PROFILES, open_to_network, stay_on_this_machine, who_can_command
+
+LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+SUBNET = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+BOUND = LOCAL | {PROFILES: str(PROFILE)}
+
+
+@pytest.mark.parametrize(
+    ("environment", "added"),
+    [
+        ({}, BOUND),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, BOUND),
+        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, BOUND),
+        ({"ROS_LOCALHOST_ONLY": "1"}, BOUND),
+        ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, LOCAL),
+        ({"ROS_STATIC_PEERS": "10.0.0.7"}, LOCAL),
+        ({"ROS_DISCOVERY_SERVER": "10.0.0.7:11811"}, LOCAL),
+        ({PROFILES: "/home/arm/mine.xml"}, LOCAL),
+        (LOCAL, {}),
+        (SUBNET, {}),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, {}),
+        (BOUND, {}),
+    ],
+)
+def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], added: dict[str, str]) -> None:
+    found = dict(environment)
+    stay_on_this_machine(found)
+    assert found == environment | added
+
+
+@pytest.mark.parametrize(
+    ("environment", "after"),
+    [
+        ({}, SUBNET),
+        (LOCAL, SUBNET),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, SUBNET),
+        ({"ROS_LOCALHOST_ONLY": "1", "ROS_DOMAIN_ID": "3"}, SUBNET | {"ROS_DOMAIN_ID": "3"}),
+        (SUBNET, SUBNET),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}),
+    ],
+)
+def test_the_option_opens_them_to_the_network(environment: dict[str, str], after: dict[str, str]) -> None:
+    found = dict(environment)
+    open_to_network(found)
+    stay_on_this_machine(found)
+    assert found == after
+
+
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        (BOUND, "programs on this machine with ROS_DOMAIN_ID 0 can command the arm; --network lets the network in"),
+        (BOUND | {"ROS_DOMAIN_ID": "7"}, "programs on this machine with ROS_DOMAIN_ID 7 can"),
+        (LOCAL, "programs on this machine with ROS_DOMAIN_ID 0 can command the arm, and hosts whose ROS_STATIC_PEERS"),
+        (LOCAL | {"ROS_STATIC_PEERS": "a;b"}, "ROS_STATIC_PEERS name it; others as ROS_STATIC_PEERS lets them"),
+        (SUBNET | {"ROS_LOCALHOST_ONLY": "1"}, "programs on this machine with"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "subnet"}, "programs on this machine with"),
+        (SUBNET, "every program on the network with ROS_DOMAIN_ID 0 can command the arm"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}, "every program on the network"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "no other program can reach the arm"),
+        (
+            SUBNET | {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
+            "every program on the network with ROS_DOMAIN_ID 0 can command the arm, with keys of ROS_SECURITY_KEYSTORE",
+        ),
+    ],
+)
+def test_the_words_name_all_who_can_reach_the_arm(environment: dict[str, str], words: str) -> None:
+    said = who_can_command(environment)
+    assert said.startswith(words) or said.endswith(words)
+
+
+def test_permissive_security_keeps_nobody_out() -> None:
+    permissive = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Permissive"}
+    assert who_can_command(SUBNET | permissive) == who_can_command(SUBNET)

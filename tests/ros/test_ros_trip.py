@@ -1,0 +1,126 @@
+"""Few files on the way: from an action's goal to its controller, and from a cycle to the message on /joint_states."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionClient, GoalResponse
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.types import JointState
+from nodes.controllers.forward import ForwardNode
+from nodes.controllers.trajectory import TrajectoryNode
+from nodes.rclpy_patches import gil_release, rcl_calls
+from nodes.stack import Stack
+from nodes.surface import Surface
+from tests.stack.rig import ARM, PICK, StackRig
+from tests.stack.trip import TripRecorder
+
+pytestmark = pytest.mark.ros
+
+PATIENCE_S = 30.0
+GOAL = ["trajectory_goals", "parameter_node", "rcl_calls"]
+JOINT_STATES = ["surface", "cycle_executor", "controller_nodes", "broadcasters", "rcl_calls"]
+
+
+class InProcess:
+    """A stack on simulated time, its ROS surface in this thread, and a client in another one."""
+
+    def __init__(self) -> None:
+        self.rig = StackRig().up()
+        files = self.rig.files
+        factory: Any = SimpleNamespace(file=files.controllers)
+        self.surface = Surface(
+            Stack(self.rig.loop, files.description, files.component, {}, dict, {}, factory, relax=False)
+        )
+        self.rig.loop.on_cycle = self.surface.post
+        self.node = Node("client")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.action = ActionClient(self.node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
+        self._client = threading.Thread(target=self.executor.spin, name="client")
+        self._client.start()
+
+    def cycles(self, count: int) -> None:
+        for _ in range(count):
+            self.rig.loop.step()
+            self.serve(0.05)
+
+    def serve(self, seconds: float, done: threading.Event | None = None) -> None:
+        """The surface's turn, for so long or until it is done."""
+        over = done or threading.Event()
+        timer = threading.Timer(seconds, over.set)
+        timer.start()
+        self.surface.spin(over.is_set)
+        timer.cancel()
+
+    def close(self) -> None:
+        self.rig.manager.deactivate()
+        self.cycles(2)  # the goal's client gets its result
+        self.executor.shutdown()
+        self._client.join()
+        self.action.destroy()
+        self.node.destroy_node()
+        self.surface.close()
+
+
+@pytest.fixture
+def stack(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[InProcess]:
+    for owner, name, function in gil_release.replacements():
+        monkeypatch.setattr(owner, name, function)  # the surface does it for good
+    stack = InProcess()
+    yield stack
+    stack.close()
+
+
+def own(files: list[str]) -> list[str]:
+    """Those of nodes/, by their last names."""
+    return [name.rpartition("/")[2].removesuffix(".py") for name in files if name.startswith("nodes/")]
+
+
+def test_a_goal_from_the_actions_callback_to_its_controller(stack: InProcess) -> None:
+    stack.cycles(2)
+    assert stack.action.wait_for_server(PATIENCE_S)
+    goal = FollowJointTrajectory.Goal()
+    goal.trajectory.joint_names = list(ARM)
+    goal.trajectory.points = [JointTrajectoryPoint(positions=list(PICK))]
+    goal.trajectory.points[0].time_from_start.sec = 2
+    trip = TripRecorder(until=JointTrajectoryController.submit)
+    answered = threading.Event()
+    with ExitStack() as recording:
+
+        def begin(offered: FollowJointTrajectory.Goal) -> GoalResponse:
+            recording.enter_context(trip.recording())
+            return goals._on_goal(offered)
+
+        interface: Any = stack.surface._controllers._nodes["arm_controller"]._interface
+        goals = interface._goals
+        goals._server.register_goal_callback(begin)
+        answer = stack.action.send_goal_async(goal)
+        answer.add_done_callback(lambda _: answered.set())
+        stack.serve(PATIENCE_S, answered)
+    assert answer.result().accepted
+    assert own(trip.files) == GOAL
+
+
+def test_a_cycle_from_the_loops_post_to_the_published_message(stack: InProcess) -> None:
+    stack.cycles(2)
+    states: list[JointState] = []
+    stack.rig.loop.on_cycle = states.append
+    stack.rig.loop.step()
+    others = [TrajectoryNode.publish_cycle, TrajectoryNode.publish, ForwardNode.publish]
+    trip = TripRecorder(until=rcl_calls._Kind.sent, muted=others)
+    with trip.recording():
+        stack.surface.post(states[-1])
+        stack.serve(0.2)
+    assert own(trip.files) == JOINT_STATES

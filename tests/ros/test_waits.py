@@ -1,0 +1,193 @@
+"""Every command comes to an end when the process that it waits for is killed or stopped, and at two signals at once."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.ros.fake_arm import Plan
+from tests.ros.hardware_plugin import Orders, install
+from tests.ros.pick_place_cell import Cell
+from tests.ros.stack_process import StackProcess, running, until
+from tests.ros.two_components import add_states, write_urdf
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
+"""Of two signals that are sent together, either may come first."""
+
+
+@pytest.fixture
+def cell(ros_domain: int, tmp_path: Path) -> Iterator[Cell]:
+    """A node whose arm moves until it is canceled."""
+    with Cell(ros_domain, tmp_path / "node.log") as cell:
+        cell.clear(Plan.HOLD)
+        yield cell
+
+
+@pytest.fixture
+def pick(cell: Cell, tmp_path: Path) -> Iterator[StackProcess]:
+    """``servoloop pick`` in the middle of its job."""
+    pick = StackProcess(tmp_path / "pick.log", "pick", "A")
+    until(lambda: "ready: " in pick.words, lambda: pick.process.poll() is not None and pick.words)
+    yield pick
+    pick.process.kill()
+    pick.process.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_pick_ends_when_its_node_is_gone(cell: Cell, pick: StackProcess, number: int) -> None:
+    """The middleware holds a participant for alive that has been silent for less than 20 s."""
+    cell.process.send_signal(number)
+    assert pick.process.wait(60.0) == 1
+    assert "failed: /sorting/arm/pick_place is gone: the node has ended, its log may say why. The arm fi" in pick.words
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number: int) -> None:
+    assert pick.end(number) == 1
+    assert "failed: canceled" in pick.words
+    assert cell.below().canceled == 1
+
+
+def test_pick_waits_for_the_confirmation_of_its_cancel_no_longer_than_it_says(cell: Cell, pick: StackProcess) -> None:
+    cell.process.send_signal(signal.SIGSTOP)
+    assert pick.end(signal.SIGINT) == 1
+    assert "failed: canceled, and /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
+
+
+def test_a_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
+    cell.process.send_signal(signal.SIGSTOP)
+    pick.process.send_signal(signal.SIGINT)
+    pick.process.send_signal(signal.SIGTERM)
+    assert pick.process.wait(8.0) in AT_ONCE  # of the ten seconds for the confirmation
+    assert "ended at once: the node may go on with the job" in pick.words
+
+
+def test_a_signal_before_the_job_of_pick_begins_none(ros_domain: int, tmp_path: Path) -> None:
+    """Nobody serves the action: pick looks for a server."""
+    pick = StackProcess(tmp_path / "pick.log", "pick", "A")
+    until(lambda: handles(pick.process.pid, signal.SIGTERM), lambda: pick.process.poll() is not None and pick.words)
+    assert pick.end(signal.SIGTERM) == 130
+    assert pick.words.endswith("servoloop: interrupted before the job began\n")
+
+
+def handles(process_id: int, number: int) -> bool:
+    """Whether the process has a handler of its own for the signal."""
+    status = Path(f"/proc/{process_id}/status").read_text()
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
+def emulator_of(stack: StackProcess) -> int:
+    """The process ID of the emulator that a stack on virtual servos has started."""
+    (emulator,) = [c for c in psutil.Process(stack.process.pid).children() if "emulate" in c.cmdline()]
+    return int(emulator.pid)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path, number: int) -> None:
+    with running(tmp_path) as stack:
+        emulator = emulator_of(stack)
+        os.kill(emulator, number)
+        until(lambda: any(words in stack.words for words in ("does not answer", "no servo answers", "is gone")))
+        assert stack.end(signal.SIGTERM) in (0, 1), stack.words
+        assert "Traceback" not in stack.words
+    assert not psutil.pid_exists(emulator)
+
+
+@pytest.fixture
+def hanging(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StackProcess]:
+    """A stack whose arm is a user's plug-in that does not come back from reading."""
+    monkeypatch.setenv("PYTHONPATH", install(tmp_path))
+    orders = Orders(tmp_path / "orders")
+    urdf = add_states(write_urdf(tmp_path, arm=orders.hardware), "joint1", "reads", "writes")
+    with running(tmp_path, "--urdf", str(urdf)) as stack:
+        orders.give("read", 600.0)
+        until(lambda: not (orders.folder / "read").exists())
+        yield stack
+
+
+def test_a_second_signal_ends_a_stack_whose_hardware_hangs(hanging: StackProcess) -> None:
+    hanging.process.send_signal(signal.SIGINT)
+    hanging.process.send_signal(signal.SIGTERM)
+    assert hanging.process.wait(20.0) in AT_ONCE
+    assert "a second signal: ended at once: servos under torque hold their last goal" in hanging.words
+
+
+def test_a_stack_whose_hardware_hangs_ends_at_one_signal(hanging: StackProcess) -> None:
+    assert hanging.end(signal.SIGINT) == 1
+    assert "the control loop hangs in its hardware and is left behind: servos under torque hold" in hanging.words
+
+
+@contextmanager
+def demo(folder: Path) -> Iterator[StackProcess]:
+    demo = StackProcess(folder / "demo.log", "demo", "--grades", "A", "--out", str(folder / "out"))
+    try:
+        yield demo
+    finally:
+        children = psutil.Process(demo.process.pid).children() if demo.process.poll() is None else []
+        demo.process.kill()
+        demo.process.wait()
+        psutil.wait_procs(children, timeout=30.0)
+
+
+def child(demo: StackProcess, word: str) -> psutil.Process:
+    (found,) = [c for c in psutil.Process(demo.process.pid).children() if word in " ".join(c.cmdline())]
+    return found
+
+
+WORDS = {"servoloop emulate": "emulator", "servoloop up": "stack", "vision_pick_place": "pick_place"}
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_the_demo_ends_when_one_of_its_processes_is_killed_and_says_which(
+    ros_domain: int, tmp_path: Path, word: str
+) -> None:
+    with demo(tmp_path) as process:
+        until(lambda: "grade A: ready" in process.words, lambda: process.process.poll() is not None and process.words)
+        others = psutil.Process(process.process.pid).children()
+        child(process, word).kill()
+        assert process.process.wait(90.0) == 1
+        assert "servoloop: " + WORDS[word] + " ended (status -9)" in process.words
+        assert "Traceback" not in process.words
+        assert not any(other.is_running() for other in others)
+
+
+@pytest.mark.parametrize("when", ["the stack", "the pick-place node", "grade A: ready"])
+def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
+    with demo(tmp_path) as process:
+        until(lambda: when in process.words, lambda: process.process.poll() is not None and process.words)
+        others = psutil.Process(process.process.pid).children()
+        assert process.end(signal.SIGINT) == 130
+        assert "servoloop: interrupted" in process.words
+        assert not any(other.is_running() for other in others)
+
+
+def test_a_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_path: Path) -> None:
+    with demo(tmp_path) as process:
+        until(lambda: "the pick-place node" in process.words)
+        others = psutil.Process(process.process.pid).children()
+        stopped = child(process, "servoloop up")
+        stopped.suspend()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            process.process.send_signal(number)
+        assert process.process.wait(30.0) in AT_ONCE
+        psutil.wait_procs(others, timeout=30.0)
+        assert not any(other.is_running() for other in others)
+
+
+def test_a_second_signal_ends_the_node_whose_arm_does_not_stop(cell: Cell) -> None:
+    cell.clear(Plan.REFUSE_CANCEL)
+    cell.pick("A")
+    cell.wait_for_goals(1)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        cell.process.send_signal(number)
+    assert cell.process.wait(20.0) in AT_ONCE
+    assert "a second signal: ended at once. The arm finishes the motion under way and holds there" in cell.log()

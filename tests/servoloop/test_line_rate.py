@@ -1,0 +1,72 @@
+"""A rate that a line cannot carry is refused, with the arithmetic; one that it can just carry is not."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.manager.controllers_file import ControllersFileError
+from servoloop.emulator import couplings, virtual_lines
+from servoloop.files import CONFIG, read_files
+from servoloop.hardware import servo_bus
+from servoloop.line_rate import check_rates
+from sim_backend.clock import SimulatedClock
+from sim_backend.line import ServoLine
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+FILE = Path("arm_controllers.yaml")
+
+
+def port(line: ServoLine[Any], clock: SimulatedClock, name: str, bauds: dict[str, int]) -> VirtualPort:
+    return VirtualPort(line, clock, baud=bauds.get(name, 1_000_000), name=name or "line")
+
+
+def check(rates_hz: dict[str, float], robot: Path | None = None, bauds: dict[str, int] | None = None) -> None:
+    files, clock = read_files(robot=robot), SimulatedClock()
+    lines = virtual_lines(files.robot, WorldPlant(World(), couplings(files.robot)))
+    buses = {
+        name: servo_bus(
+            files.robot.file,
+            VirtualPort(line, clock, baud=(bauds or {}).get(name, 1_000_000), name=name or "line"),
+            clock,
+            name,
+        )
+        for name, line in lines.items()
+    }
+    check_rates(buses, rates_hz, files.robot, FILE)
+
+
+def test_seven_servos_need_177_bytes_a_cycle() -> None:
+    """Goals 8 + 7 * 8 bytes, question 8 + 7, seven replies of 14: 1.77 ms at 1 Mbit/s, 564.97 times a second."""
+    check({"": 564.0})
+    with pytest.raises(ControllersFileError) as refused:
+        check({"": 565.0})
+    assert str(refused.value) == (
+        "arm_controllers.yaml: 565 Hz are more than line carries. Goals and states of 7 servos are 177 bytes a cycle, "
+        "1.77 ms at 1000000 bit/s, and a cycle has 1.77 ms: set update_rate to 564 at most, or rw_rate in the URDF, or "
+        "raise the servos' baud rate"
+    )
+
+
+def test_a_slower_line_carries_less() -> None:
+    check({"": 65.0}, bauds={"": 115_200})
+    with pytest.raises(ControllersFileError, match=r"66 Hz are more .* 15.36 ms at 115200 bit/s.* to 65 at most"):
+        check({"": 66.0}, bauds={"": 115_200})
+
+
+def test_each_of_two_buses_has_its_own_servos_and_rate() -> None:
+    two = CONFIG / "robot_arm_two_buses.yaml"
+    check({"arm": 600.0, "hand": 1000.0}, two)
+    with pytest.raises(ControllersFileError) as refused:
+        check({"arm": 700.0, "hand": 1000.0}, two)
+    assert str(refused.value).startswith(
+        "arm_controllers.yaml: 700 Hz are more than arm carries. Goals and states of 6"
+    )
+    with pytest.raises(ControllersFileError) as refused:
+        check({"arm": 700.0, "hand": 5000.0}, two)
+    assert [line.split(" carries")[0] for line in str(refused.value).splitlines()] == [
+        "arm_controllers.yaml: 700 Hz are more than arm",
+        "arm_controllers.yaml: 5000 Hz are more than hand",
+    ]

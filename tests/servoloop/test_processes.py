@@ -1,0 +1,83 @@
+"""Child processes come to an end, whatever they do and whatever becomes of their parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from drivers.errors import DriverError
+from servoloop.processes import Interrupted, Processes, end
+
+STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(99)"
+PARENT = """
+import subprocess, sys, time
+from servoloop.processes import end_with_parent
+child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99)'], preexec_fn=end_with_parent)
+print(child.pid, flush=True)
+time.sleep(99)
+"""
+
+
+def child(source: str) -> "subprocess.Popen[str]":
+    """One that has printed its first line."""
+    process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline()
+    return process
+
+
+def test_a_process_that_is_stopped_is_ended() -> None:
+    process = child("import time; print('up', flush=True); time.sleep(99)")
+    process.send_signal(signal.SIGSTOP)
+    assert end(process) == -signal.SIGTERM
+
+
+def test_a_process_that_does_not_end_in_time_is_killed(caplog: pytest.LogCaptureFixture) -> None:
+    process = child(STUBBORN)
+    assert end(process, 0.1) == -signal.SIGKILL
+    assert caplog.messages == [f"process {process.pid} does not end: it is killed"]
+
+
+def test_a_process_that_does_not_end_is_killed_by_hurry() -> None:
+    assert end(child(STUBBORN), hurry=lambda: True) == -signal.SIGKILL
+
+
+def test_a_process_that_has_ended_is_no_trouble() -> None:
+    process = child("print('up', flush=True)")
+    process.wait(10.0)
+    assert end(process) == 0
+
+
+def test_a_child_ends_with_a_parent_that_is_killed() -> None:
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        orphan = psutil.Process(int(parent.stdout.readline()))
+        parent.kill()
+    gone, _ = psutil.wait_procs([orphan], timeout=10.0)
+    assert gone == [orphan] or orphan.status() == psutil.STATUS_ZOMBIE
+
+
+def test_waiting_for_processes_ends_with_the_condition_a_signal_the_time_or_a_process(tmp_path: Path) -> None:
+    signals = [0]
+    with Processes(tmp_path, os.environ, lambda: signals[0]) as processes:
+        processes.wait_until(lambda: True, "nothing", 0.0)
+        with pytest.raises(DriverError, match=f"waiting took longer than 0 s: the logs are in {tmp_path}"):
+            processes.wait_until(lambda: False, "waiting", 0.0)
+        processes.start("calendar", "calendar", "--no-such-option")
+        with pytest.raises(DriverError, match=r"calendar ended \(status 2\):(\n.*)*unrecognized arguments"):
+            processes.wait_until(lambda: False, "waiting", 30.0)
+        signals[0] = 1
+    with Processes(tmp_path, os.environ, lambda: signals[0]) as processes, pytest.raises(Interrupted, match="waiting"):
+        processes.wait_until(lambda: False, "waiting", 30.0)
+
+
+def test_all_processes_are_ended_the_last_started_first(tmp_path: Path) -> None:
+    with Processes(tmp_path, os.environ) as processes:
+        ids = [processes.start(name, "http.server", "0", "--bind", "127.0.0.1") for name in ("one", "two")]
+        time.sleep(0.1)  # either it has begun to serve or not: it ends
+        assert list(processes.end()) == ["two", "one"]
+    assert not any(psutil.pid_exists(process_id) for process_id in ids)

@@ -1,0 +1,91 @@
+"""The benchmark measures what arms run: the control loop and ``servoloop bench bus`` call the port alike."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoGoal
+from drivers.servos.register import ServoModel
+from hal.components import Components
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import JointLimits
+from servoloop.bench_bus import measure
+from sim_backend.port import VirtualPort
+from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
+
+CYCLES = 5
+LIMITS = JointLimits(-3.0, 3.0, 4.0, 12.0, 120.0)
+Call = tuple[str, bytes | int]
+
+
+class RecordingPort(VirtualPort):
+    """A port that keeps what it was called with; how long to wait is the caller's own time."""
+
+    calls: tuple[Call, ...] = ()
+
+    def write(self, data: bytes) -> None:
+        self.calls += (("write", data),)
+        super().write(data)
+
+    def read(self, size: int, deadline_s: float) -> bytes:
+        self.calls += (("read", size),)
+        return super().read(size, deadline_s)
+
+    def discard_input(self) -> None:
+        self.calls += (("discard_input", 0),)
+        super().discard_input()
+
+
+def identified(kind: Kind) -> tuple[Line, RecordingPort]:
+    """A line whose servos have been identified and have all answered."""
+    line = Line(kind, RecordingPort)
+    assert isinstance(line.port, RecordingPort)
+    for servo_id in IDS:
+        line.bus.identify(servo_id, kind.models[servo_id])
+    line.bus.read_states(IDS)
+    return line, line.port
+
+
+def joints(models: Mapping[int, ServoModel]) -> list[Joint]:
+    return [Joint(f"j{i}", i, model, LIMITS, zero_counts=model.last_count // 2) for i, model in models.items()]
+
+
+def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Call, ...], Mapping[int, ServoGoal]]:
+    """Of so many cycles that hold the arm, and the goals that they tell."""
+    line, port = identified(kind)
+    told: list[Mapping[int, ServoGoal]] = []
+    write_goals = Bus.write_goals
+
+    def watched(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
+        told.append(goals)
+        write_goals(bus, goals)
+
+    monkeypatch.setattr(Bus, "write_goals", watched)
+    hardware = Components([ServoHardware("arm", joints(kind.models), lambda: line.bus, line.clock)], line.clock)
+    limits = dict.fromkeys(hardware.joints, LIMITS)
+    loop = ControlLoop(hardware, ControllerManager(hardware, limits), limits, line.clock, 0.05)
+    hardware.configure()
+    loop.activate()
+    for number in range(2 * CYCLES):
+        if number == CYCLES:  # until then its ways of asking are settled
+            port.calls = ()
+        loop.step()
+        line.clock.sleep_until(line.clock.now() + 0.05)
+    monkeypatch.undo()
+    return port.calls, told[-1]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.with_goals], ids=lambda kind: kind.name)
+def test_the_bench_and_the_loop_make_the_same_calls(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    driven, goals = calls_of_the_loop(kind, monkeypatch)
+    line, port = identified(kind)
+    line.bus.write_goals(goals)
+    measure(line.bus, line.clock, IDS, goals, CYCLES)  # until its ways of asking are settled
+    port.calls = ()
+    measure(line.bus, line.clock, IDS, goals, CYCLES)
+    assert port.calls == driven
+    assert sum(name == "write" for name, _ in driven) >= 2 * CYCLES

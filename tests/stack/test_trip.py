@@ -1,0 +1,77 @@
+"""The two ways through the project stay short: a newcomer reads each in an afternoon."""
+
+import re
+import threading
+from pathlib import Path
+
+import pytest
+
+from controller.trajectory.goal import TrajectoryGoal
+from tests.stack.rig import StackRig
+from tests.stack.trip import (
+    ONE_POINT,
+    THREE_POINTS,
+    TripRecorder,
+    goal_to_wire,
+    lines_of,
+    reply_to_joint_states,
+)
+
+
+def up() -> StackRig:
+    rig = StackRig().up()
+    rig.run(0.5)
+    return rig
+
+
+def of_controller(files: list[str]) -> list[str]:
+    return [name for name in files if name.startswith("controller/")]
+
+
+@pytest.mark.parametrize(("goal", "files", "lines"), [(ONE_POINT, 9, 1400), (THREE_POINTS, 11, 1600)])
+def test_a_goal_passes_few_files_of_controller(goal: TrajectoryGoal, files: int, lines: int) -> None:
+    trip = of_controller(goal_to_wire(up(), goal))
+    assert trip[0] == "controller/trajectory/joint_trajectory_controller.py"
+    assert trip.index("controller/trajectory/goal_planner.py") < trip.index("controller/loop.py")
+    assert len(trip) <= files, trip
+    assert lines_of(trip) <= lines
+
+
+def test_a_reply_passes_few_files_of_controller() -> None:
+    trip = of_controller(reply_to_joint_states(up()))
+    assert trip[-1] == "controller/broadcasters/joint_state_broadcaster.py"
+    assert len(trip) <= 4, trip
+
+
+def test_a_goal_ends_at_the_wire_and_a_reply_begins_there() -> None:
+    down = goal_to_wire(up())
+    assert down[-1].startswith("drivers/") and "hal/gate.py" in down
+    assert not any(name.startswith(("tests/", "sim_backend/")) for name in down)
+    assert not any("broadcaster" in name or "forward" in name for name in down)
+    rising = reply_to_joint_states(up())
+    assert "hal/gate.py" not in rising and not any("trajectory" in name for name in rising)
+
+
+def listed(heading: str) -> set[str]:
+    """The files of one list in docs/architecture.md."""
+    _, _, rest = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text().partition(f"<!-- {heading} -->\n")
+    return set(re.findall(r"^\d+\. `(.*)`$", rest.partition("\n\n")[0], flags=re.MULTILINE))
+
+
+def test_the_architecture_page_lists_the_files_on_both_ways() -> None:
+    assert listed("goal to wire") == set(goal_to_wire(up()))
+    assert listed("reply to joint states") == set(reply_to_joint_states(up()))
+
+
+def test_the_recorder_sees_threads_that_start_while_it_records_and_none_of_what_is_muted() -> None:
+    rig = up()
+    trip = TripRecorder(muted=[type(rig.loop.hardware).read])
+    with trip.recording():
+        thread = threading.Thread(target=rig.loop.step)
+        thread.start()
+        thread.join()
+    assert "controller/loop.py" in trip.files
+    assert "hal/components.py" in trip.files  # its write
+    begun = list(trip.files)
+    rig.loop.step()
+    assert trip.files == begun

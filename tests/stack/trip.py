@@ -1,0 +1,130 @@
+"""Trips through the project: which of its files a goal passes on its way to the wire, and a reply on its way up.
+
+A file is on a trip if one of its functions runs on the way. Functions that run in the same cycle without being on the
+way (the other controllers, the read before the write) are muted, with all that they call.
+"""
+
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.loop import ControlLoop
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.components import Components
+from tests.stack.rig import ARM, BINS, PICK, READY, RecordingPort, StackRig
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("drivers", "hal", "controller", "nodes", "servoloop")
+"""The project's folders that a trip can lead through. The simulation stands for hardware, and does not count."""
+
+Function = Callable[..., Any]
+
+
+class TripRecorder:
+    """The recorder notes each project file once, in the order in which the files' functions first run.
+
+    It sees the functions of the thread that begins it, and of threads that start later.
+    """
+
+    def __init__(
+        self, since: Function | None = None, until: Function | None = None, muted: Iterable[Function] = ()
+    ) -> None:
+        """The trip begins when ``since`` first returns (None: at once), and ends when ``until`` is first called."""
+        self.files: list[str] = []
+        self._since = since.__code__ if since else None
+        self._until = until.__code__ if until else None
+        self._muted = {function.__code__ for function in muted}
+        self._names: dict[CodeType, str | None] = {}
+        self._on, self._ended = since is None, False
+        self._thread = threading.local()
+        """``muted``: the frame of the muted function that the thread is in."""
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """While this lasts the trip can begin."""
+        threading.setprofile(self._event)
+        sys.setprofile(self._event)
+        try:
+            yield
+        finally:
+            sys.setprofile(None)
+            threading.setprofile(None)
+
+    def _event(self, frame: FrameType, event: str, _: Any) -> None:
+        code, muted = frame.f_code, getattr(self._thread, "muted", None)
+        if muted is not None:
+            if event == "return" and frame is muted:
+                self._thread.muted = None
+        elif event == "call" and code in self._muted:
+            self._thread.muted = frame
+        elif event == "call" and code is self._until:
+            self._ended = True
+        elif event == "call" and self._on:
+            self._note(code)
+        elif event == "return" and code is self._since and not self._on:
+            self._begin(frame)
+
+    def _begin(self, frame: FrameType | None) -> None:
+        """Those who are in the middle of the call are on the way too."""
+        self._on = True
+        callers: list[CodeType] = []
+        while frame is not None:
+            callers.append(frame.f_code)
+            frame = frame.f_back
+        for code in reversed(callers):
+            self._note(code)
+
+    def _note(self, code: CodeType) -> None:
+        if code not in self._names:
+            self._names[code] = _project_file(code.co_filename)
+        name = self._names[code]
+        if name is not None and not self._ended and name not in self.files:
+            self.files.append(name)
+
+
+def _project_file(filename: str) -> str | None:
+    path = Path(filename)
+    if not path.is_relative_to(ROOT):
+        return None
+    relative = path.relative_to(ROOT)
+    return str(relative) if relative.parts[0] in ROOMS else None
+
+
+def lines_of(files: Iterable[str]) -> int:
+    """All lines of these files together."""
+    return sum(len((ROOT / name).read_text().splitlines()) for name in files)
+
+
+ONE_POINT = TrajectoryGoal(ARM, (GoalPoint(PICK, 2.0),))
+"""A goal as the pick-place node and most clients send it."""
+THREE_POINTS = TrajectoryGoal(ARM, tuple(GoalPoint(p, 2.0 * (i + 1)) for i, p in enumerate((PICK, BINS["A"], READY))))
+"""A goal that is planned through way-points, as MoveIt sends it."""
+
+
+def goal_to_wire(rig: StackRig, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
+    """The files from the submission of a goal to the first byte of its command, in the next cycle."""
+    hand, broadcaster = ForwardCommandController, JointStateBroadcaster
+    others: list[Function] = [Components.read, hand.update, hand.settled, broadcaster.update]
+    trip = TripRecorder(until=RecordingPort.write, muted=others)
+    with trip.recording():
+        assert rig.arm.check(goal) is None
+        rig.arm.submit(goal)
+        rig.loop.step()
+    return trip.files
+
+
+def reply_to_joint_states(rig: StackRig) -> list[str]:
+    """The files from the first bytes of a cycle's replies to the values that a node publishes on /joint_states."""
+    broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
+    others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
+    trip = TripRecorder(since=RecordingPort.read, muted=others)
+    with trip.recording():
+        broadcaster.sample(rig.loop.step())
+    return trip.files

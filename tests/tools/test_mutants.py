@@ -1,0 +1,15 @@
+"""What ``make mutants`` changes, and with which tests, is found where it is said to be."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+AREAS = runpy.run_path(str(ROOT / "tools" / "mutants.py"))["AREAS"]
+
+
+@pytest.mark.parametrize("name", AREAS)
+def test_the_files_and_the_tests_of_an_area_are_there(name: str) -> None:
+    for pattern in (*AREAS[name].files, *AREAS[name].tests):
+        assert list(ROOT.glob(pattern)), f"{pattern}: correct AREAS in tools/mutants.py"

@@ -1,0 +1,183 @@
+"""Changes small things in the code that must not be wrong, one at a time, and shows those that no test notices.
+
+make mutants                       # every area below
+make mutants AREAS="gate joint"    # only these
+
+docs/testing.md says what to do with a survivor, and which are known.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "build" / "mutants"
+TREE = FOLDER / "tree"
+"""A copy of what is tracked, as the tool writes its mutants beside the code."""
+TOOL = FOLDER / "mutmut"
+"""Apart from .venv: a set-up needs neither mutmut nor the eight packages that come with it."""
+VERSION = "3.8.1"
+MUTMUT = (sys.executable, "-m", "mutmut")
+LOG = FOLDER / "log"
+LIMIT_S = 1800.0
+"""Of one area; whatever has not been tried by then is said."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """Files, and the tests beside them that must notice what is wrong there; both may be patterns."""
+
+    files: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+AREAS = {
+    "gate": Area(("hal/gate.py",), ("tests/hal/test_gate.py",)),
+    "joint": Area(("hal/joint.py",), ("tests/hal/test_joint.py",)),
+    "servo_hardware": Area(
+        ("hal/servo_hardware.py",),
+        (
+            "tests/hal/test_servo_*.py",
+            "tests/hal/test_activation_*.py",
+            "tests/hal/test_read_deadline.py",
+            "tests/hal/test_hardware_contract.py",
+            "tests/hal/test_lines.py",
+        ),
+    ),
+    "loop": Area(
+        (
+            "controller/loop.py",
+            "controller/loop_figures.py",
+            "controller/manager/cycle.py",
+            "controller/fault_timeout.py",
+        ),
+        (
+            "tests/controller/test_loop.py",
+            "tests/controller/test_component_transitions.py",
+            "tests/controller/test_fault_timeout.py",
+            "tests/controller/test_manager.py",
+            "tests/controller/test_manager_stops.py",
+        ),
+    ),
+    "wire": Area(
+        ("drivers/protocol/*.py",),
+        (
+            "tests/drivers/test_decoder.py",
+            "tests/drivers/test_*wire.py",
+            "tests/drivers/test_*_sdk_parity.py",
+            "tests/drivers/test_dynamixel_parity.py",
+            "tests/drivers/test_dynamixel_fast.py",
+        ),
+    ),
+    "late_replies": Area(("drivers/bus/late_replies.py",), ("tests/drivers/test_late_replies.py",)),
+}
+
+
+def main() -> int:
+    names = sys.argv[1:] or list(AREAS)
+    if unknown := [name for name in names if name not in AREAS]:
+        print(f"make mutants: no area {', '.join(unknown)}: AREAS takes some of {', '.join(AREAS)}", file=sys.stderr)
+        return 2
+    install_tool()
+    return max([attempt(name, AREAS[name]) for name in names])
+
+
+def install_tool() -> None:
+    if not (TOOL / f"mutmut-{VERSION}.dist-info").is_dir():
+        shutil.rmtree(TOOL, ignore_errors=True)
+        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
+        subprocess.run([*pip, "--target", TOOL, f"mutmut=={VERSION}"], check=True)
+
+
+def attempt(name: str, area: Area) -> int:
+    """All mutants of one area; 0 where each was tried, whether it was noticed or not."""
+    copy_tree()
+    (TREE / "setup.cfg").write_text(settings(area))
+    began_s = time.monotonic()
+    status = run_mutmut()
+    if status is None:
+        print(f"{name}: not all were tried within {LIMIT_S:.0f} s")
+    elif status:
+        print(f"{name}: mutmut failed:\n{LOG.read_text()[-3000:]}")
+        return 1
+    verdicts = [line.split(": ") for line in told("results", "--all", "true") if ": " in line]
+    left = [mutant.strip() for mutant, verdict in verdicts if verdict != "killed"]
+    print(f"{name}: {len(verdicts)} mutants, {len(left)} left, {time.monotonic() - began_s:.0f} s")
+    for mutant, verdict in verdicts:
+        if verdict != "killed":
+            print(f"\n{mutant.strip()}: {verdict}", *changed_lines(mutant.strip()), sep="\n", flush=True)
+    return int(status is None)
+
+
+def copy_tree() -> None:
+    shutil.rmtree(TREE, ignore_errors=True)
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file():
+            (TREE / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, TREE / name)
+
+
+def settings(area: Area) -> str:
+    files = list(found(area.files))
+    packages = sorted({file.split("/")[0] for file in files})
+    beside = sorted(path.name for path in TREE.iterdir() if path.name not in packages)
+    lists = {
+        "source_paths": packages,
+        "only_mutate": files,
+        "also_copy": beside,
+        "pytest_add_cli_args_test_selection": list(found(area.tests)),
+        "pytest_add_cli_args": ["-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not soak"],
+    }
+    return "[mutmut]\n" + "".join(f"{key} =\n{lines(values)}" for key, values in lists.items())
+
+
+def found(patterns: Sequence[str]) -> Iterator[str]:
+    for pattern in patterns:
+        paths = sorted(TREE.glob(pattern))
+        if not paths:
+            raise SystemExit(f"make mutants: nothing is called {pattern} any more: correct AREAS in tools/mutants.py")
+        yield from (str(path.relative_to(TREE)) for path in paths if path.name != "__init__.py")
+
+
+def lines(values: Sequence[str]) -> str:
+    return "".join(f"    {value}\n" for value in values)
+
+
+def run_mutmut() -> int | None:
+    """Its exit status; None where it did not end in time. Nothing of it goes on behind."""
+    command = [*MUTMUT, "run", "--max-children", "2"]
+    with LOG.open("w") as log:
+        process = subprocess.Popen(command, cwd=TREE, env=environment(), stdout=log, stderr=log, start_new_session=True)
+    try:
+        return process.wait(LIMIT_S)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def told(*arguments: str) -> list[str]:
+    """Lines that it prints about the mutants that were tried."""
+    run = subprocess.run([*MUTMUT, *arguments], cwd=TREE, env=environment(), capture_output=True, text=True)
+    return run.stdout.splitlines()
+
+
+def environment() -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(TOOL)}
+
+
+def changed_lines(mutant: str) -> list[str]:
+    return [line for line in told("show", mutant) if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
