@@ -47,10 +47,10 @@ def finished(future: Any, what: str) -> Any:
 class Pick:
     """One goal to the node under test."""
 
-    def __init__(self, client: ActionClient, grade: str) -> None:
-        self.feedback: list[Any] = []
-        goal = PickPlace.Goal(grade=grade)
-        sent = client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback))
+    def __init__(self, client: ActionClient, grade: str, heard: Sequence[Any]) -> None:
+        """``heard``: every feedback message, of whatever goal, as it comes."""
+        self._heard = heard
+        sent = client.send_goal_async(PickPlace.Goal(grade=grade))
         self._handle = finished(sent, "the answer to the goal")
         self.accepted: bool = self._handle.accepted
 
@@ -63,6 +63,12 @@ class Pick:
         """Status (action_msgs/GoalStatus) and result."""
         response = finished(self._handle.get_result_async(), "the result")
         return response.status, response.result
+
+    @property
+    def feedback(self) -> list[Any]:
+        """The goal's feedback so far."""
+        ours = bytes(self._handle.goal_id.uuid)
+        return [message.feedback for message in self._heard if bytes(message.goal_id.uuid) == ours]
 
     def phases(self) -> list[str]:
         """The feedback's phases so far."""
@@ -94,6 +100,10 @@ class Cell:
             self._nodes.append(rclpy.create_node("fake_arm", context=self._context))
             self.arm = FakeArm(self._nodes[-1])
         self.node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
+        # rclpy's action client drops what is fed back when the result overtakes it, so the topic itself is heard.
+        self._feedback: list[Any] = []
+        message_type, topic = PickPlace.Impl.FeedbackMessage, "/sorting/arm/pick_place/_action/feedback"
+        self.node.create_subscription(message_type, topic, self._feedback.append, 10)
         self._client = ActionClient(self.node, PickPlace, "/sorting/arm/pick_place")
         self._enable = self.node.create_client(SetBool, "/sorting/arm/enable")
         self._vision = self.node.create_publisher(AppleQualityArray, "/sorting/perception/apple_quality", 10)
@@ -143,13 +153,14 @@ class Cell:
     def clear(self, *plans: Plan) -> None:
         """``forget`` without waiting for what was sent and may be lost."""
         self.states.clear()
+        self._feedback.clear()
         self._accepted = 0
         if self.arm is not None:
             self.arm.forget(*plans)
 
     def pick(self, grade: str) -> Pick:
         """Send a goal and wait for the answer to it."""
-        pick = Pick(self._client, grade)
+        pick = Pick(self._client, grade, self._feedback)
         self._accepted += pick.accepted
         return pick
 

@@ -121,6 +121,7 @@ def test_states_and_feedback(cell: Cell) -> None:
     _, result = pick.end()
     cell.wait_for_end()
     assert cell.phases() == STORY
+    wait_until(lambda: len(pick.phases()) >= len(FEEDBACK), "the feedback")
     assert pick.phases() == FEEDBACK
     assert {feedback.request_id for feedback in pick.feedback} == {result.request_id}
     first = cell.states[0]
@@ -241,7 +242,7 @@ def test_failure_in_every_motion(cell: Cell, motion: int, plan: Plan, words: str
     cell.wait_for_end()
     assert cell.phases() == [*STORY[: TOLD[motion]], "error"]
     assert cell.states[-1]["message"] == result.message
-    wait_until(lambda: pick.phases()[-1] == "error", "the error as feedback")
+    wait_until(lambda: pick.phases()[-1:] == ["error"], "the error as feedback")
     assert_it_works_again(cell)
 
 
