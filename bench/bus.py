@@ -106,7 +106,7 @@ def wire_us(make: str, servos: int) -> float:
     series = SERIES[make]
     block, packets = series.blocks[0], series.protocol.packets
     entry = bytes(1 + series.goal_size)
-    goals = len(packets.sync_write(series.goal_address, series.goal_size, [entry] * servos))
+    goals = len(packets.sync_write(series.goal_address, series.goal_size, entry * servos))
     question = len(packets.sync_read(range(1, servos + 1), block.address, block.size))
     bits: float = 10.0 * (goals + question + (block.size + packets.OVERHEAD) * servos)
     return bits * 1e6 / BAUD

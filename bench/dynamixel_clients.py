@@ -1,6 +1,7 @@
 """The drivers under comparison on a Dynamixel line: each reads the state of every servo and writes it a goal."""
 
 from collections.abc import Callable, Sequence
+from struct import pack
 
 from bench import peers
 from bench.bare import bare
@@ -13,7 +14,12 @@ from drivers.port.serial_port import SerialPort
 from drivers.servos.dynamixel import X
 from drivers.servos.x import XL430_W250
 
-WORK = Work(X.blocks[0].address, X.blocks[0].size, X.goal_address, X.goal_of(1, XL430_W250)(ServoGoal(2048))[1:])
+WORK = Work(
+    X.blocks[0].address,
+    X.blocks[0].size,
+    X.goal_address,
+    pack(f"<{X.goal_fields}", *X.goal_of(XL430_W250)(ServoGoal(2048))),
+)
 
 
 def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Client:

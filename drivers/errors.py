@@ -10,7 +10,7 @@ DriverError
     ├── ServoSilent      no reply before the deadline
     ├── ServoCorrupt     a reply with a wrong checksum or length
     ├── ServoRefused     a reply, but not the one that was needed
-    └── EepromError      a setting that could not be written (drivers/eeprom.py)
+    └── EepromError      a setting that could not be written (calibration/eeprom.py)
 
 Set-up raises these. The cycle does not: there a servo's error is a value beside the others' values.
 """

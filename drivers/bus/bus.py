@@ -20,7 +20,7 @@ from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
-from drivers.port.echo import Echo
+from drivers.port.line import Line
 from drivers.protocol import v2
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.register import Register, ServoModel
@@ -63,12 +63,11 @@ class Bus:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
         """What went wrong since the bus was opened, by servo and kind."""
-        echo, late, protocol = Echo(), LateReplies(), servos.protocol
-        self._group = GroupRead(port, clock, protocol, echo, self.counters, late)
-        single = SingleServo(port, clock, protocol, echo, self.counters, late, self._disturb)
-        self._single = single
-        self._reader = StateReader(port, clock, self._group, servos, self.counters, late)
-        self._maps = IndirectMaps(servos, single, port, clock) if protocol.packets is v2 else None
+        late, protocol = LateReplies(), servos.protocol
+        self._line = line = Line(port, clock)
+        self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
+        self._single = single = SingleServo(line, protocol, self.counters, late)
+        self._maps = IndirectMaps(servos, single, line) if protocol.packets is v2 else None
         # What one servo is asked and told goes straight to the SDK, once.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
@@ -88,10 +87,6 @@ class Bus:
     def read_together(self) -> bool:
         """Whether one packet asks all servos for their states; otherwise each is asked by itself."""
         return self._servos.read_together
-
-    def _disturb(self) -> None:
-        """Something else than a group read goes over the line, and may leave something on it."""
-        self._group.clean = False
 
     # A cycle.
 
@@ -115,7 +110,7 @@ class Bus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
         if goals:
-            self._group.send(self._servos.goals(goals))
+            self._line.tell(self._servos.goals(goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
@@ -148,7 +143,7 @@ class Bus:
     def _with_alarms_named(self, servo_id: int, state: ServoState, deadline_s: float) -> ServoState:
         """The names are asked for while there is time: that is a transaction of its own."""
         source = self._servos.series(servo_id).hardware_error
-        if source is None or self._clock.now() + _NAME_ALARM_S >= deadline_s:
+        if source is None or self._line.now() + _NAME_ALARM_S >= deadline_s:
             return state
         try:
             with self._single.until(servo_id, deadline_s):
@@ -222,7 +217,7 @@ class Bus:
         """Let go of every servo, each tried whatever the others answer; returns what failed."""
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
         if servo_ids:
-            self._group.send(self._servos.torque_off(servo_ids))
+            self._line.tell(self._servos.torque_off(servo_ids))
         return failures_of_each(servo_ids, lambda i: self.write(i, self._servos.series(i).torque_enable, 0))
 
     def limit_torque(self, servo_id: int, share: float) -> None:
@@ -259,12 +254,12 @@ class Bus:
             self._let_pass()
         finally:
             self._port.set_baud(former)
-            self._disturb()
+            self._line.clean = False
 
     def _let_pass(self) -> None:
         """Throw away what comes until nothing comes any more, or somebody never stops."""
-        end_s = self._clock.now() + 4.0 * HELD_S
-        while self._port.read(_AT_ONCE, min(self._clock.now() + HELD_S, end_s)) and self._clock.now() < end_s:
+        end_s = self._line.now() + 4.0 * HELD_S
+        while self._port.read(_AT_ONCE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
             pass
 
     def close(self) -> None:

@@ -12,14 +12,12 @@ from functools import partial
 from typing import Final
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
-from drivers.bus.group_read import BITS_PER_BYTE
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.retry import retry
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.types import Reading, ServoState
-from drivers.clock import Clock
 from drivers.errors import ServoError
-from drivers.port import Port
+from drivers.port.line import Line
 from drivers.protocol import v2
 from drivers.servos import x
 from drivers.servos.indirect import MAP, MAP_REGISTER, block_for
@@ -55,11 +53,10 @@ class _Wanted:
 class IndirectMaps:
     """The maps of the servos on one line."""
 
-    def __init__(self, servos: KnownServos, single: SingleServo, port: Port, clock: Clock) -> None:
+    def __init__(self, servos: KnownServos, single: SingleServo, line: Line) -> None:
         self._servos = servos
         self._single = single
-        self._port = port
-        self._clock = clock
+        self._line = line
         self._wanted: dict[int, _Wanted] = {}
         self._misses: dict[int, int] = {}
         self._vain: dict[int, int] = {}
@@ -79,7 +76,7 @@ class IndirectMaps:
             why = error.text
         if why and servo_id not in self._told:
             self._told.add(servo_id)
-            LOG.info("%s: servo %d is read by the direct block: %s %s", self._port.name, servo_id, _TRIED, why)
+            LOG.info("%s: servo %d is read by the direct block: %s %s", self._line.port.name, servo_id, _TRIED, why)
 
     def _map(self, servo_id: int, model: ServoModel) -> str:
         """Write the map, read it back, and look whether the cells show it; what is wrong, if so."""
@@ -113,7 +110,7 @@ class IndirectMaps:
             LOG.warning(
                 "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip of "
                 "its supply?), and its torque went off. It is read by the direct block until it is mapped again",
-                self._port.name,
+                self._line.port.name,
                 servo_id,
             )
             self._doubt(servo_id)
@@ -128,7 +125,7 @@ class IndirectMaps:
     def _want(self, servo_id: int, block: StateBlock) -> None:
         vain = self._vain.get(servo_id, 0)
         self._vain[servo_id] = vain + 1
-        self._wanted[servo_id] = _Wanted(block, self._clock.now() + min(PAUSE_S * 2.0**vain, LONGEST_PAUSE_S))
+        self._wanted[servo_id] = _Wanted(block, self._line.now() + min(PAUSE_S * 2.0**vain, LONGEST_PAUSE_S))
 
     def watch(self, blocks: Mapping[int, StateBlock], missing: Collection[int]) -> None:
         """Count who was asked for the mapped block in one cycle without giving a state at once."""
@@ -142,11 +139,11 @@ class IndirectMaps:
 
     def tend(self, readings: Mapping[int, Reading], deadline_s: float) -> None:
         """One transaction for one servo that has just answered and wants its map, if it is due and there is time."""
-        now_s = self._clock.now()
+        now_s = self._line.now()
         servo_id = next(
             (i for i, w in self._wanted.items() if w.next_s <= now_s and isinstance(readings.get(i), ServoState)), None
         )
-        needed_s = TRANSACTION_SIZE * BITS_PER_BYTE / self._port.baud + FIRST_REPLY_S / 4.0
+        needed_s = TRANSACTION_SIZE * self._line.byte_s + FIRST_REPLY_S / 4.0
         if servo_id is None or now_s + needed_s >= deadline_s:
             return
         self._go_on(servo_id, self._wanted[servo_id], deadline_s)
@@ -159,14 +156,14 @@ class IndirectMaps:
         except ServoError as error:
             why = error.text
         if why:
-            LOG.debug("%s: servo %d is not mapped again yet: %s %s", self._port.name, servo_id, _TRIED, why)
+            LOG.debug("%s: servo %d is not mapped again yet: %s %s", self._line.port.name, servo_id, _TRIED, why)
             self._want(servo_id, wanted.block)
             return
         wanted.done += 1
         if wanted.done == STEPS:
             del self._wanted[servo_id]
             self._servos.map(servo_id, wanted.block)
-            LOG.info("%s: servo %d is mapped again", self._port.name, servo_id)
+            LOG.info("%s: servo %d is mapped again", self._line.port.name, servo_id)
 
     @property
     def busy(self) -> bool:

@@ -1,8 +1,10 @@
 """What is known of the servos on one line: what each is, and how its state is asked for and its goal is told."""
 
 from collections.abc import Callable, Mapping, Sequence
+from struct import Struct
 
-from drivers.bus.read_plan import ReadPlan, fast_plan, register_plan, state_plan
+from drivers.bus.fast_read import fast_plan
+from drivers.bus.read_plan import ReadPlan, register_plan, state_plan
 from drivers.bus.types import ServoGoal
 from drivers.protocol import v1
 from drivers.servos.catalog import series_of, wire_protocol
@@ -11,8 +13,8 @@ from drivers.servos.feetech import STS, STS_PROTOCOL
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Series, StateBlock
 
-Entry = Callable[[ServoGoal], bytes]
-"""A goal as the servo's entry in a sync write."""
+GoalWrite = Callable[[Mapping[int, ServoGoal]], bytes]
+"""A goal for each of its servos as a sync write."""
 
 
 class KnownServos:
@@ -27,8 +29,7 @@ class KnownServos:
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._torque: dict[tuple[int, ...], ReadPlan] = {}
-        self._entries: dict[int, Entry] = {}
-        self._sync_writes: dict[tuple[int, ...], Sequence[tuple[Series, tuple[int, ...]]]] = {}
+        self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
 
     def series(self, servo_id: int) -> Series:
         """What the servo is."""
@@ -91,7 +92,8 @@ class KnownServos:
         if servo_ids not in self._fast:
             blocks = {self.blocks(i)[0] for i in servo_ids}
             block = blocks.pop() if len(blocks) == 1 else None
-            self._fast[servo_ids] = fast_plan(block, self._scales(servo_ids)) if block and block.fast else None
+            fast = block is not None and block.fast
+            self._fast[servo_ids] = fast_plan(self.protocol, block, self._scales(servo_ids)) if block and fast else None
         return self._fast[servo_ids]
 
     def torque_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan:
@@ -107,41 +109,44 @@ class KnownServos:
         return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self._models else None for i in servo_ids}
 
     def _forget_plans(self) -> None:
-        for kept in (self._plans, self._fast, self._torque, self._entries, self._sync_writes):
+        for kept in (self._plans, self._fast, self._torque, self._writes):
             kept.clear()
 
     # How goals and the torque switch are told.
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
         """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""
-        return b"".join(
-            self._sync_write(series.goal_address, series.goal_size, [self._entry(i)(goals[i]) for i in ids])
-            for series, ids in self._by_series(tuple(goals))
-        )
+        servo_ids = tuple(goals)
+        writes = self._writes.get(servo_ids)
+        if writes is None:
+            writes = self._writes[servo_ids] = [self._goal_write(*run) for run in self._by_series(servo_ids)]
+        return b"".join([write(goals) for write in writes])
+
+    def _goal_write(self, series: Series, servo_ids: tuple[int, ...]) -> GoalWrite:
+        order = "<" if self.protocol.byte_order == "little" else ">"
+        layout = Struct(order + f"B{series.goal_fields}" * len(servo_ids))
+        entries = [(i, series.goal_of(self.model(i))) for i in servo_ids]
+        sync_write, address, size = self.protocol.packets.sync_write, series.goal_address, series.goal_size
+
+        def write(goals: Mapping[int, ServoGoal]) -> bytes:
+            numbers: list[int] = []
+            for servo_id, numbers_of in entries:
+                numbers.append(servo_id)
+                numbers += numbers_of(goals[servo_id])
+            packet: bytes = sync_write(address, size, layout.pack(*numbers))
+            return packet
+
+        return write
 
     def torque_off(self, servo_ids: Sequence[int]) -> bytes:
         """A sync write for each series that lets go of these servos."""
-        order = self.protocol.byte_order
+        packets, order = self.protocol.packets, self.protocol.byte_order
         return b"".join(
-            self._sync_write(register.address, register.size, [bytes((i,)) + register.encode(0, order) for i in ids])
+            packets.sync_write(off.address, off.size, b"".join(bytes((i,)) + off.encode(0, order) for i in ids))
             for series, ids in self._by_series(tuple(servo_ids))
-            for register in (series.torque_enable,)
+            for off in (series.torque_enable,)
         )
 
-    def _sync_write(self, address: int, size: int, entries: Sequence[bytes]) -> bytes:
-        packet: bytes = self.protocol.packets.sync_write(address, size, entries)
-        return packet
-
-    def _entry(self, servo_id: int) -> Entry:
-        entry = self._entries.get(servo_id)
-        if entry is None:
-            entry = self._entries[servo_id] = self.series(servo_id).goal_of(servo_id, self.model(servo_id))
-        return entry
-
-    def _by_series(self, servo_ids: tuple[int, ...]) -> Sequence[tuple[Series, tuple[int, ...]]]:
-        found = self._sync_writes.get(servo_ids)
-        if found is None:
-            series = dict.fromkeys(self.series(i) for i in servo_ids)
-            found = [(each, tuple(i for i in servo_ids if self.series(i) is each)) for each in series]
-            self._sync_writes[servo_ids] = found
-        return found
+    def _by_series(self, servo_ids: tuple[int, ...]) -> list[tuple[Series, tuple[int, ...]]]:
+        series = dict.fromkeys(self.series(i) for i in servo_ids)
+        return [(each, tuple(i for i in servo_ids if self.series(i) is each)) for each in series]

@@ -48,16 +48,13 @@ class LateReplies:
     """
 
     def __init__(self) -> None:
-        self._open: dict[int, dict[int, _Open]] = {}  # no empty ones
+        self.open: dict[int, dict[int, _Open]] = {}
+        """By servo and size; no empty ones."""
         self._single_until_s: dict[int, float] = {}
-
-    def __bool__(self) -> bool:
-        """Whether any question is open."""
-        return bool(self._open)
 
     def add(self, servo_id: int, size: int, now_s: float, counted: Missed) -> None:
         """The servo gave no good answer to a question for ``size`` bytes of data."""
-        of_servo = self._open.setdefault(servo_id, {})
+        of_servo = self.open.setdefault(servo_id, {})
         if size in of_servo and not of_servo[size].overtaken:
             of_servo[size].given_up.append((now_s, counted))
             of_servo[size].until_s = now_s + OPEN_S
@@ -77,7 +74,7 @@ class LateReplies:
 
         Of the size that was ``asked`` for just now it is not taken for one that was overtaken.
         """
-        of_servo = self._open.get(servo_id, {})
+        of_servo = self.open.get(servo_id, {})
         one = of_servo.get(size)
         if one is None or (asked and one.overtaken):
             return None
@@ -89,26 +86,26 @@ class LateReplies:
     def answered(self, servo_id: int, now_s: float) -> None:
         """The servo has surely answered the present question: nothing that it was asked before should still come."""
         self._single_until_s.pop(servo_id, None)
-        for one in self._open.get(servo_id, {}).values():
+        for one in self.open.get(servo_id, {}).values():
             if not one.overtaken:
                 one.overtaken, one.until_s = True, now_s + HELD_S
 
     def doubtful(self, sizes: Mapping[int, int]) -> bool:
         """Whether a reply of the size that was asked for, by servo, may be one to an earlier question."""
-        return any(self._certainly_open(servo_id, sizes[servo_id]) for servo_id in self._open.keys() & sizes)
+        return any(self._certainly_open(servo_id, sizes[servo_id]) for servo_id in self.open.keys() & sizes)
 
     def servos(self, now_s: float) -> frozenset[int]:
         """The servos that have open questions: a refusal of theirs may be one to an earlier question."""
         single = (i for i, until_s in self._single_until_s.items() if until_s > now_s)
-        return frozenset(self._open).union(single)
+        return frozenset(self.open).union(single)
 
     def sizes(self) -> frozenset[int]:
         """The sizes of all replies that may still come."""
-        return frozenset(size for of_servo in self._open.values() for size in of_servo)
+        return frozenset(size for of_servo in self.open.values() for size in of_servo)
 
     def forget(self, now_s: float) -> None:
         """Close the questions whose replies cannot come any more."""
-        for servo_id, of_servo in tuple(self._open.items()):
+        for servo_id, of_servo in tuple(self.open.items()):
             self._keep(servo_id, {s: o for s, o in of_servo.items() if o.until_s > now_s})
 
     def place(self, sizes: Mapping[int, Sequence[int]]) -> int:
@@ -118,18 +115,18 @@ class LateReplies:
         """
 
         def doubts(place: int) -> tuple[int, int, float]:
-            found = [o for i, of in sizes.items() if (o := self._open.get(i, {}).get(of[place]))]
+            found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]
             return len(first_s), len(found), -min(first_s, default=0.0)
 
         return min(range(min(map(len, sizes.values()), default=1)), key=doubts)
 
     def _certainly_open(self, servo_id: int, size: int) -> bool:
-        one = self._open[servo_id].get(size)
+        one = self.open[servo_id].get(size)
         return one is not None and not one.overtaken
 
     def _keep(self, servo_id: int, of_servo: dict[int, _Open]) -> None:
         if of_servo:
-            self._open[servo_id] = of_servo
+            self.open[servo_id] = of_servo
         else:
-            self._open.pop(servo_id, None)
+            self.open.pop(servo_id, None)

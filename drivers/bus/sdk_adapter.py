@@ -10,9 +10,7 @@ from typing import Final
 import dynamixel_sdk
 import scservo_sdk
 
-from drivers.clock import Clock
-from drivers.port import Port
-from drivers.port.echo import Echo
+from drivers.port.line import BITS_PER_BYTE, Line
 
 CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """The other numbers are the same in both, or mean no answer."""
@@ -23,10 +21,9 @@ _GRACE_S = 0.034
 class SdkAdapter:
     """What scservo_sdk and dynamixel_sdk expect of a PortHandler. The method names are theirs."""
 
-    def __init__(self, port: Port, clock: Clock, echo: Echo) -> None:
-        self._port = port
-        self._clock = clock
-        self._echo = echo
+    def __init__(self, line: Line) -> None:
+        self._line = line
+        self._port = line.port
         self._sent = b""
         self._doubtful, self._given, self._mixed = b"", b"", False
         self._deadline_s = 0.0
@@ -38,7 +35,7 @@ class SdkAdapter:
     def judged(self, result: int) -> int:
         """An SDK's result code, with what it does not know of echoes."""
         if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # perhaps there is no echo any more
-            self._echo.present = self._echo.present and None
+            self._line.echoes = self._line.echoes and None
         return dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result
 
     @property
@@ -57,7 +54,7 @@ class SdkAdapter:
 
     def writePort(self, packet: list[int]) -> int:
         self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
-        self.sent_s = self._clock.now()
+        self.sent_s = self._line.now()
         self._port.write(self._sent)
         return len(packet)
 
@@ -66,7 +63,7 @@ class SdkAdapter:
         if length <= 0:
             return b""
         data = self._doubtful + self._port.read(length, self._deadline_s)
-        if self._echo.present is False or not self._sent:
+        if self._line.echoes is False or not self._sent:
             return data
         return self._without_echo(data)
 
@@ -79,7 +76,7 @@ class SdkAdapter:
         at = data.find(self._sent)
         if at >= 0:
             data = data[at + len(self._sent) :]
-        elif self._echo.present or (not self._given and self._sent.startswith(data)):
+        elif self._line.echoes or (not self._given and self._sent.startswith(data)):
             self._doubtful = data
             return b""
         else:
@@ -87,16 +84,16 @@ class SdkAdapter:
             self._mixed = self._sent in self._given
             self._doubtful = b""
         if at >= 0 or self._mixed:
-            self._echo.present = True
+            self._line.echoes = True
             self._sent, self._doubtful = b"", b""
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        wire_s = packet_length * 10.0 / self._port.baud
-        self._deadline_s = min(self._clock.now() + wire_s + _GRACE_S, self.latest_s)
+        wire_s = packet_length * BITS_PER_BYTE / self._port.baud
+        self._deadline_s = min(self._line.now() + wire_s + _GRACE_S, self.latest_s)
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
-        self._deadline_s = self._clock.now() + msec / 1000.0
+        self._deadline_s = self._line.now() + msec / 1000.0
 
     def isPacketTimeout(self) -> bool:
-        return self._clock.now() >= self._deadline_s
+        return self._line.now() >= self._deadline_s

@@ -1,7 +1,7 @@
 """What one servo is asked and told by itself: through the maker's SDK, acknowledged, judged and counted."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
@@ -10,10 +10,8 @@ from dynamixel_sdk import COMM_SUCCESS
 from drivers.bus.counters import BusCounters
 from drivers.bus.late_replies import LateReplies
 from drivers.bus.sdk_adapter import CORRUPT, SdkAdapter
-from drivers.clock import Clock
 from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
-from drivers.port import Port
-from drivers.port.echo import Echo
+from drivers.port.line import Line
 from drivers.servos.register import Register
 from drivers.servos.series import WireProtocol
 
@@ -26,25 +24,13 @@ _READ_SIZE: Final = 26
 class SingleServo:
     """Calls to one servo. They raise ServoError, and PortLost once the line is gone."""
 
-    def __init__(
-        self,
-        port: Port,
-        clock: Clock,
-        protocol: WireProtocol,
-        echo: Echo,
-        counters: BusCounters,
-        late: LateReplies,
-        before: Callable[[], None],
-    ) -> None:
-        """``before`` is called before anything is sent: something else than a group read goes over the line."""
-        self._port = port
-        self._clock = clock
+    def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplies) -> None:
+        self._line = line
         self._protocol = protocol
         self._packets = protocol.packets
         self._counters = counters
         self._late = late
-        self._before = before
-        self._adapter = SdkAdapter(port, clock, echo)
+        self._adapter = SdkAdapter(line)
         self._sdk = protocol.sdk()
 
     @property
@@ -56,7 +42,7 @@ class SingleServo:
     def until(self, servo_id: int, deadline_s: float | None) -> Iterator[None]:
         """Give up what is asked within at the deadline, if there is one; ServoSilent at once where there is no time."""
         deadline_s = math.inf if deadline_s is None else deadline_s
-        if self._clock.now() + _READ_SIZE * 10.0 / self._port.baud >= deadline_s:
+        if self._line.now() + _READ_SIZE * self._line.byte_s >= deadline_s:
             raise ServoSilent(servo_id, "was not asked: the cycle was over")
         self._adapter.latest_s = deadline_s
         try:
@@ -91,7 +77,7 @@ class SingleServo:
 
     def action(self) -> None:
         """Every servo does what ``reg_write`` gave it, all at once. Nobody answers."""
-        self._before()
+        self._line.clean = False
         self._sdk.action(self._adapter, self._packets.BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
@@ -104,9 +90,9 @@ class SingleServo:
         if self._protocol.reboot == "acknowledged":
             self._ask(servo_id, self._packets.REBOOT, b"", 0, "a reboot")
             return
-        self._before()
+        self._line.clean = False
         self._sdk.txPacket(self._adapter, self._packets.sdk_request(servo_id, self._packets.REBOOT, b""))
-        self._late.add_single(servo_id, self._clock.now())  # should one answer after all
+        self._late.add_single(servo_id, self._line.now())  # should one answer after all
 
     def factory_reset(self, servo_id: int) -> None:
         """Its settings become the factory's. All keep their ID but those of Dynamixel protocol 1.0, which get ID 1."""
@@ -118,7 +104,7 @@ class SingleServo:
             raise DriverError(
                 "servos of this protocol would all answer a broadcast ping at once: ping each ID by itself"
             )
-        self._before()
+        self._line.clean = False
         found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
         return tuple(sorted(found))
 
@@ -127,13 +113,13 @@ class SingleServo:
 
         A reply does not say what it answers: while one of this servo may still come, nothing is sent to it.
         """
-        self._before()
+        self._line.clean = False
         self._let_pass(servo_id)
         request = self._packets.sdk_request(servo_id, instruction, parameters)
         try:
             reply, result, error = self._sdk.txRxPacket(self._adapter, request)
         except BaseException:  # an interrupt leaves the reply on its way
-            self._late.add_single(servo_id, self._clock.now())
+            self._late.add_single(servo_id, self._line.now())
             raise
         self._check_heard(servo_id, self._adapter.judged(result))
         return self._checked(servo_id, error, self._packets.sdk_data(reply), size, what)
@@ -141,7 +127,7 @@ class SingleServo:
     def _check_heard(self, servo_id: int, result: int) -> None:
         if result == COMM_SUCCESS:
             return
-        self._late.add_single(servo_id, self._clock.now())
+        self._late.add_single(servo_id, self._line.now())
         account = self._counters.of(servo_id)
         if result in CORRUPT:
             account.corrupt += 1
@@ -154,22 +140,22 @@ class SingleServo:
         account = self._counters.of(servo_id)
         if refused := error & self._protocol.refusals:
             account.refused += 1
-            self._late.answered(servo_id, self._clock.now())
+            self._late.answered(servo_id, self._line.now())
             error_of = ServoCorrupt if self._protocol.came_broken(refused) else ServoRefused
             raise error_of(servo_id, self._protocol.refusal(refused))
         if size is not None and len(data) != size:
             account.late += 1
-            self._late.add_single(servo_id, self._clock.now())
+            self._late.add_single(servo_id, self._line.now())
             raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
         account.replies += 1
         account.alarms += error != 0
-        self._late.answered(servo_id, self._clock.now())
+        self._late.answered(servo_id, self._line.now())
         return data
 
     def _let_pass(self, servo_id: int) -> None:
         """Wait until no reply to a former instruction can come any more; in a cycle there is no time for that."""
         until_s = self._late.single_until_s(servo_id)
-        if self._adapter.latest_s < math.inf and self._clock.now() < until_s:
+        if self._adapter.latest_s < math.inf and self._line.now() < until_s:
             raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
-        while self._clock.now() < until_s:
-            self._port.read(_MANY, until_s)
+        while self._line.now() < until_s:
+            self._line.port.read(_MANY, until_s)

@@ -9,14 +9,13 @@ from typing import cast
 from drivers.bus.adaptive_timeout import RESPONSIVE_S, SPARE_S
 from drivers.bus.backoff import Backoff
 from drivers.bus.counters import BusCounters
-from drivers.bus.group_read import BITS_PER_BYTE, GAP_S, GROUP_WAIT_S, GroupRead
+from drivers.bus.group_read import GROUP_WAIT_S, GroupRead
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import LateReplies
 from drivers.bus.read_plan import ReadPlan, ReadResult
 from drivers.bus.retry import CYCLE_RETRIES
 from drivers.bus.types import Reading, fault
-from drivers.clock import Clock
-from drivers.port import Port
+from drivers.port.line import GAP_S, Line
 from drivers.servos.series import StateBlock
 
 LOG = logging.getLogger("servoloop.drivers")
@@ -29,20 +28,14 @@ class StateReader:
     """The state reads of one line. Raises only PortLost."""
 
     def __init__(
-        self,
-        port: Port,
-        clock: Clock,
-        group: GroupRead,
-        servos: KnownServos,
-        counters: BusCounters,
-        late: LateReplies,
+        self, line: Line, group: GroupRead, servos: KnownServos, counters: BusCounters, late: LateReplies
     ) -> None:
-        self._port = port
-        self._clock = clock
+        self._line = line
         self._group = group
         self._servos = servos
         self._counters = counters
         self._late = late
+        self._sync = servos.protocol.group_read == "sync"
         self._backoff = Backoff()
         self._asked: tuple[int, ...] = ()
         self._turns: list[Turn] = []
@@ -51,13 +44,11 @@ class StateReader:
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
         """Servos that the last cycle had no time for: the next begins with them."""
-        self._fast_tried = False
         self.deadline_s = math.inf
         self.first_blocks: Mapping[int, StateBlock] = {}
         """What the last cycle asked for at first."""
         self.missed: frozenset[int] = frozenset()
         """Servos that gave no state to the first question of the last cycle."""
-        group.adaptive = servos.protocol.group_read != "sync"
         self._told = servos.read_together
 
     def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
@@ -68,44 +59,49 @@ class StateReader:
         if not self._told:
             self._told = True
             self._say_that_it_takes_longer(asked)
-        self._asked, self.deadline_s = asked, deadline_s
-        self._turns = self._turns_of(asked)
+        self._asked, self.deadline_s, self._turns = asked, deadline_s, []
+        now_s = self._line.now()
+        if now_s >= deadline_s or not asked:
+            return
+        if self._sync and not self._backoff.misses:
+            self._ask(asked, len(asked), deadline_s)
+            return
         self._group.timeout.begin()
+        self._turns = self._turns_of(asked, now_s)
         if self._turns:
             self._ask(*self._turns.pop(0), deadline_s)
 
-    def _turns_of(self, asked: tuple[int, ...]) -> list[Turn]:
-        now_s = self._clock.now()
-        if now_s >= self.deadline_s:
-            return []
+    def _turns_of(self, asked: tuple[int, ...], now_s: float) -> list[Turn]:
         responsive, probed = self._backoff.split(asked, now_s)
-        if self._servos.protocol.group_read == "sync":
+        if self._sync:
             # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
             both = responsive + probed
             return [(both, len(responsive) or len(both))] if both else []
         if self._servos.read_together and responsive:
             return [(responsive, len(responsive)), *(((i,), 0) for i in probed)]
         responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
-        turns: list[Turn] = [((i,), 1) for i in responsive]
-        return turns + [((i,), 0) for i in probed]
+        return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
 
     def _ask(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
-        plan = self._fast_or_none(servo_ids, deadline_s) if self._group.fast and responsive == len(servo_ids) else None
-        self._plan = plan = plan or self._servos.plan(servo_ids, self._place(servo_ids))
+        fast = self._group.fast.known and responsive == len(servo_ids)
+        plan = self._fast_or_none(servo_ids, deadline_s) if fast else None
+        if plan is None:
+            plan = self._servos.plan(servo_ids, self._place(servo_ids))
+        self._plan = plan
         self._responsive = responsive
         self._group.ask(plan)
 
     def _place(self, servo_ids: tuple[int, ...]) -> int:
         """Which of its blocks to ask each servo for, so that no late reply can be taken for the answer."""
-        if not self._late:
+        if not self._late.open:
             return 0
-        self._late.forget(self._clock.now())
+        self._late.forget(self._line.now())
         return self._late.place({i: [block.size for block in self._servos.blocks(i)] for i in servo_ids})
 
     def receive(self) -> Mapping[int, Reading]:
         """What has become of the questions of this cycle; what is missing is asked for again while there is time."""
         plan, asked = self._plan, self._asked
-        results = self._collect(self._until_s(plan.servo_ids) if plan else self.deadline_s)
+        results = self._collect(self._until_s(plan.servo_ids) if plan and not self._sync else self.deadline_s)
         while self._turns:
             turn = self._turns.pop(0)
             if self._has_time(turn[0], self.deadline_s):
@@ -132,7 +128,7 @@ class StateReader:
         """Count whom nobody asked, and ask again whoever was expected to answer and did not."""
         expected = [i for i in results if i not in self._backoff.misses]
         self._count_unasked(results)
-        missing = self._backoff.note(results, self._clock.now())
+        missing = self._backoff.note(results, self._line.now())
         self.missed, self.first_blocks = frozenset(missing), plan.blocks if plan else {}
         self._ask_again([i for i in missing if i in expected], results)
         return self._readings(results)
@@ -169,11 +165,11 @@ class StateReader:
             if not again:
                 return
             results |= again
-            missing = self._backoff.note(again, self._clock.now())
+            missing = self._backoff.note(again, self._line.now())
 
     def _groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
         """Those that are asked together where some may be silent: in a bulk read one would hide those behind it."""
-        if self._servos.protocol.group_read == "sync":
+        if self._sync:
             return [tuple(servo_ids)] if servo_ids else []
         return [(servo_id,) for servo_id in servo_ids]
 
@@ -184,13 +180,13 @@ class StateReader:
         self._group.timeout.begin()
         responsive, probed = self._backoff.split(asked, math.inf)
         results = self._read_all(responsive + probed)
-        missing = self._backoff.note(results, self._clock.now())
+        missing = self._backoff.note(results, self._line.now())
         behind = [i for i in missing[:-1] if results[i] != "reset" and i in responsive]
         if behind and self._servos.protocol.waits_for_silent:
             for servo_id in behind:
                 self._counters.of(servo_id).retries += 1
             again = self._read_all(tuple(behind))
-            self._backoff.note(again, self._clock.now())
+            self._backoff.note(again, self._line.now())
             results |= again
         self._try_fast_once(asked)
         return self._readings(results)
@@ -204,10 +200,10 @@ class StateReader:
 
     def torque(self, servo_ids: tuple[int, ...], deadline_s: float) -> dict[int, bool] | None:
         """Whether they drive their motors, as far as they answer; None where they cannot be asked together."""
-        if self._servos.protocol.group_read != "sync":
+        if not self._sync:
             return None
         # The answer has the size of one to a question that a servo was asked by itself.
-        now_s = self._clock.now()
+        now_s = self._line.now()
         servo_ids = tuple(i for i in servo_ids if self._late.single_until_s(i) <= now_s)
         plan = self._servos.torque_plan(servo_ids)
         if not servo_ids or not self._fits(len(plan.request) + plan.reply_size, deadline_s, GAP_S):
@@ -220,21 +216,20 @@ class StateReader:
 
     def _try_fast_once(self, servo_ids: tuple[int, ...]) -> None:
         """Once a bus, when all have just answered, and outside of a cycle: can they be read fast?"""
-        if self._fast_tried or not servo_ids or self._backoff.misses or not self._group.clean:
+        if self._group.fast.tried or not servo_ids or self._backoff.misses or not self._line.clean:
             return
         plan = self._servos.fast_plan(servo_ids)
         if plan is not None:
-            self._fast_tried = True
-            self._group.try_fast(plan)
+            self._group.fast.trial(plan)
 
     def _fast_or_none(self, servo_ids: tuple[int, ...], deadline_s: float) -> ReadPlan | None:
         """A fast sync read, where one who is silent silences others too: if there is time to ask all once more.
 
         Not while a reply may still come late: only separate replies can be told apart.
         """
-        if self._late:
-            self._late.forget(self._clock.now())
-        plan = None if self._late else self._servos.fast_plan(servo_ids)
+        if self._late.open:
+            self._late.forget(self._line.now())
+        plan = None if self._late.open else self._servos.fast_plan(servo_ids)
         if plan is None:
             return None
         plain = self._servos.plan(servo_ids)
@@ -245,15 +240,15 @@ class StateReader:
 
     def exchange_size(self, asked: tuple[int, ...]) -> int:
         """Bytes on the wire for the states of all, where nothing goes wrong."""
-        fast = self._servos.fast_plan(asked) if self._group.fast else None
+        fast = self._servos.fast_plan(asked) if self._group.fast.known else None
         groups = [asked] if self._servos.read_together else self._groups(asked)
         plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
         return sum(len(plan.request) + plan.reply_size for plan in plans)
 
     def _fits(self, size: int, deadline_s: float, gap_s: float = 0.0) -> bool:
         """Whether so many bytes go over the wire before the deadline."""
-        begin_s = max(self._clock.now(), self._group.busy_until_s)
-        return begin_s + size * self._group.byte_s + gap_s < deadline_s
+        begin_s = max(self._line.now(), self._line.busy_until_s)
+        return begin_s + size * self._line.byte_s + gap_s < deadline_s
 
     def _size_of(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes of a question and its answers."""
@@ -265,21 +260,21 @@ class StateReader:
 
     def _until_s(self, servo_ids: tuple[int, ...]) -> float:
         """Until when to wait for these, so that a silent one does not take the time of those that are still to come."""
-        byte_s = self._group.byte_s
-        if self._servos.protocol.group_read == "sync":
+        if self._sync:
             return self.deadline_s
+        byte_s = self._line.byte_s
         # Whoever is hidden by a silent one in a bulk read is asked again, alone.
         later = [ids for ids, _ in self._turns] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
         needed_s = sum(self._size_of(ids) * byte_s + RESPONSIVE_S for ids in later)
-        at_least_s = self._clock.now() + self._size_of(servo_ids) * byte_s + SPARE_S
+        at_least_s = self._line.now() + self._size_of(servo_ids) * byte_s + SPARE_S
         return min(max(self.deadline_s - needed_s, at_least_s), self.deadline_s)
 
     def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
-        each_s = self.exchange_size(servo_ids) * BITS_PER_BYTE / self._port.baud
-        more_s = (len(servo_ids) - 1) * len(self._servos.plan(servo_ids[:1]).request) * BITS_PER_BYTE / self._port.baud
+        each_s = self.exchange_size(servo_ids) * self._line.byte_s
+        more_s = (len(servo_ids) - 1) * len(self._servos.plan(servo_ids[:1]).request) * self._line.byte_s
         LOG.info(
             "%s: these %s servos have no group read, so the %d of them are asked one by one: %.2f ms of every cycle "
             "at %d baud, %.2f ms more than together, and the adapter's delay %d times instead of once",
-            self._port.name, self._servos.protocol.name, len(servo_ids), each_s * 1e3, self._port.baud, more_s * 1e3,
-            len(servo_ids),
+            self._line.port.name, self._servos.protocol.name, len(servo_ids), each_s * 1e3, self._line.port.baud,
+            more_s * 1e3, len(servo_ids),
         )  # fmt: skip

@@ -9,6 +9,7 @@ ROBOTIS e-manual, "Protocol 1.0".
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from zlib import adler32
 
 from drivers.protocol.decoder import Decoder, Reply
 
@@ -32,10 +33,18 @@ _LARGEST_BODY = 0xFF - 4
 """Of a sync write, whose length is a byte."""
 
 
+def byte_sum(data: bytes) -> int:
+    """The sum of at most 256 bytes, modulo 256.
+
+    Adler-32's lower half is 1 more than the sum (RFC 1950), and takes a quarter of the time of ``sum``.
+    """
+    return (adler32(data) - 1) & 0xFF
+
+
 def packet(servo_id: int, instruction: int, parameters: bytes) -> bytes:
     """An instruction packet with its checksum."""
     body = bytes((servo_id, len(parameters) + 2, instruction)) + parameters
-    return HEADER + body + bytes((~sum(body) & 0xFF,))
+    return HEADER + body + bytes((~byte_sum(body) & 0xFF,))
 
 
 def span(address: int, size: int) -> bytes:
@@ -63,12 +72,12 @@ def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
     return packet(BROADCAST_ID, SYNC_READ, bytes((address, size, *servo_ids)))
 
 
-def sync_write(address: int, size: int, entries: Sequence[bytes]) -> bytes:
+def sync_write(address: int, size: int, entries: bytes) -> bytes:
     """Writes ``size`` bytes at ``address`` of each servo; there is no reply. An entry is an ID and the bytes."""
-    body = b"".join(entries)
-    if len(body) > _LARGEST_BODY:
-        raise ValueError(f"a packet holds {_LARGEST_BODY // (size + 1)} goals, not {len(entries)}: use another port")
-    return packet(BROADCAST_ID, SYNC_WRITE, bytes((address, size)) + body)
+    if len(entries) > _LARGEST_BODY:
+        most, count = _LARGEST_BODY // (size + 1), len(entries) // (size + 1)
+        raise ValueError(f"a packet holds {most} goals, not {count}: use another port")
+    return packet(BROADCAST_ID, SYNC_WRITE, bytes((address, size)) + entries)
 
 
 def sdk_request(servo_id: int, instruction: int, parameters: bytes) -> list[int]:
@@ -97,7 +106,7 @@ class ReplyDecoder(Decoder):
         if left < size + OVERHEAD:
             return None
         frame = pending[at : at + size + OVERHEAD]
-        if ~sum(frame[2:-1]) & 0xFF != frame[-1]:
+        if ~byte_sum(frame[2:-1]) & 0xFF != frame[-1]:
             self.corrupt_ids.append(frame[2])
             return self._pass()
         return self._found(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)

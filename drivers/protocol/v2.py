@@ -116,9 +116,9 @@ def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
     return packet(BROADCAST_ID, BULK_READ, b"".join(bytes((i,)) + span(*place) for i, place in spans.items()))
 
 
-def sync_write(address: int, size: int, entries: Sequence[bytes]) -> bytes:
+def sync_write(address: int, size: int, entries: bytes) -> bytes:
     """Writes ``size`` bytes at ``address`` of each servo; there is no reply. An entry is an ID and the bytes."""
-    return packet(BROADCAST_ID, SYNC_WRITE, span(address, size) + b"".join(entries))
+    return packet(BROADCAST_ID, SYNC_WRITE, span(address, size) + entries)
 
 
 def sdk_request(servo_id: int, instruction: int, parameters: bytes) -> list[int]:

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from drivers.servos import dynamixel, feetech
+from drivers.servos import dynamixel, dynamixel1, feetech
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series, WireProtocol
 
 Make = Literal["feetech", "dynamixel"]
 
-SERIES: Final = feetech.SERIES + dynamixel.SERIES
+SERIES: Final = feetech.SERIES + dynamixel.SERIES + dynamixel1.SERIES
 MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES for model in series.models}
 """Every servo that can be driven, by the name it has in files."""
 

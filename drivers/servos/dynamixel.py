@@ -1,21 +1,20 @@
-"""The Dynamixel series: how their lines speak, what their states and goals are in bytes."""
+"""The Dynamixel series of protocol 2.0: how their lines speak, what their states and goals are in bytes."""
 
 import math
 from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
-from dynamixel_sdk import Protocol1PacketHandler, Protocol2PacketHandler
+from dynamixel_sdk import Protocol2PacketHandler
 
 from drivers.bus.types import ServoGoal, ServoState
-from drivers.protocol import v1, v2
-from drivers.servos import ax_mx, x, xl320
-from drivers.servos.register import Register, ServoModel
+from drivers.protocol import v2
+from drivers.servos import x, xl320
+from drivers.servos.register import ServoModel
 from drivers.servos.series import (
     Read,
     Series,
     WireProtocol,
-    blocks_from_start,
     blocks_to_end,
     check_goal,
     signed,
@@ -24,20 +23,6 @@ from drivers.servos.series import (
 ALARMED: Final = ("hardware error",)
 """What the alert bit says by itself. Which error it is stands in a register that not every block has."""
 
-PROTOCOL_1: Final = WireProtocol(
-    name="Dynamixel protocol 1.0",
-    packets=v1,
-    byte_order="little",
-    sdk=Protocol1PacketHandler,
-    group_read="bulk",
-    waits_for_silent=False,  # where anybody may be silent, each is asked by itself
-    refusals=ax_mx.REFUSALS,
-    refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
-    came_broken=lambda bits: bool(bits & ax_mx.CAME_BROKEN),
-    reboot="none",
-    factory_reset=b"",
-    broadcast_ping=False,
-)
 PROTOCOL_2: Final = WireProtocol(
     name="Dynamixel protocol 2.0",
     packets=v2,
@@ -61,17 +46,10 @@ def alarmed(error: int) -> tuple[str, ...]:
     return ALARMED if error & v2.ALERT else ()
 
 
-def _refused(register: Register, value: int) -> bytes:
-    """The complaint that a value does not fit, in the register's own words."""
-    return register.encode(value, "little")
-
-
 # X series.
 
 LARGEST_PROFILE: Final = 32767
 _VOLTAGES_V: Final = tuple(raw * x.VOLTAGE_UNIT_V for raw in range(256))
-_X_GOAL: Final = Struct("<BIi")
-_MANY: Final = 1 << 31
 
 
 def x_state(
@@ -103,15 +81,11 @@ def profile_units(velocity_counts_s: int) -> int:
     return min(math.ceil(velocity_counts_s / x.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
 
 
-def _x_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
-    def goal(wanted: ServoGoal) -> bytes:
-        velocity, position = wanted.velocity_counts_s, wanted.position_counts
-        # A small negative velocity would be 0 in the servo's units, which is as fast as it can.
-        if velocity >= 0 and -_MANY <= position < _MANY:
-            return _X_GOAL.pack(servo_id, profile_units(velocity), position)
-        return _refused(x.GOAL_BLOCK[0], velocity) + _refused(x.GOAL_BLOCK[1], position)
-
-    return goal
+def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
+    position, velocity = wanted
+    x.goal_position.check(position)
+    x.profile_velocity.check(velocity)  # a small negative one would be 0 in its units, which is as fast as it can
+    return profile_units(velocity), position
 
 
 def _x_config_error(model: ServoModel, read: Read) -> str | None:
@@ -143,7 +117,8 @@ X: Final = Series(
         _x_direct,
         fast=True,
     ),
-    goal_of=_x_goal_of,
+    goal_fields="Ii",
+    goal_of=lambda model: _x_goal,
     scale_of=lambda model: x.CURRENT_UNIT_A.get(model.name),
     servo_id=x.servo_id,
     model_number=x.model_number,
@@ -167,7 +142,6 @@ X: Final = Series(
 # XL-320.
 
 _SIGN: Final = 1 << 10
-_XL_GOAL: Final = Struct("<BHH")
 
 
 def _xl_state(
@@ -183,12 +157,12 @@ def _xl_state(
     )
 
 
-def _xl_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
-    def goal(wanted: ServoGoal) -> bytes:
+def _xl_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
+    def goal(wanted: ServoGoal) -> tuple[int, ...]:
         check_goal(model.last_count, wanted)
         # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
         speed = min(math.ceil(wanted.velocity_counts_s / xl320.SPEED_UNIT_COUNTS_S), xl320.LARGEST_SPEED)
-        return _XL_GOAL.pack(servo_id, wanted.position_counts, speed)
+        return wanted.position_counts, speed
 
     return goal
 
@@ -218,6 +192,7 @@ XL: Final = Series(
         _xl_state,
         fast=False,
     ),
+    goal_fields="HH",
     goal_of=_xl_goal_of,
     servo_id=xl320.servo_id,
     model_number=xl320.model_number,
@@ -233,73 +208,6 @@ XL: Final = Series(
     position_p=xl320.p_gain,
     hardware_error=(xl320.hardware_error_status, xl320.alarms),
 )  # fmt: skip
-
-
-# AX and MX, protocol 1.0.
-
-_AX_MX_ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
-_AX_MX_GOAL: Final = Struct("<BHH")
-
-
-def _ax_mx_state(
-    unit_counts_s: float, error: int, position: int, speed: int, load: int, voltage: int, temperature: int
-) -> ServoState:
-    return ServoState(
-        position,
-        round(signed(speed, _SIGN) * unit_counts_s),
-        signed(load, _SIGN) / ax_mx.FULL_TORQUE,
-        voltage * ax_mx.VOLTAGE_UNIT_V,
-        float(temperature),
-        _AX_MX_ALARMS[error],
-    )
-
-
-def _ax_mx_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
-    unit_counts_s = ax_mx.SPEED_UNIT_COUNTS_S[model.name]
-
-    def goal(wanted: ServoGoal) -> bytes:
-        check_goal(model.last_count, wanted)
-        # Rounded up, as an XL-320's.
-        speed = min(math.ceil(wanted.velocity_counts_s / unit_counts_s), ax_mx.LARGEST_SPEED)
-        return _AX_MX_GOAL.pack(servo_id, wanted.position_counts, speed)
-
-    return goal
-
-
-def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:
-    limits = {read(ax_mx.cw_angle_limit), read(ax_mx.ccw_angle_limit)}
-    if limits == {0}:
-        return "is in wheel mode: set its angle limits (registers 6 and 8) to the range it may move in"
-    if limits == {ax_mx.MULTI_TURN_LIMIT}:
-        return "is in multi-turn mode: set its angle limits (registers 6 and 8) to 0 and 4095"
-    return None
-
-
-AX_MX: Final = Series(
-    name="Dynamixel protocol 1.0",
-    make="dynamixel",
-    protocol=PROTOCOL_1,
-    models=tuple(ax_mx.MODELS.values()),
-    registers=ax_mx.COMMON,
-    state_block=ax_mx.STATE_BLOCK,
-    goal_block=ax_mx.GOAL_BLOCK,
-    # An AX's table ends at 49.
-    blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
-    goal_of=_ax_mx_goal_of,
-    scale_of=lambda model: ax_mx.SPEED_UNIT_COUNTS_S[model.name],
-    servo_id=ax_mx.servo_id,
-    model_number=ax_mx.model_number,
-    status_level=ax_mx.status_return_level,
-    answers_all=ax_mx.ANSWERS_ALL,
-    torque_enable=ax_mx.torque_enable,
-    goal_position=ax_mx.goal_position,
-    position_limits=(ax_mx.cw_angle_limit, ax_mx.ccw_angle_limit),
-    max_torque=ax_mx.max_torque,
-    torque_limit=ax_mx.torque_limit,
-    full_torque=ax_mx.FULL_TORQUE,
-    config_error=_ax_mx_config_error,
-    bulk_models=tuple(model for model in ax_mx.MODELS.values() if model.bulk_read),
-)
 
 
 SERIES: Final = tuple(series for series in list(globals().values()) if isinstance(series, Series))

@@ -17,24 +17,13 @@ from drivers.servos import scs, sts
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Lock, Read, Series, WireProtocol, blocks_from_start, check_goal, signed
 
-
-def _no_refusal(number: int) -> str:
-    raise AssertionError(f"no status bit of a Feetech servo refuses an instruction, and {number} does not")
-
-
 STS_PROTOCOL: Final = WireProtocol(
     name="Feetech STS",
     packets=v1,
     byte_order="little",
     sdk=lambda: PacketHandler(0),
     group_read="sync",
-    waits_for_silent=False,
-    refusals=0,
-    refusal=_no_refusal,
-    came_broken=lambda number: False,
     reboot="unanswered",  # Feetech's protocol manual
-    factory_reset=b"",
-    broadcast_ping=False,
 )
 SCS_PROTOCOL: Final = WireProtocol(
     name="Feetech SCS",
@@ -43,13 +32,7 @@ SCS_PROTOCOL: Final = WireProtocol(
     # Not the SDK's PacketHandler(1): that turns the words of every other user in this process round.
     sdk=protocol_packet_handler,
     group_read="none",
-    waits_for_silent=False,
-    refusals=0,
-    refusal=_no_refusal,
-    came_broken=lambda number: False,
     reboot="unanswered",
-    factory_reset=b"",
-    broadcast_ping=False,
 )
 
 # Every answer that a narrow register can give, looked up instead of calculated.
@@ -77,24 +60,16 @@ def _state(
     return _new(ServoState, fields)
 
 
-_STS_GOAL: Final = Struct("<BBHHH")
-
-
-def _sts_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
+def _sts_goal(wanted: ServoGoal) -> tuple[int, ...]:
     """Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
     would stop the servo at every goal."""
-    pack = _STS_GOAL.pack
-
-    def goal(wanted: ServoGoal) -> bytes:
-        position, velocity = wanted.position_counts, wanted.velocity_counts_s
-        if (position | velocity) & ~_MAGNITUDE:  # a sign, or what does not fit
-            if velocity < 0:  # the register has a sign, which means nothing in position mode
-                raise ValueError(f"a goal's velocity is 0 or more, not {velocity}: nothing written")
-            position = int.from_bytes(sts.goal_position.encode(position, "little"), "little")
-            velocity = int.from_bytes(sts.goal_velocity.encode(velocity, "little"), "little")
-        return pack(servo_id, 0, position, 0, velocity)
-
-    return goal
+    position, velocity = wanted
+    if (position | velocity) & ~_MAGNITUDE:  # a sign, or what does not fit
+        if velocity < 0:  # the register has a sign, which means nothing in position mode
+            raise ValueError(f"a goal's velocity is 0 or more, not {velocity}: nothing written")
+        sts.goal_velocity.check(velocity)
+        position = int.from_bytes(sts.goal_position.encode(position, "little"), "little")
+    return 0, position, 0, velocity
 
 
 def _sts_config_error(model: ServoModel, read: Read) -> str | None:
@@ -124,7 +99,8 @@ STS: Final = Series(
     # All end within the table. Their length bytes differ in two bits at least: no single flipped bit turns one into
     # another.
     blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), _state),
-    goal_of=_sts_goal_of,
+    goal_fields="BHHH",
+    goal_of=lambda model: _sts_goal,
     servo_id=sts.servo_id,
     model_number=sts.model_number,
     status_level=sts.status_level,
@@ -142,14 +118,10 @@ STS: Final = Series(
 )
 
 
-_SCS_GOAL: Final = Struct(">BHHH")
-
-
-def _scs_goal_of(servo_id: int, model: ServoModel) -> Callable[[ServoGoal], bytes]:
-    def goal(wanted: ServoGoal) -> bytes:
+def _scs_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
+    def goal(wanted: ServoGoal) -> tuple[int, ...]:
         check_goal(model.last_count, wanted)
-        speed = min(wanted.velocity_counts_s, scs.goal_velocity.largest)
-        return _SCS_GOAL.pack(servo_id, wanted.position_counts, 0, speed)
+        return wanted.position_counts, 0, min(wanted.velocity_counts_s, scs.goal_velocity.largest)
 
     return goal
 
@@ -170,6 +142,7 @@ SCS: Final = Series(
     goal_block=scs.GOAL_BLOCK,
     # The memory table ends at 66, Feetech's header of the series at 70.
     blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), _state),
+    goal_fields="HHH",
     goal_of=_scs_goal_of,
     servo_id=scs.servo_id,
     model_number=scs.model_number,

@@ -60,7 +60,7 @@ def _state(
 
 
 def _block(address: int) -> StateBlock:
-    proof = ((0, _FIRST_PROOF & 0xFF), (8, _LAST_PROOF & 0xFF))
+    proof = (_FIRST_PROOF & 0xFF, _LAST_PROOF & 0xFF)
     return StateBlock(address, _SIZE, _FIELDS, 0, _state, fast=True, proof=proof)
 
 

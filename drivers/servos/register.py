@@ -46,10 +46,14 @@ class Register:
             return -self.largest - 1
         return 0 if self.sign_bit is None else -self.largest
 
-    def encode(self, value: int, order: ByteOrder) -> bytes:
-        """``value`` as it goes over the wire. Raises ValueError where it does not fit."""
+    def check(self, value: int) -> None:
+        """Raise ValueError where the register cannot say ``value``."""
         if not self.smallest <= value <= self.largest:
             raise ValueError(f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written")
+
+    def encode(self, value: int, order: ByteOrder) -> bytes:
+        """``value`` as it goes over the wire. Raises ValueError where it does not fit."""
+        self.check(value)
         raw = value
         if self.sign_bit is not None and value < 0:
             raw = -value | 1 << self.sign_bit

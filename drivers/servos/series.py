@@ -1,6 +1,6 @@
 """A series is what the bus must know of servos with one control table; a wire protocol is how a line of them speaks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from struct import Struct
 from types import ModuleType
@@ -25,18 +25,18 @@ class WireProtocol:
     """The maker's packet handler, for calls to one servo."""
     group_read: Literal["sync", "bulk", "none"]
     """How several servos are asked by one packet. ``sync``: all of them; ``bulk``: only models that know it."""
-    waits_for_silent: bool
-    """Whether a servo may wait in vain for one before it in a group read that is silent."""
-    refusals: int
-    """Those bits of a reply's error byte that refuse an instruction. The others are alarms, which are states."""
-    refusal: Callable[[int], str]
-    """What they say, behind "it" or the servo's name."""
-    came_broken: Callable[[int], bool]
-    """Whether they say that the instruction came broken: that is the line's fault, and it may be given again."""
     reboot: Literal["acknowledged", "unanswered", "none"]
-    factory_reset: bytes
+    waits_for_silent: bool = False
+    """Whether a servo may wait in vain for one before it in a group read that is silent."""
+    refusals: int = 0
+    """Those bits of a reply's error byte that refuse an instruction. The others are alarms, which are states."""
+    refusal: Callable[[int], str] = "refused the instruction (error {})".format
+    """What they say, behind "it" or the servo's name."""
+    came_broken: Callable[[int], bool] = lambda refused: False
+    """Whether they say that the instruction came broken: that is the line's fault, and it may be given again."""
+    factory_reset: bytes = b""
     """The option of the instruction."""
-    broadcast_ping: bool
+    broadcast_ping: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +45,8 @@ class StateBlock:
 
     ``fields`` are the state's numbers, ``at`` so many bytes from the block's beginning. ``state`` makes values of the
     model's own scale (see ``Series.scale_of``), of the reply's error byte and of these numbers.
-    ``proof``: some of the numbers, by their place, and what each of them is as long as the block is what
-    it is taken for; otherwise the numbers mean nothing.
+    ``proof``: the first and the last number as long as the block is what it is taken for; otherwise the numbers
+    mean nothing.
     """
 
     address: int
@@ -56,14 +56,16 @@ class StateBlock:
     state: Callable[..., ServoState]
     fast: bool = False
     """Whether some firmware answers a fast sync read of it."""
-    proof: tuple[tuple[int, int], ...] = ()
+    proof: tuple[int, int] | None = None
+
+    def proved(self, numbers: Sequence[int]) -> bool:
+        """Whether the numbers are what they are taken for."""
+        return self.proof is None or (numbers[0], numbers[-1]) == self.proof
 
     def decode(self, scale: float | None, error: int, data: bytes) -> ServoState | None:
         """The state in one reply's data; None without proof."""
         numbers = self.fields.unpack_from(data, self.at)
-        if any(numbers[place] != value for place, value in self.proof):
-            return None
-        return self.state(scale, error, *numbers)
+        return self.state(scale, error, *numbers) if self.proved(numbers) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +95,10 @@ class Series:
     state_block: tuple[Register, ...]
     goal_block: tuple[Register, ...]
     blocks: tuple[StateBlock, ...]
-    goal_of: Callable[[int, ServoModel], Callable[[ServoGoal], bytes]]
-    """Of a servo (ID, model): makes its entry in a sync write, ID included. ValueError for a goal that does not fit."""
+    goal_fields: str
+    """The numbers of the goal block, as ``struct`` calls them."""
+    goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
+    """Of a model: makes these numbers of a goal. ValueError for a goal that does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
     """What the model needs beside the table to make values of its numbers."""
     servo_id: Register

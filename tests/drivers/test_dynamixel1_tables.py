@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.servos import ax_mx as dxl
-from drivers.servos.dynamixel import AX_MX
+from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Access, Register
 
 every_model = pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda model: model.name)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.group_read import FAST_TRIES
+from drivers.bus.fast_read import FAST_TRIES, fast_plan, fast_results
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.read_plan import ReadResult, fast_plan, fast_results
+from drivers.bus.read_plan import ReadResult
 from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState, fault
 from drivers.protocol import v2 as wire
 from drivers.protocol.crc import crc16
@@ -47,14 +47,14 @@ def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> 
 
 def whole(data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE) -> object:
     """All states, if the packet is whole."""
-    return fast_plan(block, dict(zip(ids, units_a, strict=True))).whole(data)
+    return fast_plan(PROTOCOL_2, block, dict(zip(ids, units_a, strict=True))).whole(data)
 
 
 def pieces(
     data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE
 ) -> dict[int, ReadResult]:
     """What can be believed of the packet."""
-    return fast_results((ids, block, tuple(units_a)), PROTOCOL_2, data)
+    return fast_results(PROTOCOL_2, block, dict(zip(ids, units_a, strict=True)), data)
 
 
 class Line:
@@ -140,7 +140,7 @@ def test_a_cycle_is_one_packet_with_the_goals_behind_it() -> None:
 def test_the_bytes_of_an_exchange_are_those_of_the_fast_read() -> None:
     line = ready()
     goals = {i: ServoGoal(0) for i in IDS[1:]}
-    on_wire = len(wire.sync_write(X.goal_address, X.goal_size, [bytes(9)] * len(goals)))
+    on_wire = len(wire.sync_write(X.goal_address, X.goal_size, bytes(9) * len(goals)))
     assert line.bus.exchange_size(goals, IDS) == on_wire + len(wire.fast_sync_read(IDS, 124, SIZE)) + len(fast_reply())
 
 
@@ -290,7 +290,7 @@ def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
         missing += sum(isinstance(reading, ServoFault) for reading in readings.values())
         assert all(reading == good[i] for i, reading in readings.items() if isinstance(reading, ServoState))
         clock.sleep_until(clock.now() + 0.015)
-    assert bus._group.fast
+    assert bus._reader._group.fast.known
     assert missing < 20
     faults = bus.counters.faults()
     assert faults["silent"] + faults["corrupt"] >= sum(n for (kind, _), n in done.done.items() if kind != "noise")

@@ -193,7 +193,7 @@ def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
 @pytest.mark.parametrize("velocity_counts_s", [-1, -10, -100000])
 def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: Series, velocity_counts_s: int) -> None:
     with pytest.raises(ValueError, match="nothing written"):
-        series.goal_of(1, series.models[0])(ServoGoal(512, velocity_counts_s))
+        series.goal_of(series.models[0])(ServoGoal(512, velocity_counts_s))
 
 
 def test_the_xl320s_settings_goal_limit_and_torque() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.bus.bus import Bus
+from drivers.bus.fast_read import FastReads
 from drivers.bus.group_read import GroupRead
 from drivers.bus.read_plan import ReadPlan
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
@@ -31,18 +32,18 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
         went.append(True)
         return real(self, plan, *how)
 
-    def otherwise(name: str) -> None:
-        careful = getattr(GroupRead, name)
+    def otherwise(owner: type[GroupRead] | type[FastReads], name: str) -> None:
+        careful = getattr(owner, name)
 
-        def judge(self: GroupRead, *what: Any) -> object:
+        def judge(self: Any, *what: Any) -> object:
             went[-1] = False
             return careful(self, *what)
 
-        monkeypatch.setattr(GroupRead, name, judge)
+        monkeypatch.setattr(owner, name, judge)
 
     monkeypatch.setattr(GroupRead, "collect", collect)
-    otherwise("_piecewise")
-    otherwise("_judge_broken")
+    otherwise(GroupRead, "_piecewise")
+    otherwise(FastReads, "judge")
     return went
 
 

@@ -53,7 +53,7 @@ def sdk_sync_write(address: int, size: int, data: dict[int, bytes]) -> bytes:
         (wire.packet(1, wire.WRITE, bytes.fromhex("7400 00020000")), "fffffd00 01 0900 03 740000020000 ca89"),
         (wire.sync_read((1, 2), 132, 4), "fffffd00 fe 0900 82 840004000102 cefa"),
         (
-            wire.sync_write(116, 4, [b"\x01\x96\0\0\0", b"\x02\xaa\0\0\0"]),
+            wire.sync_write(116, 4, b"\x01\x96\0\0\0\x02\xaa\0\0\0"),
             "fffffd00 fe 1100 83 74000400 0196000000 02aa000000 8287",
         ),
         (status_packet(1, 0, b"\xa6\0\0\0"), "fffffd00 01 0800 55 00 a6000000 8cc0"),
@@ -79,7 +79,7 @@ def test_sync_read_is_the_sdks(servo_ids: list[int], address: int, size: int) ->
 @given(ids, addresses, st.integers(1, 10), st.data())
 def test_sync_write_is_the_sdks(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
-    ours = wire.sync_write(address, size, [bytes((i,)) + data for i, data in contents.items()])
+    ours = wire.sync_write(address, size, b"".join(bytes((i,)) + data for i, data in contents.items()))
     if PATTERN not in ours[3:]:
         assert ours == sdk_sync_write(address, size, contents)
 

@@ -68,7 +68,7 @@ def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, i
         values = {sts.goal_position: position, sts.goal_velocity: velocity}
         said[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
     packet = KnownServos({}).goals({i: ServoGoal(*both) for i, both in numbers.items()})
-    entries = [bytes((servo_id,)) + data for servo_id, data in said.items()]
+    entries = b"".join(bytes((servo_id,)) + data for servo_id, data in said.items())
     assert packet == wire.sync_write(sts.acceleration.address, 7, entries)
 
 

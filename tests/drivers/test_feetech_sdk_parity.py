@@ -48,9 +48,9 @@ def test_sync_read(servo_ids: list[int], address: int, size: int) -> None:
 @given(ids, st.integers(0, 255), st.integers(1, 10), st.data())
 def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
-    assert wire.sync_write(address, size, [bytes((i,)) + data for i, data in contents.items()]) == sdk_sync_write(
-        address, size, contents
-    )
+    assert wire.sync_write(
+        address, size, b"".join(bytes((i,)) + data for i, data in contents.items())
+    ) == sdk_sync_write(address, size, contents)
 
 
 @example({1: (-1, 0)})

@@ -62,7 +62,7 @@ all_cuts = st.lists(st.integers(0, 1000), max_size=12)
         (wire.packet(1, 0x02, b"\x38\x02"), "ff ff 01 04 02 38 02 be"),  # the manual's read of a position
         (wire.sync_read([1, 2], 0x38, 8), "ff ff fe 06 82 38 08 01 02 36"),
         (
-            wire.sync_write(0x2A, 2, [b"\x01\x00\x08", b"\x02\xff\x07"]),
+            wire.sync_write(0x2A, 2, b"\x01\x00\x08\x02\xff\x07"),
             "ff ff fe 0a 83 2a 02 01 00 08 02 ff 07 37",
         ),
     ],

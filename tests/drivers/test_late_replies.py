@@ -84,7 +84,7 @@ def test_open_questions_are_closed_in_the_end() -> None:
     late.forget(OPEN_S)
     assert late.sizes() == {10}
     late.forget(OPEN_S + 1.0)
-    assert not late
+    assert not late.open
 
 
 def test_a_group_is_asked_for_the_size_that_is_open_for_the_fewest_and_then_for_the_last_one() -> None:
@@ -101,9 +101,9 @@ def test_each_of_several_that_are_alike_may_still_come_and_none_after_them() -> 
     late = LateReplies()
     for counted in ("silent", "silent", "silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
-    assert late and late.servos(0.0) == {1}
+    assert late.open and late.servos(0.0) == {1}
     assert [late.take(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
-    assert not late and late.servos(0.0) == frozenset()
+    assert not late.open and late.servos(0.0) == frozenset()
 
 
 def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
@@ -114,7 +114,7 @@ def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
     assert late.place({1: SIZES}) == 1
     assert late.take(1, 8, asked=True) is None
     late.forget(HELD_S * 1.1)
-    assert not late
+    assert not late.open
 
 
 def test_only_a_size_that_is_open_for_its_servo_and_was_not_overtaken_is_in_doubt() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from drivers.bus.group_read import FAST_TRIES
+from drivers.bus.fast_read import FAST_TRIES
 from drivers.bus.late_replies import OPEN_S
 from drivers.bus.types import ServoFault, ServoState
 from drivers.errors import ServoRefused
@@ -175,14 +175,14 @@ def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple
 def test_a_servo_that_refuses_does_not_end_the_fast_reads_of_the_others() -> None:
     line = Line(next(kind for kind in X_KINDS if kind.mapped and not kind.with_goals))
     line.bus.read_states(IDS)
-    burst = line.bus._group
-    assert burst.fast
+    fast = line.bus._reader._group.fast
+    assert fast.known
     end = refuse(line, 4, RESULT_FAIL)
     for _ in range(3 * FAST_TRIES):
         line.cycle()
         line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle is asked fast
     end()
-    assert burst.fast
+    assert fast.known
 
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], 3), (AX, 0x10)], ids=["x", "ax-12a"])

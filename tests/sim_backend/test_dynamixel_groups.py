@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.bus.sdk_adapter import SdkAdapter
-from drivers.port.echo import Echo
+from drivers.port.line import Line
 from drivers.protocol.crc import crc16
 from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, packet, span
 from drivers.servos import x
@@ -30,7 +30,7 @@ class Group:
     def __init__(self) -> None:
         self.clock = SimulatedClock()
         self.bus = VirtualDynamixelBus.of(BenchPlant(tuple(MODELS)), MODELS)
-        self.port = SdkAdapter(VirtualPort(self.bus, self.clock), self.clock, Echo())
+        self.port = SdkAdapter(Line(VirtualPort(self.bus, self.clock), self.clock))
 
     def reader(self, address: int = ADDRESS, size: int = 4) -> Any:
         reader = sdk.GroupSyncRead(self.port, handler, address, size)

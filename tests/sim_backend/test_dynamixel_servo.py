@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.bus.sdk_adapter import SdkAdapter
-from drivers.port.echo import Echo
+from drivers.port.line import Line
 from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.clock import SimulatedClock
@@ -28,7 +28,7 @@ class Bench:
         self.plant = BenchPlant((1,))
         self.plant.load_nm = [load_nm]
         self.bus = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
-        self.port = SdkAdapter(VirtualPort(self.bus, self.clock), self.clock, Echo())
+        self.port = SdkAdapter(Line(VirtualPort(self.bus, self.clock), self.clock))
         self.servo = self.bus.servo(1)
 
     def run(self, seconds: float) -> None:
@@ -187,7 +187,7 @@ def test_overload_shuts_down_until_a_reboot() -> None:
 
 def test_a_baud_that_is_not_the_servos_is_not_understood() -> None:
     bench = Bench()
-    port = SdkAdapter(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock, Echo())
+    port = SdkAdapter(Line(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock))
     assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
 
 

@@ -4,9 +4,9 @@ from math import pi
 
 import pytest
 
+from calibration.eeprom import eeprom
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal, ServoState
-from drivers.eeprom import eeprom
 from drivers.protocol import v1 as wire
 from drivers.servos import feetech as models
 from drivers.servos import scs

@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibration import angles
+from calibration.angles import LARGEST_OFFSET, TURN, Travel
+from calibration.eeprom import update
 from drivers.bus.bus import Bus
-from drivers.eeprom import update
-from drivers.servos import angles, sts
-from drivers.servos.angles import LARGEST_OFFSET, TURN, Travel
+from drivers.servos import sts
 from drivers.servos.register import ByteOrder
 from drivers.servos.series import Lock
 from sim_backend.bus import VirtualBus

@@ -214,10 +214,7 @@ def _check(register: Register, value: int) -> None:
         )
     if register.name == "id" and value > LARGEST_ID:
         raise ValueError(f"id takes 0 to {LARGEST_ID}, not {value}: nothing written")
-    if not register.smallest <= value <= register.largest:
-        raise ValueError(
-            f"{register.name} takes {register.smallest} to {register.largest}, not {value}: nothing written"
-        )
+    register.check(value)
 
 
 def _why(failure: ServoError | None) -> str:

@@ -1,0 +1,93 @@
+"""The Dynamixels of protocol 1.0, AX and MX: how their lines speak, what their states and goals are in bytes."""
+
+import math
+from collections.abc import Callable
+from struct import Struct
+from typing import Final
+
+from dynamixel_sdk import Protocol1PacketHandler
+
+from drivers.bus.types import ServoGoal, ServoState
+from drivers.protocol import v1
+from drivers.servos import ax_mx
+from drivers.servos.register import ServoModel
+from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal, signed
+
+PROTOCOL_1: Final = WireProtocol(
+    name="Dynamixel protocol 1.0",
+    packets=v1,
+    byte_order="little",
+    sdk=Protocol1PacketHandler,
+    group_read="bulk",
+    refusals=ax_mx.REFUSALS,
+    refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
+    came_broken=lambda bits: bool(bits & ax_mx.CAME_BROKEN),
+    reboot="none",
+)
+_SIGN: Final = 1 << 10
+_ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
+
+
+def _ax_mx_state(
+    unit_counts_s: float, error: int, position: int, speed: int, load: int, voltage: int, temperature: int
+) -> ServoState:
+    return ServoState(
+        position,
+        round(signed(speed, _SIGN) * unit_counts_s),
+        signed(load, _SIGN) / ax_mx.FULL_TORQUE,
+        voltage * ax_mx.VOLTAGE_UNIT_V,
+        float(temperature),
+        _ALARMS[error],
+    )
+
+
+def _ax_mx_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
+    unit_counts_s = ax_mx.SPEED_UNIT_COUNTS_S[model.name]
+
+    def goal(wanted: ServoGoal) -> tuple[int, ...]:
+        check_goal(model.last_count, wanted)
+        # Rounded up, as an XL-320's.
+        speed = min(math.ceil(wanted.velocity_counts_s / unit_counts_s), ax_mx.LARGEST_SPEED)
+        return wanted.position_counts, speed
+
+    return goal
+
+
+def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:
+    limits = {read(ax_mx.cw_angle_limit), read(ax_mx.ccw_angle_limit)}
+    if limits == {0}:
+        return "is in wheel mode: set its angle limits (registers 6 and 8) to the range it may move in"
+    if limits == {ax_mx.MULTI_TURN_LIMIT}:
+        return "is in multi-turn mode: set its angle limits (registers 6 and 8) to 0 and 4095"
+    return None
+
+
+AX_MX: Final = Series(
+    name="Dynamixel protocol 1.0",
+    make="dynamixel",
+    protocol=PROTOCOL_1,
+    models=tuple(ax_mx.MODELS.values()),
+    registers=ax_mx.COMMON,
+    state_block=ax_mx.STATE_BLOCK,
+    goal_block=ax_mx.GOAL_BLOCK,
+    # An AX's table ends at 49.
+    blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
+    goal_fields="HH",
+    goal_of=_ax_mx_goal_of,
+    scale_of=lambda model: ax_mx.SPEED_UNIT_COUNTS_S[model.name],
+    servo_id=ax_mx.servo_id,
+    model_number=ax_mx.model_number,
+    status_level=ax_mx.status_return_level,
+    answers_all=ax_mx.ANSWERS_ALL,
+    torque_enable=ax_mx.torque_enable,
+    goal_position=ax_mx.goal_position,
+    position_limits=(ax_mx.cw_angle_limit, ax_mx.ccw_angle_limit),
+    max_torque=ax_mx.max_torque,
+    torque_limit=ax_mx.torque_limit,
+    full_torque=ax_mx.FULL_TORQUE,
+    config_error=_ax_mx_config_error,
+    bulk_models=tuple(model for model in ax_mx.MODELS.values() if model.bulk_read),
+)
+
+
+SERIES: Final = (AX_MX,)
