@@ -105,6 +105,6 @@ def _drive(
         due_s += loop.period_s
         loop.clock.sleep_until(due_s)
         loop.hardware.read()
-    for member in loop.hardware.lost:
-        if member.error is not None and member.hardware.state is LifecycleState.ACTIVE:
-            raise member.error
+    for component in loop.hardware.lost:
+        if component.error is not None and component.hardware.state is LifecycleState.ACTIVE:
+            raise component.error

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.clock import Clock
-from hal.description import Component
+from hal.description import HardwareInfo
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import JointCommand, JointState
 
@@ -44,7 +44,7 @@ class MockHardware:
         self._joints_of = {kind: self._commanded(kind) for kind in KINDS}
 
     @classmethod
-    def of(cls, component: Component, clock: Clock) -> "MockHardware":
+    def of(cls, component: HardwareInfo, clock: Clock) -> "MockHardware":
         """As the ``<ros2_control>`` block says."""
         made = cls(
             component.name,

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hal.component import Component
 from hal.errors import DescriptionError, RobotFileError
+from hal.hardware_info import HardwareInfo
 from hal.robot import BusFile, JointFile, ParkFile, Robot, RobotFile
 from hal.types import JointLimits
 from hal.urdf import UrdfJoint
 
-Part = tuple[Component, Robot]
+Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
 """A joint of which no robot file tells the acceleration reaches its top speed in this time,"""
@@ -43,7 +43,7 @@ def together(parts: Sequence[Part]) -> Robot:
     return Robot(joints, file)
 
 
-def bus_name(component: Component, bus: str) -> str:
+def bus_name(component: HardwareInfo, bus: str) -> str:
     """What a component's bus is called among all: ``hand``, or ``hand-left`` where the hand has several."""
     name = f"{component.name}-{bus}" if bus else component.name
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
@@ -85,7 +85,9 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
     return defaults
 
 
-def all_limits(components: Sequence[Component], robot: Robot, urdf: Mapping[str, UrdfJoint]) -> dict[str, JointLimits]:
+def all_limits(
+    components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
+) -> dict[str, JointLimits]:
     """Of every joint that takes commands: what the robot files say, or else the URDF. Raises DescriptionError."""
     limits = robot.limits()
     for component in components:

@@ -48,7 +48,7 @@ AREAS = {
             "tests/hal/test_activation_*.py",
             "tests/hal/test_read_deadline.py",
             "tests/hal/test_hardware_contract.py",
-            "tests/hal/test_lines.py",
+            "tests/hal/test_joint_buses.py",
         ),
     ),
     "loop": Area(

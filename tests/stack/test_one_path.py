@@ -9,7 +9,7 @@ from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.servos.register import ServoModel
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits
@@ -65,7 +65,7 @@ def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tupl
         write_goals(bus, goals)
 
     monkeypatch.setattr(Bus, "write_goals", watched)
-    hardware = Components([ServoHardware("arm", joints(kind.models), lambda: line.bus, line.clock)], line.clock)
+    hardware = ComponentSet([ServoHardware("arm", joints(kind.models), lambda: line.bus, line.clock)], line.clock)
     limits = dict.fromkeys(hardware.joints, LIMITS)
     loop = ControlLoop(hardware, ControllerManager(hardware, limits), limits, line.clock, 0.05)
     hardware.configure()

@@ -71,7 +71,7 @@ def test_the_recorder_sees_threads_that_start_while_it_records_and_none_of_what_
         thread.start()
         thread.join()
     assert "controller/loop.py" in trip.files
-    assert "hal/components.py" in trip.files  # its write
+    assert "hal/component_set.py" in trip.files  # its write
     begun = list(trip.files)
     rig.loop.step()
     assert trip.files == begun

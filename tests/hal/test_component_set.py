@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import PortMissing
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -53,14 +53,14 @@ class Failing(MockHardware):
         self.written.append(command)
 
 
-def three(every: Sequence[int] | None = None) -> tuple[Components, list[Failing]]:
+def three(cycles_per_update: Sequence[int] | None = None) -> tuple[ComponentSet, list[Failing]]:
     clock = SimulatedClock(1.0)
     made = [Failing(name, clock) for name in NAMES]
-    return Components(made, clock, every), made
+    return ComponentSet(made, clock, cycles_per_update), made
 
 
-def states(components: Components) -> list[LifecycleState]:
-    return [member.state for member in components.members]
+def states(components: ComponentSet) -> list[LifecycleState]:
+    return [component.state for component in components.components]
 
 
 def test_the_state_of_all_is_that_of_the_furthest() -> None:
@@ -147,13 +147,13 @@ def test_a_reading_that_does_not_fit_loses_the_component_and_not_the_others(stat
     components.configure()
     made[1].read = lambda: state  # type: ignore[assignment, method-assign, return-value]
     np.testing.assert_array_equal(components.read().position, [0.0, np.nan, 0.0])
-    assert components.lost == [components.members[1]]
+    assert components.lost == [components.components[1]]
 
 
 def test_what_takes_no_commands_is_only_read() -> None:
     clock = SimulatedClock(1.0)
     probe, arm = Failing("probe", clock, ()), Failing("arm", clock)
-    components = Components([probe, arm], clock)
+    components = ComponentSet([probe, arm], clock)
     components.configure()
     components.activate()
     state = components.read()
@@ -162,7 +162,7 @@ def test_what_takes_no_commands_is_only_read() -> None:
 
 
 def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_every_cycle() -> None:
-    components, made = three(every=(1, 1, 3))
+    components, made = three(cycles_per_update=(1, 1, 3))
     components.configure()
     components.activate()
     for _ in range(6):
