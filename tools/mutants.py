@@ -42,7 +42,7 @@ AREAS = {
     "gate": Area(("hal/gate.py",), ("tests/hal/test_gate.py",)),
     "joint": Area(("hal/joint.py",), ("tests/hal/test_joint.py",)),
     "servo_hardware": Area(
-        ("hal/servo_hardware.py",),
+        ("hal/servo_hardware.py", "hal/servo_setup.py", "hal/servo_faults.py", "hal/activation.py"),
         (
             "tests/hal/test_servo_*.py",
             "tests/hal/test_activation_*.py",
