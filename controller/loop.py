@@ -12,6 +12,7 @@ from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
 from drivers.clock import Clock
 from hal.component import Component
+from hal.component_lifecycle import activate_all, deactivate_all
 from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
@@ -77,7 +78,7 @@ class ControlLoop:
 
     def activate(self, keep_inactive: Collection[str] = ()) -> None:
         """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors."""
-        self.hardware.activate(keep_inactive, self._keep_alive)
+        activate_all(self.hardware, keep_inactive, self._keep_alive)
         try:
             state = self.hardware.read()
             for component in self.hardware.components:
@@ -85,7 +86,7 @@ class ControlLoop:
                     self.take_over(component, state)
             self.manager.activate(state, self.command)
         except BaseException:
-            self.hardware.deactivate(relax=True)
+            deactivate_all(self.hardware, relax=True)
             raise
 
     def take_over(self, component: Component, state: JointState) -> None:

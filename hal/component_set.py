@@ -1,7 +1,7 @@
 """Several hardware components as one: what the loop reads and writes."""
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from drivers.bus.counters import BusCounters
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.component import CONFIGURED, Component, absence, components_of
-from hal.errors import HalError, PartLost
+from hal.errors import PartLost
 from hal.lifecycle import Hardware, LifecycleState, Requesting
 from hal.types import FloatArray, JointCommand, JointFault, JointState, ServoHealth
 
@@ -26,11 +26,12 @@ class ComponentSet:
     def __init__(
         self, hardware: Sequence[Hardware], clock: Clock, cycles_per_update: Sequence[int] | None = None
     ) -> None:
+        """``cycles_per_update`` of each component; unless said, all are read and written in every cycle."""
         self.components = tuple(components_of(hardware, cycles_per_update or [1] * len(hardware)))
         self.joints = tuple(joint for one in hardware for joint in one.joints)
         self.command_interfaces = tuple(name for one in hardware for name in one.command_interfaces)
         self.failures: list[Component] = []
-        """Those that failed since somebody looked."""
+        """Components that have failed since somebody looked."""
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._clock = clock
         self._cycle = 0
@@ -38,19 +39,19 @@ class ComponentSet:
 
     @property
     def name(self) -> str:
-        """All names."""
+        """The names of all components."""
         return ", ".join(component.name for component in self.components)
 
     @property
     def state(self) -> LifecycleState:
-        """That of the component which has come furthest."""
+        """The state of the component that has come furthest."""
         states = {component.hardware.state for component in self.components}
         found = (s for s in (LifecycleState.ACTIVE, LifecycleState.INACTIVE) if s in states)
         return next(found, LifecycleState.UNCONFIGURED)
 
     @property
     def lost(self) -> list[Component]:
-        """Those that have failed, and have not been configured anew."""
+        """Components that have failed, and have not been configured anew."""
         return [component for component in self.components if component.error is not None]
 
     @property
@@ -73,61 +74,8 @@ class ComponentSet:
         home = self._homes.get(interface.rpartition("/")[0])
         return home is None or home.sound  # a joint that mimics is wherever its leader is
 
-    def configure(self, leave_out: Collection[str] = (), keep_alive: bool = False) -> None:
-        """All but those named. Raises what the first one raises, with those before it given back.
-
-        ``keep_alive``: such a one stays as it is, and the others go on.
-        """
-        try:
-            for component in self.components:
-                if component.name not in leave_out:
-                    _tried(component, component.hardware.configure, keep_alive)
-        except BaseException:
-            self.cleanup()
-            raise
-
-    def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool = False) -> None:
-        """All that are inactive, but for those named. Raises what the first one raises, with those before it let go.
-
-        ``keep_alive``: such a one stays as it is, and the others go on.
-        """
-        done: list[Component] = []
-        try:
-            for component in self.components:
-                if component.hardware.state is LifecycleState.INACTIVE and component.name not in keep_inactive:
-                    _tried(component, component.hardware.activate, keep_alive)
-                    done.append(component)
-        except BaseException:
-            for component in (component for component in done if component.hardware.state is LifecycleState.ACTIVE):
-                for problem in component.hardware.deactivate(relax=True):
-                    LOG.error("torque may still be on: %s", problem)
-            raise
-
-    def deactivate(self, relax: bool) -> Sequence[str]:
-        """All that are active, whatever becomes of the others; returns what went wrong."""
-        problems: list[str] = []
-        for component in self.components:
-            if component.hardware.state is LifecycleState.ACTIVE:
-                try:
-                    problems += component.hardware.deactivate(relax)
-                except Exception as error:  # the next component matters more than this one's failure
-                    whom = f" {component.name}" if len(self.components) > 1 else ""
-                    problems.append(f"could not switch{whom} off: {error}")
-        return problems
-
-    def cleanup(self) -> None:
-        """Give everything back, of each; then raises what the first one raised."""
-        errors: list[Exception] = []
-        for component in self.components:
-            try:
-                component.hardware.cleanup()
-            except Exception as error:  # the others still hold their ports
-                errors.append(error)
-        if errors:
-            raise errors[0]
-
     def update_every_cycle(self) -> None:
-        """From here on each is read and written in every cycle: the end of a motion must reach it."""
+        """From here on each component is read and written in every cycle: the end of a motion must reach it."""
         for component in self.components:
             component.cycles_per_update = 1
 
@@ -137,9 +85,9 @@ class ComponentSet:
         All components ask before any of them waits, until ``deadline_s`` on the clock if there is one.
         """
         due = [
-            m
-            for m in self.components
-            if m.sound and (self._cycle % m.cycles_per_update == 0 or m.name not in self._parts)
+            one
+            for one in self.components
+            if one.sound and (self._cycle % one.cycles_per_update == 0 or one.name not in self._parts)
         ]
         self._cycle += 1
         for component in due:
@@ -189,14 +137,14 @@ class ComponentSet:
         return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """To each that is active its part of ``values`` (m,); a lost one is tried too, it may be lost in part only.
+        """Write its part of ``values`` (m,) to each active component; one may be lost in part only, and is tried too.
 
         What takes no commands, a sensor, is only read.
         """
         for component in self.components:
             if component.switching:
                 continue
-            if component.state is not LifecycleState.ACTIVE:
+            if component.finalized or component.hardware.state is not LifecycleState.ACTIVE:
                 if component.driven:  # its controllers must not go on as if it followed them
                     self.lose(component, DriverError(f"it has become {component.state.name.lower()} by itself"))
                 continue
@@ -216,7 +164,7 @@ class ComponentSet:
             self.lose(component, error)
 
     def lose(self, component: Component, error: Exception) -> None:
-        """It is left alone from here on, and noted in ``failures``."""
+        """A failed component is left alone from here on, and noted in ``failures``."""
         if component.error is None:
             defect = None if isinstance(error, DriverError) else error
             LOG.error("%s is lost: %s", component.name, error, exc_info=defect)
@@ -224,7 +172,7 @@ class ComponentSet:
             self.failures.append(component)
 
     def rejoin(self, component: Component) -> None:
-        """It is back from its change: what was known of it is old, it is read in the coming cycle."""
+        """A component is back from its transition: its last values are old, it is read in the coming cycle."""
         component.switching = False
         component.out_of_reach = False
         component.driven = False
@@ -245,12 +193,3 @@ def _check_sizes(part: JointState, joints: int) -> None:
     sizes = len(part.position), len(part.velocity), len(part.effort)
     if sizes != (joints, joints, joints):
         raise ValueError(f"position, velocity and effort have {sizes} values for {joints} joints")
-
-
-def _tried(component: Component, step: Callable[[], None], keep_alive: bool) -> None:
-    try:
-        step()
-    except (DriverError, HalError) as error:
-        if not keep_alive:
-            raise
-        LOG.error("%s stays %s: %s", component.name, component.state.name.lower(), error)

@@ -12,6 +12,7 @@ from controller.manager.requests import ENDED
 from controller.manager.switch import SwitchError, SwitchRequest
 from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
+from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.errors import PartLost
 from hal.lifecycle import LifecycleState
@@ -113,7 +114,7 @@ class Two:
         self.loop.on_cycle = self.states.append
 
     def up(self) -> "Two":
-        self.components.configure()
+        configure_all(self.components)
         self.loop.activate()
         return self
 
@@ -220,7 +221,7 @@ def test_with_the_last_component_the_loop_ends() -> None:
 
 def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() -> None:
     two = Two()
-    two.components.configure(["hand"])
+    configure_all(two.components, ["hand"])
     two.loop.activate()
     assert two.active() == ["shoulder", "elbow"]
     two.arm.failing["read"] = PortLost(GONE)

@@ -11,6 +11,7 @@ from controller.manager.manager import ControllerManager
 from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
 from drivers.errors import PortLost
+from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
@@ -341,7 +342,7 @@ def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: p
     clock = SimulatedClock(100.0)
     components = ComponentSet([ScriptedHardware(clock)], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S, observe)
-    components.configure()
+    configure_all(components)
     loop.activate()
     for _ in range(3):
         loop.step()
@@ -380,7 +381,7 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
     hardware._position[:2] = NAN
     components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
-    components.configure()
+    configure_all(components)
     with pytest.raises(ActivationError, match=r"^shoulder, elbow has not been measured, torque is off again"):
         loop.activate()
 
@@ -390,7 +391,7 @@ def test_hardware_that_takes_no_commands_is_read_all_the_same() -> None:
     hardware = MockHardware("sensors", JOINTS, clock, command_interfaces=())
     components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
-    components.configure()
+    configure_all(components)
     loop.activate()
     assert loop.step().position.tolist() == [0.0, 0.0, 0.0]
     assert loop.command.shape == (0,)

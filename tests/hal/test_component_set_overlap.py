@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.errors import PortLost
+from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from sim_backend.clock import SimulatedClock
@@ -19,7 +20,7 @@ def side_by_side(count: int) -> tuple[ComponentSet, list[Bench]]:
         bench.hardware.name = f"arm_{number}"
     mock = MockHardware("mock", ("wheel",), clock)
     components = ComponentSet([mock, *(bench.hardware for bench in benches)], clock)
-    components.configure()
+    configure_all(components)
     return components, benches
 
 

@@ -14,6 +14,7 @@ from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoState
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
+from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.joint import Joint
@@ -93,7 +94,7 @@ def test_each_lines_noise_is_told(others: tuple[str, ...]) -> None:
     bench = Ports()
     mocks = [MockHardware(name, (name,), bench.clock) for name in others]
     components = ComponentSet([*mocks, bench.hardware], bench.clock)
-    components.configure()
+    configure_all(components)
     bench.servos["hand"].faults.disturbance = Disturbance(seed=1, noise=1.0)
     for _ in range(3):
         components.read()

@@ -13,6 +13,7 @@ from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
+from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.hardware_info import HardwareInfo
 from hal.servo_hardware import ServoHardware
@@ -145,7 +146,7 @@ class StackRig:
 
     def up(self) -> "StackRig":
         """Configure and activate."""
-        self.loop.hardware.configure()
+        configure_all(self.loop.hardware)
         self.loop.activate()
         return self
 
