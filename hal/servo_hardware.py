@@ -2,20 +2,17 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import Reading, ServoGoal, ServoState
+from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from hal.activation import Activation
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
-from hal.servo_faults import ServoFaults
 from hal.servo_setup import ServoSetup
-from hal.types import JointCommand, JointFault, JointState, ServoHealth
+from hal.servo_states import ServoStates
+from hal.types import JointCommand, JointState
 
 INTERPOLATION_MARGIN = 1.05
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
@@ -54,12 +51,10 @@ class ServoHardware:
         self._clock = clock
         self._period_s = FIRST_PERIOD_S
         self._goals: dict[str, int] = {}
-        self._measured: dict[str, int] = {}
-        """Counts, of the joints whose servos answered in the last exchange."""
-        self._faults = ServoFaults(joints)
+        """Counts by joint name."""
+        self._states = ServoStates(joints, clock)
         self._requested = False
         self._deadline_s = math.inf
-        self._last = self._unknown_state()
 
     def configure(self) -> None:
         require(self.state, LifecycleState.UNCONFIGURED, "configure")
@@ -67,8 +62,7 @@ class ServoHardware:
         buses = opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened}
         self._buses = JointBuses(self._joints, buses)
         self.state = LifecycleState.INACTIVE
-        self._faults.clear()
-        self._last = self._unknown_state()
+        self._states.reset()
         try:
             ServoSetup(self._buses).check()
             self.read()
@@ -79,8 +73,9 @@ class ServoHardware:
     def activate(self) -> None:
         """Switch the torque on with every goal at its measured position: see ``Activation``."""
         require(self.state, LifecycleState.INACTIVE, "activate")
-        self._faults.clear()
-        self._goals = Activation(self._joints, self._opened("activate"), self._take).run()
+        buses = self._opened("activate")
+        self._states.forget_faults()
+        self._goals = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
         self.state = LifecycleState.ACTIVE
         self.read()
 
@@ -107,43 +102,9 @@ class ServoHardware:
         if not self._requested:
             self.request()
         self._requested = False
-        return self._take(self._opened("read").receive())
-
-    def _take(self, readings: Mapping[str, Reading]) -> JointState:
-        position, velocity = self._last.position.copy(), self._last.velocity.copy()
-        effort = self._last.effort.copy()
-        health = dict(self._last.health)
         buses = self._opened("read")
-        counters = buses.counters()
-        self._measured.clear()
-        for index, joint in enumerate(self._joints):
-            reading = readings[joint.name]
-            account = counters[joint.bus].of(joint.servo_id)
-            if isinstance(reading, ServoState):
-                self._measured[joint.name] = reading.position_counts
-                position[index] = joint.position(reading.position_counts)
-                velocity[index] = reading.velocity_counts_s * joint.units_per_count
-                effort[index] = reading.load * joint.full_effort * joint.sign
-                load = reading.load * joint.sign
-                current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
-                health[joint.name] = ServoHealth(
-                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
-                )
-                continue
-            self._faults.note(joint.name, reading)
-            if joint.name in health:  # what is counted of a silent servo goes on
-                health[joint.name] = replace(health[joint.name], counters=account)
-        faults = self._present_faults(buses) if self._faults.known else {}
-        lines = {buses.port(name): account for name, account in counters.items()}
-        self._last = JointState(self._clock.now(), position, velocity, effort, faults, health, lines=lines)
-        return self._last
-
-    def _present_faults(self, buses: JointBuses) -> dict[str, JointFault]:
-        if self.state is LifecycleState.ACTIVE:
-            self._faults.rejoin(self._measured, buses, self._deadline_s)
-        else:
-            self._faults.forget(self._measured)
-        return self._faults.present(self._measured)
+        ask_until_s = self._deadline_s if self.state is LifecycleState.ACTIVE else None
+        return self._states.update(buses.receive(), buses, ask_until_s)
 
     def write(self, command: JointCommand) -> None:
         """One packet a bus with a goal for each of its servos; the command has passed the safety gate.
@@ -155,7 +116,7 @@ class ServoHardware:
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, command.values, strict=True):
-            if joint.name in self._faults.withheld:
+            if joint.name in self._states.withheld:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
             held = self._goals[joint.name]
@@ -174,7 +135,7 @@ class ServoHardware:
         Without interpolation a servo is let loose (0) only when it is known to be near its goal.
         """
         held = self._goals[joint.name]
-        measured = self._measured.get(joint.name)
+        measured = self._states.measured.get(joint.name)
         if not self.interpolate and measured is not None and abs(held - measured) <= reach:
             return 0
         speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
@@ -187,7 +148,3 @@ class ServoHardware:
         require_configured(self.state, what)
         assert self._buses is not None
         return self._buses
-
-    def _unknown_state(self) -> JointState:
-        unknown = np.full(len(self._joints), np.nan)
-        return JointState(self._clock.now(), unknown, unknown, unknown)
