@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from hal.lifecycle import Hardware, LifecycleState
+from hal.hardware import Hardware
+from hal.lifecycle import LifecycleState
 
 CONFIGURED = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 

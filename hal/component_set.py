@@ -10,7 +10,8 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.component import CONFIGURED, Component, absence, components_of
 from hal.errors import PartLost
-from hal.lifecycle import Hardware, LifecycleState, Requesting
+from hal.hardware import Hardware, Requesting
+from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointCommand, JointFault, JointState, ServoHealth
 
 LOG = logging.getLogger("servoloop.hal")

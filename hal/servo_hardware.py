@@ -26,7 +26,7 @@ FIRST_PERIOD_S = 0.05
 
 
 class ServoHardware:
-    """The life cycle of hal.lifecycle.Hardware over one Bus or several.
+    """The life cycle of hal.hardware.Hardware over one Bus or several.
 
     ``interpolate`` tells each servo how fast to go, so that it moves through the whole period
     instead of leaping to the goal and waiting there.

@@ -17,10 +17,10 @@ from drivers.servos.catalog import MODELS
 from hal.component_set import ComponentSet
 from hal.description import Vector
 from hal.errors import DescriptionError, HalError
+from hal.hardware import Hardware
 from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.kinematics import Quaternion
-from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
 from hal.robot import RobotFile, require_positions
 from hal.servo_hardware import ServoHardware
@@ -48,7 +48,7 @@ PLUGINS = {
 }
 ENTRY_POINTS = "servoloop.hardware"
 """The group of entry points in which a user's package names its hardware: ``package/Class = module:make``, where
-``make(component, clock)`` returns a hal.lifecycle.Hardware of that ``<ros2_control>`` block."""
+``make(component, clock)`` returns a hal.hardware.Hardware of that ``<ros2_control>`` block."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,10 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.interface import Controller
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from controller.trajectory.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.tolerances import Tolerances
 from hal.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointFault, JointLimits, JointState

@@ -6,18 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.action_goals import DEACTIVATED, NOT_RUNNING, PREEMPTED, GoalStatus
 from controller.fault_timeout import FAULT_CYCLES
 from controller.gripper.goal import GripperGoal, GripperHandle, GripperParameters
-from controller.gripper.gripper_action_controller import (
-    DEACTIVATED,
-    NOT_RUNNING,
-    PREEMPTED,
-    GripperActionController,
-    PositionGripperActionController,
-)
+from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.interface import ControllerContext
 from controller.motion import MotionError
-from controller.trajectory.goal import GoalStatus
 from hal.description import Description, HardwareInfo
 from hal.types import FloatArray, JointFault, JointLimits, JointState
 

@@ -8,7 +8,7 @@ import pytest
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from hal.errors import DescriptionError, HalError, RobotFileError
-from hal.lifecycle import Hardware
+from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
 from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
