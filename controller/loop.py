@@ -21,7 +21,7 @@ from hal.types import FloatArray, JointLimits, JointState
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""What is left of the longest time behind the reading after one more cycle."""
+"""The share of the longest time behind the reading that is left after one more cycle."""
 LEAST_RESERVE: Final = 0.1
 """The share of the period that reading leaves to the other steps, however short they have been."""
 

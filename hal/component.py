@@ -26,7 +26,7 @@ class Component:
     """The last command reached nobody."""
     finalized: bool = False
     driven: bool = False
-    """It has been active in a cycle, and nobody has changed its state since."""
+    """The component has been active in a cycle, and nobody has changed its state since."""
 
     @property
     def name(self) -> str:
@@ -34,7 +34,7 @@ class Component:
 
     @property
     def state(self) -> LifecycleState:
-        """As the component says; FINALIZED, which comes from outside, is the last word."""
+        """The life cycle state as the component says; FINALIZED, which comes from outside, is the last word."""
         return LifecycleState.FINALIZED if self.finalized else self.hardware.state
 
     @property

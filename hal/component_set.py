@@ -18,7 +18,7 @@ LOG = logging.getLogger("servoloop.hal")
 
 
 class ComponentSet:
-    """All components in the order of their blocks; joints and commands stand one behind the other.
+    """The set has all components in the order of their blocks; joints and commands stand one behind the other.
 
     Called from the loop's thread. A component that fails in a cycle does not keep the others from theirs: it is
     noted in ``failures``, and left alone until ``drop``.
@@ -81,7 +81,7 @@ class ComponentSet:
             component.cycles_per_update = 1
 
     def read(self, deadline_s: float | None = None) -> JointState:
-        """What is measured now. Of a component that is not there, the last known values and a fault for each joint.
+        """Read all components; one that is not there has its last known values, and a fault for each joint.
 
         All components ask before any of them waits, until ``deadline_s`` on the clock if there is one.
         """

@@ -40,7 +40,10 @@ def parse_urdf(xml: str) -> Description:
 
 
 def _check_apart(components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint]) -> None:
-    """Every block has a name of its own, and every joint one block; a mimic joint is measured where its leader is."""
+    """Check that every block has a name of its own, and every joint one block.
+
+    A mimic joint is measured where its leader is.
+    """
     if twice := doubles(component.name for component in components):
         raise DescriptionError(f"two <ros2_control> blocks are called '{twice[0]}': each needs a name of its own")
     if twice := doubles(joint for component in components for joint in component.command_interfaces):

@@ -22,7 +22,7 @@ class Hardware(Protocol):
     def joints(self) -> tuple[str, ...]: ...
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """``joint1/position`` and so on: what a command's values are, in their order."""
+        """The meaning of a command's values, in their order: ``joint1/position`` and so on."""
         ...
 
     @property
@@ -30,16 +30,16 @@ class Hardware(Protocol):
     def configure(self) -> None: ...
     def activate(self) -> None: ...
     def deactivate(self, relax: bool) -> Sequence[str]:
-        """Returns what went wrong on the way, each with the servo's name."""
+        """Stop driving the joints; returns what went wrong on the way, each with the servo's name."""
         ...
 
     def cleanup(self) -> None: ...
     def read(self) -> JointState:
-        """What is measured now. Raises LifecycleError while unconfigured: there is nothing to look at."""
+        """Measure the joints. Raises LifecycleError while unconfigured: there is nothing to look at."""
         ...
 
     def write(self, command: JointCommand) -> None:
-        """To all that can be reached. Raises PartLost where that is not all, another DriverError where it is none."""
+        """Command the joints. Raises PartLost where some cannot be reached, another DriverError where none can."""
         ...
 
 

@@ -15,7 +15,7 @@ NOT_DRIVEN = "<{}> is not supported: the components here have joints, and nothin
 
 @dataclass(frozen=True, slots=True)
 class HardwareInfo:
-    """One ``<ros2_control>`` block: the plugin, its parameters, and interfaces of each joint."""
+    """The content of one ``<ros2_control>`` block: the plugin, its parameters, and interfaces of each joint."""
 
     name: str
     kind: str
@@ -28,7 +28,7 @@ class HardwareInfo:
     initial_values: Mapping[str, float] = field(default_factory=dict)
     """By state interface (``joint1/position``), where the file gives one."""
     rw_rate: int = 0
-    """How often a second it is read and written; 0: in every cycle."""
+    """The rate (Hz) at which the component is read and written; 0: in every cycle."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -51,7 +51,7 @@ class HardwareInfo:
 
 
 def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
-    """All blocks as one: what the controllers see."""
+    """The controllers see all blocks as one."""
     if len(components) == 1:
         return components[0]
     return HardwareInfo(
@@ -67,7 +67,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
 
 
 def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> HardwareInfo:
-    """One block; ``joints`` are the URDF's. Raises DescriptionError."""
+    """Parse one block; ``joints`` are the URDF's. Raises DescriptionError."""
     name = attribute(block, "name", "a <ros2_control> block")
     hardware = block.find("hardware")
     plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()

@@ -17,7 +17,7 @@ _LINE_TEXTS: Final = dict.fromkeys(
 
 
 class JointBuses:
-    """All buses, opened, as a cycle uses them. Where there are several, every message names the one it is about."""
+    """The buses, opened, as a cycle uses them. Where there are several, every message names the one it is about."""
 
     def __init__(self, joints: Sequence[Joint], buses: Mapping[str, Bus]) -> None:
         self.buses = dict(buses)
@@ -31,7 +31,7 @@ class JointBuses:
         self._dead: set[str] = set()
 
     def label(self, joint: Joint) -> str:
-        """What to call a joint in a message."""
+        """The joint's name in a message."""
         return joint.name if len(self.buses) == 1 else f"{joint.name} (bus {joint.bus})"
 
     def request(self, deadline_s: float) -> None:
@@ -41,7 +41,7 @@ class JointBuses:
                 bus.request(self._ids[name], deadline_s)
 
     def receive(self) -> dict[str, Reading]:
-        """Every servo's state by joint name."""
+        """Wait for every servo's state; returns the states by joint name."""
         readings: dict[str, Mapping[int, Reading]] = {}
         for name in sorted(self._in_turn, key=self._dead.__contains__):
             with self.named(name):
@@ -66,7 +66,7 @@ class JointBuses:
         return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
 
     def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
-        """One packet a bus, for the joints that have a goal.
+        """Send one packet a bus, for the joints that have a goal.
 
         A lost bus does not keep the others from theirs; then it is raised.
         """
@@ -92,7 +92,7 @@ class JointBuses:
         return states
 
     def counters(self) -> dict[str, BusCounters]:
-        """What went wrong so far on each bus, by its name; copies, for another thread."""
+        """The counters of each bus by its name; copies, for another thread."""
         return {name: bus.counters.copy() for name, bus in self.buses.items()}
 
     def port(self, name: str) -> str:
@@ -109,7 +109,7 @@ class JointBuses:
 
     @contextmanager
     def named(self, name: str) -> Iterator[None]:
-        """Of several buses, the one that failed is named: a lost port with its joints, a servo with its own."""
+        """An error names its bus, if there are several: a lost port with its joints, a servo with its own."""
         try:
             yield
         except PortLost as error:

@@ -1,4 +1,4 @@
-"""What mock_components/GenericSystem does: the state is the command."""
+"""The mock does as mock_components/GenericSystem: the state is the command."""
 
 from collections.abc import Mapping, Sequence
 
@@ -45,7 +45,7 @@ class MockHardware:
 
     @classmethod
     def of(cls, component: HardwareInfo, clock: Clock) -> "MockHardware":
-        """As the ``<ros2_control>`` block says."""
+        """The mock that a ``<ros2_control>`` block asks for."""
         made = cls(
             component.name,
             component.joints,
@@ -58,7 +58,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """Where nothing is said, it stands at 0, and what is neither position nor velocity is unknown."""
+        """A joint of which nothing is said stands at 0; other states than position and velocity are unknown then."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):

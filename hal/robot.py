@@ -60,14 +60,14 @@ class JointFile(_Strict):
 
 
 class ExitFile(_Strict):
-    """What becomes of the torque at the end, on virtual and on real servos."""
+    """The end of the torque, on virtual and on real servos."""
 
     virtual: ExitPolicy = "hold"
     real: ExitPolicy = "relax"
 
 
 class ParkFile(_Strict):
-    """Where to go before letting go, at which share of the joints' velocity limits."""
+    """The pose to go to before letting go, at which share of the joints' velocity limits."""
 
     pose: dict[str, Finite]
     velocity_scale: float = Field(0.25, gt=0, le=1)
@@ -160,7 +160,7 @@ def _misplaced(
 
 
 def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
-    """What one joint's servo asks for that its bus does not have."""
+    """The settings that one joint's servo asks for and its bus does not have."""
     problems: list[str] = []
     model = MODELS[joint.model]
     if series_of(model).make != protocol:

@@ -20,13 +20,13 @@ INTERPOLATION_FLOOR_COUNTS_S = 20
 CATCH_UP_S = 0.5
 """In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
-"""What share of the period a read may take that nobody gave a deadline."""
+"""The share of the period that a read may take where nobody gave it a deadline."""
 FIRST_PERIOD_S = 0.05
 """The period until a command tells it."""
 
 
 class ServoHardware:
-    """The life cycle of hal.hardware.Hardware over one Bus or several.
+    """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several.
 
     ``interpolate`` tells each servo how fast to go, so that it moves through the whole period
     instead of leaping to the goal and waiting there.
@@ -98,7 +98,7 @@ class ServoHardware:
         self._requested = True
 
     def read(self) -> JointState:
-        """What the servos have answered by the deadline. A silent servo keeps its last values and is named."""
+        """Take the servos' answers that come by the deadline. A silent servo keeps its last values and is named."""
         if not self._requested:
             self.request()
         self._requested = False
@@ -107,7 +107,7 @@ class ServoHardware:
         return self._states.update(buses.receive(), buses, ask_until_s)
 
     def write(self, command: JointCommand) -> None:
-        """One packet a bus with a goal for each of its servos; the command has passed the safety gate.
+        """Send one packet a bus with a goal for each of its servos; the command has passed the safety gate.
 
         A servo that was missing for longer than a lost reply gets none before it has shown that it still drives its
         motor: one that was reset would take a goal for the order to switch its torque on.

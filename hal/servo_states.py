@@ -39,12 +39,12 @@ class ServoStates:
         self._last = self._unknown()
 
     def reset(self) -> None:
-        """Nothing is known of the joints."""
+        """Forget all that is known of the joints."""
         self.forget_faults()
         self._last = self._unknown()
 
     def forget_faults(self) -> None:
-        """All servos start anew."""
+        """Forget all faults: the servos start anew."""
         self._faults.clear()
         self._missing.clear()
         self.withheld.clear()
