@@ -11,7 +11,7 @@ from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servo_setup import ServoSetup
-from hal.servo_states import ServoStates
+from hal.servo_states import WITHHELD_AFTER, ServoStates
 from hal.types import JointCommand, JointState
 
 INTERPOLATION_MARGIN = 1.05
@@ -116,7 +116,7 @@ class ServoHardware:
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, command.values, strict=True):
-            if joint.name in self._states.withheld:
+            if self._states.missing.get(joint.name, 0) >= WITHHELD_AFTER:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
             held = self._goals[joint.name]

@@ -29,13 +29,11 @@ class ServoStates:
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.measured: dict[str, int] = {}
         """Counts by joint name, where the servo answered in the last exchange."""
-        self.withheld: set[str] = set()
-        """Joints that get no goals: a servo that was reset would take one for the order to switch its torque on."""
+        self.missing: dict[str, int] = {}
+        """For how many cycles a joint's servo has not answered, until it has shown that it drives its motor."""
         self._joints = tuple(joints)
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
-        self._missing: dict[str, int] = {}
-        """For how many cycles a servo has not answered, until it has shown that it drives its motor."""
         self._last = self._unknown()
 
     def reset(self) -> None:
@@ -46,8 +44,7 @@ class ServoStates:
     def forget_faults(self) -> None:
         """Forget all faults: the servos start anew."""
         self._faults.clear()
-        self._missing.clear()
-        self.withheld.clear()
+        self.missing.clear()
 
     def update(
         self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
@@ -88,12 +85,7 @@ class ServoStates:
         if name not in self._faults and found not in self._faults.values():  # a line's is told once
             LOG.error("%s", found.text)
         self._faults[name] = found
-        self._miss(name, self._missing.get(name, 0) + 1)
-
-    def _miss(self, name: str, cycles: int) -> None:
-        self._missing[name] = cycles
-        if cycles >= WITHHELD_AFTER:
-            self.withheld.add(name)
+        self.missing[name] = self.missing.get(name, 0) + 1
 
     def _present_faults(self, buses: JointBuses, ask_until_s: float | None) -> dict[str, JointFault]:
         """A servo that answers again is no fault, whether it has been asked for its torque already or not."""
@@ -124,15 +116,14 @@ class ServoStates:
 
     def _forget(self, name: str) -> None:
         self._faults.pop(name, None)
-        self._missing.pop(name, None)
-        self.withheld.discard(name)
+        self.missing.pop(name, None)
 
     def _refuse_limp(self, name: str, called: str) -> None:
         fault = JointFault("no_torque", f"{called} came back without torque (power dip?): activate again")
         if self._faults[name].kind != "no_torque":
             LOG.error("%s", fault.text)
         self._faults[name] = fault
-        self._miss(name, WITHHELD_AFTER)
+        self.missing[name] = WITHHELD_AFTER
 
     def _unknown(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)
