@@ -24,7 +24,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointState
@@ -66,7 +66,7 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
 
     hardware = ServoHardware("seven", JOINTS, lambda: Bus(SerialPort(device, two_ports.BAUD, clock), clock), clock)
     limits = {joint.name: joint.limits for joint in JOINTS}
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     manager = ControllerManager(components, limits)
     loop = ControlLoop(components, manager, limits, clock, 1.0 / rate_hz, count)
     hardware.configure()

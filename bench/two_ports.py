@@ -23,7 +23,7 @@ from drivers.bus.types import Reading
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits, JointState
@@ -108,7 +108,7 @@ def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
     hardware = TimedHardware("twelve", JOINTS, open_buses, clock)
     hardware.reads_s = []
     limits = {joint.name: joint.limits for joint in JOINTS}
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
     hardware.configure()
     try:

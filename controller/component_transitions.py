@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED, Request
 from drivers.errors import DriverError
-from hal.components import Components
+from hal.component import CONFIGURED, Component
+from hal.component_set import ComponentSet
 from hal.errors import HalError, LifecycleError
 from hal.lifecycle import LifecycleState
-from hal.member import CONFIGURED, Member
 from hal.types import JointState
 
 LOG = logging.getLogger("servoloop.controller")
@@ -49,7 +49,7 @@ class ComponentTransition(Request[None]):
 class _Leaving:
     """A component whose joints come to rest before it is switched or given up."""
 
-    member: Member
+    component: Component
     transition: ComponentTransition | None
 
 
@@ -61,18 +61,18 @@ class ComponentTransitions:
 
     def __init__(
         self,
-        hardware: Components,
+        hardware: ComponentSet,
         manager: ControllerManager,
-        take_over: Callable[[Member, JointState], None],
+        take_over: Callable[[Component, JointState], None],
         keep_alive: bool,
         background_worker: BackgroundWorker,
     ) -> None:
         """``take_over`` begins to command a component that has been activated; raises where it cannot."""
         self.asked: deque[ComponentTransition] = deque()
         """By any thread; also those that wait for another transition of their component."""
-        self.returned: deque[tuple[Member, ComponentTransition]] = deque()
+        self.returned: deque[tuple[Component, ComponentTransition]] = deque()
         """From the background threads: they append, the loop takes."""
-        self.arrived: list[tuple[Member, ComponentTransition]] = []
+        self.arrived: list[tuple[Component, ComponentTransition]] = []
         """Activated components, to be taken over where the coming measurement finds them."""
         self.leaving: list[_Leaving] = []
         self._hardware = hardware
@@ -99,8 +99,8 @@ class ComponentTransitions:
 
     def after_read(self, state: JointState) -> None:
         """Activated components take part from here on; failed ones do not. Raises why the last component is lost."""
-        for member, transition in self.arrived:
-            self._take_in(member, transition, state)
+        for component, transition in self.arrived:
+            self._take_in(component, transition, state)
         self.arrived.clear()
         self._give_up_the_lost()
 
@@ -110,9 +110,9 @@ class ComponentTransitions:
         Raises as ``after_read`` does.
         """
         self._give_up_the_lost()
-        for leaving in [one for one in self.leaving if not self._moves(one.member)]:
+        for leaving in [one for one in self.leaving if not self._moves(one.component)]:
             self.leaving.remove(leaving)
-            self._left(leaving.member, leaving.transition)
+            self._left(leaving.component, leaving.transition)
 
     def end(self) -> None:
         """After the last cycle, when no work is left in the background: every open transition is refused."""
@@ -124,84 +124,84 @@ class ComponentTransitions:
             self._take_back(*self.returned.popleft())
         if self.arrived:
             state = self._hardware.read()
-            for member, transition in self.arrived:
-                self._take_in(member, transition, state)
+            for component, transition in self.arrived:
+                self._take_in(component, transition, state)
 
     def _begin(self, transition: ComponentTransition) -> None:
-        member = self._hardware.member(transition.name)
-        if member is None:
+        component = self._hardware.component(transition.name)
+        if component is None:
             transition.refuse(LifecycleError(f"hardware component '{transition.name}' does not exist"))
-        elif member.away or any(leaving.member is member for leaving in self.leaving):
+        elif component.switching or any(leaving.component is component for leaving in self.leaving):
             self.asked.append(transition)
-        elif member.state is transition.target:
+        elif component.state is transition.target:
             transition.serve()
-        elif member.state is FINALIZED:
-            transition.refuse(LifecycleError(f"{member.name} is finalized, which is its end: start the stack anew"))
-        elif member.state is ACTIVE:
-            self._leave(member, transition, str(transition))
+        elif component.state is FINALIZED:
+            transition.refuse(LifecycleError(f"{component.name} is finalized, which is its end: start the stack anew"))
+        elif component.state is ACTIVE:
+            self._leave(component, transition, str(transition))
         else:
-            self._switch_in_background(member, transition)
+            self._switch_in_background(component, transition)
 
-    def _leave(self, member: Member, transition: ComponentTransition | None, reason: str) -> None:
+    def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
         """Take a component's controllers out in this very cycle; then its joints come to rest."""
-        self._manager.release(member.hardware.command_interfaces, reason)
-        self.leaving.append(_Leaving(member, transition))
+        self._manager.release(component.hardware.command_interfaces, reason)
+        self.leaving.append(_Leaving(component, transition))
 
-    def _moves(self, member: Member) -> bool:
-        own = range(len(self._hardware.command_interfaces))[member.commands]
+    def _moves(self, component: Component) -> bool:
+        own = range(len(self._hardware.command_interfaces))[component.commands]
         return self._manager.stops.holds(own)
 
-    def _left(self, member: Member, transition: ComponentTransition | None) -> None:
-        if member.error is not None:
-            self._hardware.drop(member)
-        if transition is not None and member.error is not None:
-            transition.refuse(member.error)
+    def _left(self, component: Component, transition: ComponentTransition | None) -> None:
+        if component.error is not None:
+            self._hardware.drop(component)
+        if transition is not None and component.error is not None:
+            transition.refuse(component.error)
         elif transition is not None:
-            self._switch_in_background(member, transition)
+            self._switch_in_background(component, transition)
 
-    def _switch_in_background(self, member: Member, transition: ComponentTransition) -> None:
+    def _switch_in_background(self, component: Component, transition: ComponentTransition) -> None:
         """The component is out of the cycle until it comes back: this may take seconds."""
-        member.away = True
+        component.switching = True
 
         def work() -> None:
             try:
-                _bring(member, transition)
+                _bring(component, transition)
             except (DriverError, HalError) as error:
                 transition.error_in_background = error
             except Exception as error:  # a defect of one component: the others go on
                 LOG.exception("a defect while %s", transition)
                 transition.error_in_background = error
-            self.returned.append((member, transition))
+            self.returned.append((component, transition))
 
         self._background_worker(work)
 
-    def _take_back(self, member: Member, transition: ComponentTransition) -> None:
-        self._hardware.welcome(member)
+    def _take_back(self, component: Component, transition: ComponentTransition) -> None:
+        self._hardware.rejoin(component)
         if transition.error_in_background is not None:
             transition.refuse(transition.error_in_background)
         elif transition.target is ACTIVE:
-            self.arrived.append((member, transition))
+            self.arrived.append((component, transition))
         else:
             transition.serve()
 
-    def _take_in(self, member: Member, transition: ComponentTransition, state: JointState) -> None:
+    def _take_in(self, component: Component, transition: ComponentTransition, state: JointState) -> None:
         try:
-            if member.error is not None:
-                raise member.error
-            self._take_over(member, state)
+            if component.error is not None:
+                raise component.error
+            self._take_over(component, state)
         except Exception as error:
-            if member.error is None:
-                self._let_go(member)
+            if component.error is None:
+                self._let_go(component)
             transition.refuse(error)
         else:
             transition.serve()
 
-    def _let_go(self, member: Member) -> None:
+    def _let_go(self, component: Component) -> None:
         try:
-            problems = member.hardware.deactivate(relax=True)
+            problems = component.hardware.deactivate(relax=True)
         except Exception as error:  # a defect of one component loses this one
-            problems = [f"could not switch {member.name} off: {error}"]
-            self._hardware.lose(member, error)
+            problems = [f"could not switch {component.name} off: {error}"]
+            self._hardware.lose(component, error)
         for problem in problems:
             LOG.error("torque may still be on: %s", problem)
 
@@ -210,17 +210,19 @@ class ComponentTransitions:
         if not hardware.failures:
             return
         lost, hardware.failures = hardware.failures, []
-        others = [m for m in hardware.members if m.error is None and (m.away or m.state in CONFIGURED)]
+        others = [
+            one for one in hardware.components if one.error is None and (one.switching or one.state in CONFIGURED)
+        ]
         if not others and not self._keep_alive and lost[0].error is not None:
             raise lost[0].error  # the loop's end stops the joints, as far as they can be reached
-        for member in lost:
-            if not any(leaving.member is member for leaving in self.leaving):
-                self._leave(member, None, f"{member.name} is lost: {member.error}")
+        for component in lost:
+            if not any(leaving.component is component for leaving in self.leaving):
+                self._leave(component, None, f"{component.name} is lost: {component.error}")
 
 
-def _bring(member: Member, transition: ComponentTransition) -> None:
+def _bring(component: Component, transition: ComponentTransition) -> None:
     """Bring a component to its target step by step. Raises a step's error; the steps before it stay done."""
-    hardware, target = member.hardware, transition.target
+    hardware, target = component.hardware, transition.target
     if hardware.state is UNCONFIGURED and target in CONFIGURED:
         hardware.configure()
     if hardware.state is INACTIVE and target is ACTIVE:
@@ -230,4 +232,4 @@ def _bring(member: Member, transition: ComponentTransition) -> None:
             LOG.error("torque may still be on: %s", problem)
     if target in (UNCONFIGURED, FINALIZED):
         hardware.cleanup()
-        member.finalized = target is FINALIZED
+        component.finalized = target is FINALIZED

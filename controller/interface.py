@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from controller.parameters import Parameters
-from hal.description import Component, Description
+from hal.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
@@ -17,7 +17,8 @@ class ControllerContext:
     """The robot that a controller is built into, and its other controllers."""
 
     description: Description
-    component: Component
+    component: HardwareInfo
+    """All ``<ros2_control>`` blocks as one."""
     limits: Mapping[str, JointLimits]
     """The limits, by joint."""
     settled: Settled

@@ -11,16 +11,17 @@ from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
 from drivers.clock import Clock
-from hal.components import Components
+from hal.component import Component
+from hal.component_lifecycle import activate_all, deactivate_all
+from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
-from hal.member import Member
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""What is left of the longest time behind the reading after one more cycle."""
+"""The share of the longest time behind the reading that is left after one more cycle."""
 LEAST_RESERVE: Final = 0.1
 """The share of the period that reading leaves to the other steps, however short they have been."""
 
@@ -33,7 +34,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        hardware: Components,
+        hardware: ComponentSet,
         manager: ControllerManager,
         limits: Mapping[str, JointLimits],
         clock: Clock,
@@ -77,20 +78,20 @@ class ControlLoop:
 
     def activate(self, keep_inactive: Collection[str] = ()) -> None:
         """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors."""
-        self.hardware.activate(keep_inactive, self._keep_alive)
+        activate_all(self.hardware, keep_inactive, self._keep_alive)
         try:
             state = self.hardware.read()
-            for member in self.hardware.members:
-                if member.active:
-                    self.take_over(member, state)
+            for component in self.hardware.components:
+                if component.active:
+                    self.take_over(component, state)
             self.manager.activate(state, self.command)
         except BaseException:
-            self.hardware.deactivate(relax=True)
+            deactivate_all(self.hardware, relax=True)
             raise
 
-    def take_over(self, member: Member, state: JointState) -> None:
+    def take_over(self, component: Component, state: JointState) -> None:
         """Command an activated component to be where it stands. Raises ActivationError if that is unknown."""
-        own = member.commands
+        own = component.commands
         measured = state.position[self._joint[own]]
         held = self._is_position[own]
         if unknown := [self.hardware.command_interfaces[own][i] for i in np.flatnonzero(held & ~np.isfinite(measured))]:
@@ -137,7 +138,7 @@ class ControlLoop:
 
     def _count_unmeasured(self, state: JointState) -> None:
         """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked."""
-        asked = self.hardware.failures or any(member.sound for member in self.hardware.members)
+        asked = self.hardware.failures or any(component.sound for component in self.hardware.components)
         if asked and all(joint in state.faults for joint in self.hardware.joints):
             self.figures.count_unmeasured(next(iter(state.faults.values())).text)
         elif self.figures.unmeasured_in_a_row:

@@ -8,6 +8,7 @@ import numpy as np
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, Motion, MotionError, motion_to
 from controller.stops import StopMotion
+from hal.component_lifecycle import clean_up_all, deactivate_all
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits
 
@@ -43,8 +44,8 @@ def shut_down(
         _try(problems, "end the controllers", loop.manager.deactivate)
         if relax and park and not hurry():
             _try(problems, "park", lambda: _park(loop, park, velocity_scale, hurry))
-        _try(problems, "switch off", lambda: problems.extend(loop.hardware.deactivate(relax)))
-    _try(problems, "release the port", loop.hardware.cleanup)
+        _try(problems, "switch off", lambda: problems.extend(deactivate_all(loop.hardware, relax)))
+    _try(problems, "release the port", lambda: clean_up_all(loop.hardware))
     return problems
 
 
@@ -105,6 +106,6 @@ def _drive(
         due_s += loop.period_s
         loop.clock.sleep_until(due_s)
         loop.hardware.read()
-    for member in loop.hardware.lost:
-        if member.error is not None and member.hardware.state is LifecycleState.ACTIVE:
-            raise member.error
+    for component in loop.hardware.lost:
+        if component.error is not None and component.hardware.state is LifecycleState.ACTIVE:
+            raise component.error

@@ -1,180 +1,64 @@
-"""The ``<ros2_control>`` blocks of a URDF: one hardware component each."""
+"""The loop's record of one hardware component: its part of the whole, and whether it can be used."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from xml.etree.ElementTree import Element
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from hal.errors import DescriptionError
-from hal.urdf import UrdfJoint, attribute, doubles, finite
+from hal.hardware import Hardware
+from hal.lifecycle import LifecycleState
 
-TYPES = ("system", "actuator", "sensor")
-COMMANDS = ("position", "velocity", "effort")
-DRIVEN = ("revolute", "continuous", "prismatic")
-NOT_DRIVEN = "<{}> is not supported: the components here have joints, and nothing else"
+CONFIGURED = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Component:
-    """One ``<ros2_control>`` block: the plugin, its parameters, and interfaces of each joint."""
+    """A component's record: ``joints`` and ``commands`` are its part of the whole set's."""
 
-    name: str
-    kind: str
-    plugin: str
-    parameters: Mapping[str, str]
-    command_interfaces: Mapping[str, tuple[str, ...]]
-    state_interfaces: Mapping[str, tuple[str, ...]]
-    mimics: frozenset[str] = frozenset()
-    """The block's joints that follow others by the URDF's ``<mimic>``: nothing drives them."""
-    initial_values: Mapping[str, float] = field(default_factory=dict)
-    """By state interface (``joint1/position``), where the file gives one."""
-    rw_rate: int = 0
-    """How often a second it is read and written; 0: in every cycle."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The joints that there is something to measure of, in the file's order: all but those that mimic."""
-        return tuple(name for name in self.command_interfaces if name not in self.mimics)
+    hardware: Hardware
+    joints: slice
+    commands: slice
+    cycles_per_update: int = 1
+    """The component is read and written once in so many cycles."""
+    switching: bool = False
+    """A transition changes its state just now, in the background: the cycle leaves it alone."""
+    error: Exception | None = None
+    """Why it is lost, or by what defect. It may still be told to stop, as far as it can be reached."""
+    out_of_reach: bool = False
+    """The last command reached nobody."""
+    finalized: bool = False
+    driven: bool = False
+    """The component has been active in a cycle, and nobody has changed its state since."""
 
     @property
-    def commands(self) -> tuple[str, ...]:
-        """The names of all command interfaces (``joint1/position``), by joint in the file's order."""
-        return tuple(f"{joint}/{name}" for joint, own in self.command_interfaces.items() for name in own)
+    def name(self) -> str:
+        return self.hardware.name
 
     @property
-    def states(self) -> tuple[str, ...]:
-        """The names of all state interfaces, likewise."""
-        return tuple(f"{joint}/{name}" for joint, own in self.state_interfaces.items() for name in own)
+    def state(self) -> LifecycleState:
+        """The life cycle state as the component says; FINALIZED, which comes from outside, is the last word."""
+        return LifecycleState.FINALIZED if self.finalized else self.hardware.state
 
-    def flag(self, name: str) -> bool:
-        """A ``<param>`` that is true or, where it is not said, false."""
-        return self.parameters.get(name, "false").lower() == "true"
+    @property
+    def sound(self) -> bool:
+        """Whether the cycle may read it: it is configured, not being switched and not lost."""
+        return not self.switching and self.error is None and self.hardware.state in CONFIGURED
 
-
-def merged(components: Sequence[Component]) -> Component:
-    """All blocks as one: what the controllers see."""
-    if len(components) == 1:
-        return components[0]
-    return Component(
-        name=", ".join(c.name for c in components),
-        kind="system",
-        plugin="",
-        parameters={},
-        command_interfaces={joint: names for c in components for joint, names in c.command_interfaces.items()},
-        state_interfaces={joint: names for c in components for joint, names in c.state_interfaces.items()},
-        mimics=frozenset(joint for c in components for joint in c.mimics),
-        initial_values={name: value for c in components for name, value in c.initial_values.items()},
-    )
+    @property
+    def active(self) -> bool:
+        """Whether controllers may command it."""
+        return self.sound and self.hardware.state is LifecycleState.ACTIVE
 
 
-def parse_component(block: Element, joints: Mapping[str, UrdfJoint]) -> Component:
-    """One block; ``joints`` are the URDF's. Raises DescriptionError."""
-    name = attribute(block, "name", "a <ros2_control> block")
-    hardware = block.find("hardware")
-    plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
-    if hardware is None or not plugin:
-        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
-    parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
-    kind = _kind(name, block)
-    elements = _block_joints(name, block, joints)
-    commands = {j: _interfaces(e, "command_interface") for j, e in elements.items()}
-    _check_commands(name, kind, commands, joints)
-    return Component(
-        name=name,
-        kind=kind,
-        plugin=plugin,
-        parameters=parameters,
-        command_interfaces=commands,
-        state_interfaces={j: _interfaces(e, "state_interface") for j, e in elements.items()},
-        mimics=frozenset(j for j in elements if joints[j].mimic is not None),
-        initial_values=_initial_values(elements),
-        rw_rate=_rw_rate(name, block.get("rw_rate", parameters.get("rw_rate", "0"))),
-    )
+def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]) -> Iterator[Component]:
+    """Records of components whose joints and commands stand one behind the other; ``cycles_per_update`` of each."""
+    joints = commands = 0
+    for one, cycles in zip(hardware, cycles_per_update, strict=True):
+        ends = joints + len(one.joints), commands + len(one.command_interfaces)
+        yield Component(one, slice(joints, ends[0]), slice(commands, ends[1]), cycles)
+        joints, commands = ends
 
 
-def _kind(name: str, block: Element) -> str:
-    kind = attribute(block, "type", f"<ros2_control name='{name}'>")
-    if kind not in TYPES:
-        raise DescriptionError(f"<ros2_control name='{name}'> has type '{kind}': it is one of {', '.join(TYPES)}")
-    return kind
-
-
-def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) -> dict[str, Element]:
-    """The block's ``<joint>`` elements by name; whatever else it has is refused by its name."""
-    elements: dict[str, Element] = {}
-    for child in block:
-        if child.tag in ("gpio", "sensor", "transmission"):
-            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)}")
-        if child.tag not in ("hardware", "joint"):
-            raise DescriptionError(f"<ros2_control name='{name}'> has the unknown tag <{child.tag}>")
-        if child.tag == "joint":
-            joint = attribute(child, "name", f"a joint of '{name}'")
-            if joint in elements:
-                raise DescriptionError(f"<ros2_control name='{name}'> has joint '{joint}' twice")
-            _check_driven(name, joint, joints)
-            elements[joint] = child
-    return elements
-
-
-def _check_driven(name: str, joint: str, joints: Mapping[str, UrdfJoint]) -> None:
-    if joint not in joints:
-        raise DescriptionError(f"<ros2_control name='{name}'> names joint '{joint}', which the URDF has not")
-    if joints[joint].kind not in DRIVEN:
-        raise DescriptionError(
-            f"<ros2_control name='{name}'> names joint '{joint}', which is {joints[joint].kind} in the URDF: "
-            f"hardware has joints that are {', '.join(DRIVEN)}"
-        )
-
-
-def _check_commands(
-    name: str, kind: str, commands: Mapping[str, tuple[str, ...]], joints: Mapping[str, UrdfJoint]
-) -> None:
-    for joint, own in commands.items():
-        if own and kind == "sensor":
-            raise DescriptionError(
-                f"<ros2_control name='{name}'> is a sensor: take the <command_interface> of joint '{joint}' out"
-            )
-        mimic = joints[joint].mimic
-        if own and mimic is not None:
-            raise DescriptionError(
-                f"<ros2_control name='{name}'>: joint '{joint}' follows '{mimic.joint}' by its <mimic>: "
-                "take its <command_interface> out"
-            )
-        for command in own:
-            if command not in COMMANDS:
-                raise DescriptionError(
-                    f"<ros2_control name='{name}'>: joint '{joint}' has the <command_interface> '{command}': "
-                    f"there are {', '.join(COMMANDS)}"
-                )
-
-
-def _rw_rate(name: str, text: str) -> int:
-    if not text.isdecimal():
-        raise DescriptionError(f"<ros2_control name='{name}'>: rw_rate '{text}' is not a whole number of hertz")
-    return int(text)
-
-
-def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:
-    """``<param name="initial_value">`` of the state interfaces."""
-    values: dict[str, float] = {}
-    for joint, element in elements.items():
-        for state in element.findall("state_interface"):
-            for parameter in state.findall("param"):
-                if parameter.get("name") == "initial_value":
-                    text = (parameter.text or "").strip()
-                    interface = f"{joint}/{state.get('name')}"
-                    values[interface] = _initial_value(interface, text)
-    return values
-
-
-def _initial_value(interface: str, text: str) -> float:
-    try:
-        return finite(text)
-    except ValueError as error:
-        raise DescriptionError(f"initial_value '{text}' of {interface} is not a number") from error
-
-
-def _interfaces(element: Element, tag: str) -> tuple[str, ...]:
-    names = tuple(attribute(e, "name", f"a <{tag}>") for e in element.findall(tag))
-    if twice := doubles(names):
-        raise DescriptionError(f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice")
-    return names
+def absence(component: Component) -> str:
+    """Why there is nothing new of a component's joints."""
+    if component.error is not None:
+        return f"{component.name} is lost: {component.error}"
+    return f"{component.name} is {'being switched' if component.switching else component.state.name.lower()}"

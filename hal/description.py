@@ -4,11 +4,11 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hal.component import Component, merged, parse_component
 from hal.errors import DescriptionError
+from hal.hardware_info import HardwareInfo, merged, parse_hardware_info
 from hal.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints
 
-__all__ = ["Component", "Description", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
+__all__ = ["Description", "HardwareInfo", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    components: tuple[Component, ...] = field(default=())
+    components: tuple[HardwareInfo, ...] = field(default=())
 
 
 def parse_urdf(xml: str) -> Description:
@@ -29,7 +29,7 @@ def parse_urdf(xml: str) -> Description:
     if robot.tag != "robot":
         raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot>")
     joints = parse_joints(robot)
-    components = tuple(parse_component(block, joints) for block in robot.findall("ros2_control"))
+    components = tuple(parse_hardware_info(block, joints) for block in robot.findall("ros2_control"))
     _check_apart(components, joints)
     if not components:
         raise DescriptionError(
@@ -39,8 +39,11 @@ def parse_urdf(xml: str) -> Description:
     return Description(xml, joints, components)
 
 
-def _check_apart(components: Sequence[Component], joints: Mapping[str, UrdfJoint]) -> None:
-    """Every block has a name of its own, and every joint one block; a mimic joint is measured where its leader is."""
+def _check_apart(components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint]) -> None:
+    """Check that every block has a name of its own, and every joint one block.
+
+    A mimic joint is measured where its leader is.
+    """
     if twice := doubles(component.name for component in components):
         raise DescriptionError(f"two <ros2_control> blocks are called '{twice[0]}': each needs a name of its own")
     if twice := doubles(joint for component in components for joint in component.command_interfaces):

@@ -1,4 +1,4 @@
-"""Where a joint puts its child link: quaternions (x, y, z, w) and metres, no matrices."""
+"""The pose into which a joint puts its child link: quaternions (x, y, z, w) and metres, no matrices."""
 
 import math
 

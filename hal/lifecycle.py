@@ -1,11 +1,8 @@
-"""ros2_control's component life cycle, and what every kind of hardware offers."""
+"""ros2_control's life cycle, of hardware components and controllers."""
 
-from collections.abc import Sequence
 from enum import Enum
-from typing import Protocol, runtime_checkable
 
 from hal.errors import LifecycleError
-from hal.types import JointCommand, JointState
 
 
 class LifecycleState(Enum):
@@ -15,54 +12,6 @@ class LifecycleState(Enum):
     INACTIVE = 2
     ACTIVE = 3
     FINALIZED = 4
-
-
-class Hardware(Protocol):
-    """The second seam: where joints leave. Called from one thread.
-
-    configure: UNCONFIGURED → INACTIVE, opens and checks; nothing moves and torque stays as it was.
-    activate: INACTIVE → ACTIVE, torque on with the goal at the measured position.
-    deactivate: ACTIVE → INACTIVE; ``relax`` lets go of the joints, else they hold where they are.
-    cleanup: → UNCONFIGURED, gives everything back; allowed in every state.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def joints(self) -> tuple[str, ...]: ...
-    @property
-    def command_interfaces(self) -> tuple[str, ...]:
-        """``joint1/position`` and so on: what a command's values are, in their order."""
-        ...
-
-    @property
-    def state(self) -> LifecycleState: ...
-    def configure(self) -> None: ...
-    def activate(self) -> None: ...
-    def deactivate(self, relax: bool) -> Sequence[str]:
-        """Returns what went wrong on the way, each with the servo's name."""
-        ...
-
-    def cleanup(self) -> None: ...
-    def read(self) -> JointState:
-        """What is measured now. Raises LifecycleError while unconfigured: there is nothing to look at."""
-        ...
-
-    def write(self, command: JointCommand) -> None:
-        """To all that can be reached. Raises PartLost where that is not all, another DriverError where it is none."""
-        ...
-
-
-@runtime_checkable
-class Requesting(Protocol):
-    """Hardware that can ask before it is read: all components ask first, and so wait at the same time."""
-
-    def request(self, deadline_s: float | None) -> None:
-        """Ask for what the coming ``read`` returns; that waits until ``deadline_s`` on the component's clock.
-
-        None: as long as the component thinks fit.
-        """
-        ...
 
 
 def require(state: LifecycleState, wanted: LifecycleState, what: str) -> None:

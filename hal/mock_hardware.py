@@ -1,11 +1,11 @@
-"""What mock_components/GenericSystem does: the state is the command."""
+"""The mock does as mock_components/GenericSystem: the state is the command."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drivers.clock import Clock
-from hal.description import Component
+from hal.description import HardwareInfo
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import JointCommand, JointState
 
@@ -44,8 +44,8 @@ class MockHardware:
         self._joints_of = {kind: self._commanded(kind) for kind in KINDS}
 
     @classmethod
-    def of(cls, component: Component, clock: Clock) -> "MockHardware":
-        """As the ``<ros2_control>`` block says."""
+    def of(cls, component: HardwareInfo, clock: Clock) -> "MockHardware":
+        """The mock that a ``<ros2_control>`` block asks for."""
         made = cls(
             component.name,
             component.joints,
@@ -58,7 +58,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """Where nothing is said, it stands at 0, and what is neither position nor velocity is unknown."""
+        """A joint of which nothing is said stands at 0; other states than position and velocity are unknown then."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2
-from hal.description import Component, Description, UrdfJoint
+from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.types import JointLimits
@@ -60,14 +60,14 @@ class JointFile(_Strict):
 
 
 class ExitFile(_Strict):
-    """What becomes of the torque at the end, on virtual and on real servos."""
+    """The end of the torque, on virtual and on real servos."""
 
     virtual: ExitPolicy = "hold"
     real: ExitPolicy = "relax"
 
 
 class ParkFile(_Strict):
-    """Where to go before letting go, at which share of the joints' velocity limits."""
+    """The pose to go to before letting go, at which share of the joints' velocity limits."""
 
     pose: dict[str, Finite]
     velocity_scale: float = Field(0.25, gt=0, le=1)
@@ -160,7 +160,7 @@ def _misplaced(
 
 
 def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
-    """What one joint's servo asks for that its bus does not have."""
+    """The settings that one joint's servo asks for and its bus does not have."""
     problems: list[str] = []
     model = MODELS[joint.model]
     if series_of(model).make != protocol:
@@ -203,7 +203,7 @@ def load_robot_file(path: Path) -> RobotFile:
     return load(path, RobotFile, RobotFileError)
 
 
-def assemble(file: RobotFile, description: Description, component: Component) -> Robot:
+def assemble(file: RobotFile, description: Description, component: HardwareInfo) -> Robot:
     """Join file and URDF: each joint that takes commands needs a servo, and no servo is left over."""
     missing = [name for name in component.joints if name not in file.joints]
     extra = [name for name in file.joints if name not in component.joints]
@@ -220,14 +220,14 @@ def assemble(file: RobotFile, description: Description, component: Component) ->
     return Robot(tuple(joints), file)
 
 
-def require_positions(component: Component) -> None:
+def require_positions(component: HardwareInfo) -> None:
     """Raise DescriptionError unless each of its joints takes positions and nothing else, as servos do."""
     problems = [problem for name in component.joints for problem in _not_position_only(name, component)]
     if problems:
         raise DescriptionError("\n".join(f"{component.name}: {problem}" for problem in problems))
 
 
-def _not_position_only(name: str, component: Component) -> list[str]:
+def _not_position_only(name: str, component: HardwareInfo) -> list[str]:
     commands = component.command_interfaces[name]
     if not commands:
         return [f"{name} has no command interface and mimics no joint: its servo needs one, position"]

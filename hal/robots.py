@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hal.component import Component
 from hal.errors import DescriptionError, RobotFileError
+from hal.hardware_info import HardwareInfo
 from hal.robot import BusFile, JointFile, ParkFile, Robot, RobotFile
 from hal.types import JointLimits
 from hal.urdf import UrdfJoint
 
-Part = tuple[Component, Robot]
+Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
 """A joint of which no robot file tells the acceleration reaches its top speed in this time,"""
@@ -20,7 +20,7 @@ TAKE_UP_S = 0.1
 
 
 def together(parts: Sequence[Part]) -> Robot:
-    """One robot of them all. Where there are several, each bus is called after its component.
+    """Put all parts together as one robot. Where there are several, each bus is called after its component.
 
     Raises RobotFileError where the files contradict each other.
     """
@@ -43,14 +43,14 @@ def together(parts: Sequence[Part]) -> Robot:
     return Robot(joints, file)
 
 
-def bus_name(component: Component, bus: str) -> str:
-    """What a component's bus is called among all: ``hand``, or ``hand-left`` where the hand has several."""
+def bus_name(component: HardwareInfo, bus: str) -> str:
+    """The name of a component's bus among all: ``hand``, or ``hand-left`` where the hand has several."""
     name = f"{component.name}-{bus}" if bus else component.name
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
 
 
 def limits_of(urdf: UrdfJoint) -> JointLimits:
-    """Of a joint that no robot file tells of. Raises DescriptionError."""
+    """The limits of a joint that no robot file tells of. Raises DescriptionError."""
     if urdf.velocity <= 0.0:
         raise DescriptionError(f"joint '{urdf.name}' needs a speed limit in the URDF: <limit velocity=\"…\"/>")
     lower, upper = (urdf.lower, urdf.upper) if urdf.kind != "continuous" else (-float("inf"), float("inf"))
@@ -85,8 +85,10 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
     return defaults
 
 
-def all_limits(components: Sequence[Component], robot: Robot, urdf: Mapping[str, UrdfJoint]) -> dict[str, JointLimits]:
-    """Of every joint that takes commands: what the robot files say, or else the URDF. Raises DescriptionError."""
+def all_limits(
+    components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
+) -> dict[str, JointLimits]:
+    """The limits of every joint that takes commands, by robot file or else by URDF. Raises DescriptionError."""
     limits = robot.limits()
     for component in components:
         for joint, commands in component.command_interfaces.items():

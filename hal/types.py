@@ -1,4 +1,4 @@
-"""What the layers say to each other: joints in SI units, arrays in joint order."""
+"""The types that the layers exchange: joints in SI units, arrays in joint order."""
 
 import math
 from collections.abc import Mapping
@@ -29,21 +29,21 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class ServoHealth:
-    """What a servo says of itself beside its position."""
+    """A servo's report on itself, beside its position."""
 
     voltage_v: float
     temperature_c: float
     alarms: tuple[str, ...] = ()
     counters: ServoCounters | None = None
-    """What went wrong with it on the wire so far."""
+    """The counters of its faults on the wire so far."""
     load: float = math.nan
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
-    """Of the motor, in the joint's direction; NaN where the servo's state has none."""
+    """The motor's current in the joint's direction; NaN where the servo's state has none."""
 
 
 class JointFault(NamedTuple):
-    """What is wrong with a joint."""
+    """A fault of a joint."""
 
     kind: FaultKind | Literal["no_torque", "component"]
     """The servo's kind of fault; or it came back limp; or its component is lost, switched or inactive."""
@@ -53,7 +53,7 @@ class JointFault(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What was measured in one cycle; arrays of shape (n,) in the hardware's joint order.
+    """The measurement of one cycle; arrays of shape (n,) in the hardware's joint order.
 
     ``position`` (rad, m), ``velocity`` (rad/s, m/s) and ``effort`` (N m, N; NaN where unknown) hold
     the last known values where ``faults`` names the joint.
@@ -64,18 +64,18 @@ class JointState:
     velocity: FloatArray
     effort: FloatArray
     faults: Mapping[str, JointFault] = field(default_factory=dict)
-    """Joint name → what is wrong with it. Empty when all is well."""
+    """Faults by joint name. Empty when all is well."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
     """Joint name → health, where there is a servo to ask."""
     extra: Mapping[str, float] = field(default_factory=dict)
     """State interfaces beyond the three, by their full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)
-    """Serial port → what went wrong there so far."""
+    """Counters of its faults by serial port."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """What the joints shall do in the coming period.
+    """A command for the joints in the coming period.
 
     ``values`` of shape (m,), in the order of the hardware's ``command_interfaces``: positions (rad, m) for the
     period's end, velocities (rad/s, m/s), efforts (N m, N).

@@ -39,7 +39,7 @@ class UrdfJoint:
 
 
 def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
-    """All joints of a ``<robot>`` by name. Raises DescriptionError."""
+    """Parse all joints of a ``<robot>``, by name. Raises DescriptionError."""
     joints: dict[str, UrdfJoint] = {}
     for joint in map(_joint, robot.findall("joint")):
         if joint.name in joints:
@@ -101,7 +101,7 @@ def _axis(element: Element, name: str) -> Vector:
 
 
 def attribute(element: Element, key: str, where: str) -> str:
-    """It must be there. Raises DescriptionError, in which ``where`` says whose it is."""
+    """An attribute that must be there. Raises DescriptionError, in which ``where`` says whose it is."""
     value = element.get(key)
     if not value:
         raise DescriptionError(f"{where} of the URDF has no {key}")
@@ -135,6 +135,6 @@ def finite(text: str) -> float:
 
 
 def doubles(names: Iterable[str]) -> list[str]:
-    """Those that were there before."""
+    """Names that were there before."""
     seen: set[str] = set()
     return [name for name in names if name in seen or seen.add(name)]  # type: ignore[func-returns-value]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
-from hal.description import Component, Description, Vector
+from hal.description import Description, HardwareInfo, Vector
 from hal.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
@@ -18,7 +18,7 @@ class Stack:
 
     loop: ControlLoop
     description: Description
-    component: Component
+    component: HardwareInfo
     """All hardware components as one."""
     servo_ids: Mapping[str, str]
     """By joint: the ID, behind its bus where buses have names (``hand/1``). Empty where there are no servos."""

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from drivers.errors import DriverError
-from hal.component import Component
 from hal.description import Description, merged, parse_urdf
 from hal.errors import DescriptionError, RobotFileError
+from hal.hardware_info import HardwareInfo
 from hal.robot import Robot, assemble, load_robot_file
 from hal.robots import all_limits, together
 from hal.types import JointLimits
@@ -28,7 +28,7 @@ class Files:
     """The contents of a robot's files: URDF, robot files, controllers file."""
 
     description: Description
-    component: Component
+    component: HardwareInfo
     """All components as one."""
     robot: Robot
     """All servos; those of several components as one robot."""
@@ -97,7 +97,7 @@ def _found(name: str, urdf: Path) -> Path:
     return beside if beside.exists() else CONFIG / name
 
 
-def _robot(path: Path, description: Description, component: Component) -> Robot:
+def _robot(path: Path, description: Description, component: HardwareInfo) -> Robot:
     file = load_robot_file(path)
     try:
         return assemble(file, description, component)

@@ -14,13 +14,13 @@ from drivers.errors import PortError
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
-from hal.component import Component
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.description import Vector
 from hal.errors import DescriptionError, HalError
+from hal.hardware import Hardware
+from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.kinematics import Quaternion
-from hal.lifecycle import Hardware
 from hal.mock_hardware import MockHardware
 from hal.robot import RobotFile, require_positions
 from hal.servo_hardware import ServoHardware
@@ -48,14 +48,14 @@ PLUGINS = {
 }
 ENTRY_POINTS = "servoloop.hardware"
 """The group of entry points in which a user's package names its hardware: ``package/Class = module:make``, where
-``make(component, clock)`` returns a hal.lifecycle.Hardware of that ``<ros2_control>`` block."""
+``make(component, clock)`` returns a hal.hardware.Hardware of that ``<ros2_control>`` block."""
 
 
 @dataclass(frozen=True, slots=True)
 class HardwareSetup:
     """The hardware that the loop drives, and what belongs to it."""
 
-    hardware: Components
+    hardware: ComponentSet
     scene: Callable[[], Mapping[str, Pose]]
     set_interpolation: Mapping[str, Callable[[bool], None]]
     """By component, where it has servos."""
@@ -67,7 +67,7 @@ class HardwareSetup:
     """By bus: how often its servos are read and written."""
 
 
-def choose(kind: HardwareKind | None, component: Component) -> HardwareKind | str:
+def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
     """Choose a component's hardware: what the command line says, or else its ``<plugin>``, ours or a user's."""
     plugin = component.plugin
     users = sorted(entry_points(group=ENTRY_POINTS).names)
@@ -98,7 +98,7 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
         for joint in files.robot.joints
         if joint.name in component.joints
     }
-    return HardwareSetup(Components(made, clock, divisors), scene, servos, not real, buses, rates_hz)
+    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, buses, rates_hz)
 
 
 def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
@@ -110,14 +110,14 @@ def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
         return None
 
 
-def _rw_divisor(component: Component, update_rate_hz: int) -> int:
+def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
     """The divisor of the update rate at which the component's ``rw_rate`` has it read and written; 1 at the least."""
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
 def _made(
     kind: HardwareKind | str,
-    component: Component,
+    component: HardwareInfo,
     files: Files,
     devices: Mapping[str, str],
     clock: Clock,
@@ -149,7 +149,7 @@ def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str
     return buses
 
 
-def _users(plugin: str, component: Component, clock: Clock) -> Hardware:
+def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     """Make the hardware that an installed package brings. Raises PluginError."""
     (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
     try:

@@ -15,6 +15,7 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from hal.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import emulator_process
@@ -86,7 +87,7 @@ def _serve(
     exits = files.robot.file.on_exit
     relax = (exits.virtual if setup.virtual else exits.real) == "relax"
     run = LoopThread(loop, worker, relax, files, signals, alive_s=loop.clock.now())
-    setup.hardware.configure(initial.unconfigured, keep_alive)
+    configure_all(setup.hardware, initial.unconfigured, keep_alive)
     try:
         check_rates(setup.buses, setup.rates_hz, files.robot, files.controllers.path)
         return _run(
@@ -97,7 +98,7 @@ def _serve(
         )
     finally:
         if not run.hangs():
-            setup.hardware.cleanup()  # done already, unless something failed on the way
+            clean_up_all(setup.hardware)  # done already, unless something failed on the way
 
 
 def _stack(

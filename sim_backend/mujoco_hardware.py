@@ -22,7 +22,7 @@ LONGEST_CATCH_UP_S = 0.2
 
 
 class MujocoHardware:
-    """The life cycle of hal.lifecycle.Hardware over a World. Its time is the clock's."""
+    """The life cycle of hal.hardware.Hardware over a World. Its time is the clock's."""
 
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name

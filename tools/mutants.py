@@ -42,13 +42,16 @@ AREAS = {
     "gate": Area(("hal/gate.py",), ("tests/hal/test_gate.py",)),
     "joint": Area(("hal/joint.py",), ("tests/hal/test_joint.py",)),
     "servo_hardware": Area(
-        ("hal/servo_hardware.py",),
+        ("hal/servo_hardware.py", "hal/servo_setup.py", "hal/servo_states.py", "hal/activation.py"),
         (
             "tests/hal/test_servo_*.py",
             "tests/hal/test_activation_*.py",
             "tests/hal/test_read_deadline.py",
             "tests/hal/test_hardware_contract.py",
-            "tests/hal/test_lines.py",
+            "tests/hal/test_joint_buses.py",
+            "tests/hal/test_own_limits.py",
+            "tests/hal/test_setup_on_bad_lines.py",
+            "tests/hal/test_dynamixel_reset.py",
         ),
     ),
     "loop": Area(

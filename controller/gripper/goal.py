@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
+from controller.action_goals import GoalStatus
 from controller.parameters import NotNegative, Parameters
-from controller.trajectory.goal import GoalStatus
 from hal.types import JointLimits
 
 

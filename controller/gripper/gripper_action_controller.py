@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from controller.action_goals import DEACTIVATED, LONGEST_STEP, NOT_RUNNING, PREEMPTED, GoalStatus
 from controller.fault_timeout import FaultTimeout
 from controller.gripper.goal import (
     GripperGoal,
@@ -24,17 +25,9 @@ from controller.interface import ControllerContext
 from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop
 from controller.parameters import Parameters
 from controller.settling import Settling
-from controller.trajectory.goal import GoalStatus
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
-
-LONGEST_STEP = 2.0
-"""A cycle that comes late moves the fingers on by at most so many periods: no leap after a stall."""
-
-NOT_RUNNING = "Can't accept new action goals. Controller is not running."
-DEACTIVATED = "Current goal cancelled during deactivate transition."
-PREEMPTED = "Current goal preempted by new incoming action."
 
 
 class GripperActionController:

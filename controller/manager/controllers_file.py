@@ -12,7 +12,7 @@ from controller.manager.controller_spec import ControllerSpec
 from controller.manager.node_parameters import Content, merged, names, parameters_of, read_content
 from controller.manager.plugins import broken_plugins, controller_types
 from controller.parameters import ManagerParameters, Parameters
-from hal.description import Component
+from hal.description import HardwareInfo
 from hal.yaml_file import place
 
 LOG = logging.getLogger("servoloop.controller")
@@ -47,7 +47,7 @@ class ControllersFile:
         return parameters_of(self.content, MANAGER)
 
 
-def load_controllers_file(path: Path, defaults: Defaults, component: Component) -> ControllersFile:
+def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInfo) -> ControllersFile:
     """Read and check the file; ``defaults`` by controller fill in missing parameters.
 
     Raises ControllersFileError with every mistake.
@@ -70,7 +70,7 @@ def load_controller(
     name: str,
     kind: str,
     paths: Sequence[Path],
-    component: Component,
+    component: HardwareInfo,
     given: Mapping[str, Any] | None = None,
 ) -> ControllerSpec:
     """One controller's spec; ``paths`` count more than ``file``, and parameters that are ``given`` count most.
@@ -103,7 +103,7 @@ class _Reader:
 
     path: Path
     content: Content
-    component: Component
+    component: HardwareInfo
     problems: list[str]
     complete: bool = True
     """Whether a required parameter that is missing is a mistake."""
@@ -167,7 +167,7 @@ class _Reader:
                 self.say(name, "wait_for", f"names {other}, which is no other controller of this file")
 
 
-def claim_mistakes(parameters: Parameters, component: Component) -> Iterator[tuple[str, str]]:
+def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
     """Each claimed command interface must be one of the URDF's, and claimed once; yields parameter and mistake."""
     joints, claims = component.joints, parameters.claims()
     key = "joint" if "joint" in type(parameters).model_fields else "joints"

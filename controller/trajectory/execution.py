@@ -6,22 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
 from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
-from controller.motion import Kinematics, MotionError, stretched
-from controller.trajectory.goal import ErrorCode, GoalHandle, GoalStatus, Tolerances, TrajectoryGoal
+from controller.motion import Kinematics, MotionError, Path, stretched
+from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import Plan
-from controller.trajectory.parameters import TrajectoryParameters
-from controller.trajectory.sampler import TrajectorySampler
-from controller.trajectory.tolerances import (
-    DEACTIVATED,
-    PREEMPTED,
+from controller.trajectory.goal_result import (
+    PATH_VIOLATED,
     PREEMPTED_BY_TOPIC,
     TIMED_OUT,
+    ErrorCode,
     GoalResult,
-    goal_result,
-    resolve,
+    result_at_end,
 )
+from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.tolerances import Tolerances, exceeds, resolve
 from hal.types import FloatArray, JointState
 
 LOG = logging.getLogger("servoloop.controller")
@@ -170,10 +171,15 @@ class Execution:
             self._wait(active, now)
         elif active.recall_s > 0.0 and self._recalled(active, now):
             self._sampler.stop(now.reference, now.parameters)
-        elif self._sampler.path is not None:
-            path, elapsed_s = self._sampler.path, self._sampler.elapsed_s
-            if found := goal_result(self._joints, active.tolerances, path, elapsed_s, now.error, now.state.faults):
-                self._finish(active, found, now)
+        elif self._sampler.path is not None and (found := self._result(active.tolerances, self._sampler.path, now)):
+            self._finish(active, found, now)
+
+    def _result(self, tolerances: Tolerances, path: Path, now: Cycle) -> GoalResult | None:
+        """The goal's result, or None while the goal goes on."""
+        after_end_s = self._sampler.elapsed_s - path.duration_s
+        if after_end_s >= 0.0:
+            return result_at_end(self._joints, tolerances, path, after_end_s, now.error)
+        return PATH_VIOLATED if exceeds(self._joints, now.error, tolerances.path, now.state.faults) else None
 
     @staticmethod
     def _lasting_fault(active: _Active, now: Cycle) -> str | None:
@@ -217,8 +223,7 @@ class Execution:
             return
         if sampler.elapsed_s - sampler.path.duration_s > allowed_s:
             if self._active:
-                text = GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT, stop=False)
-                self._finish(self._active, text, now)
+                self._finish(self._active, TIMED_OUT, now)
             sampler.hold(now.measured)
 
 

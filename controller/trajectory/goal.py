@@ -1,39 +1,23 @@
-"""A trajectory goal, its handle and its status, and the reasons to reject a goal before anything moves.
+"""A trajectory goal, its handle, and the reasons to reject a goal before anything moves.
 
 The texts are ros2_control's where it has some.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from itertools import pairwise
 from typing import Final
 
+from controller.action_goals import GoalStatus
+from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.tolerances import Tolerances
 from hal.types import JointLimits
 
 LARGEST_GOAL: Final = 5_000
 """Points of one goal: the ROS thread prepares them in some tenths of a second."""
 STANDS_STILL: Final = 1.19e-7
 """Upstream's limit for a last velocity that counts as zero."""
-
-
-class GoalStatus(Enum):
-    """Life of an accepted goal."""
-
-    EXECUTING = "executing"
-    SUCCEEDED = "succeeded"
-    CANCELED = "canceled"
-    ABORTED = "aborted"
-
-
-class ErrorCode:
-    """error_code of control_msgs/action/FollowJointTrajectory."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,30 +31,13 @@ class GoalPoint:
     has_effort: bool = False
 
 
-ERASE = -1.0
-"""A tolerance that a goal switches off (control_msgs/JointTolerance)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerances:
-    """Largest deviations by joint name (rad, m); a joint that is not named has none.
-
-    In a goal 0 stands for the controller's default and ERASE for none at all.
-    """
-
-    path: Mapping[str, float] = field(default_factory=dict)
-    goal: Mapping[str, float] = field(default_factory=dict)
-    goal_time_s: float = 0.0
-    """How long after the end the goal tolerance may stay violated; 0: for ever."""
-
-
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
     """A goal as the client sent it. ``delay_s`` is its stamp relative to now; 0 means now."""
 
     joints: tuple[str, ...]
     points: tuple[GoalPoint, ...]
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances = field(default_factory=Tolerances)
     delay_s: float = 0.0
     from_topic: bool = False
     """No client waits for the goal's end."""

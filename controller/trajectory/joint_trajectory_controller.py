@@ -6,19 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from controller.action_goals import DEACTIVATED, LONGEST_STEP, NOT_RUNNING, GoalStatus
 from controller.interface import ControllerContext, Settled, indices, limits_of
 from controller.motion import Kinematics
 from controller.parameters import Parameters
 from controller.trajectory.execution import Cycle, Execution
-from controller.trajectory.goal import ErrorCode, GoalHandle, GoalStatus, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
+from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
-from controller.trajectory.tolerances import DEACTIVATED
 from hal.types import FloatArray, JointLimits, JointState
-
-LONGEST_STEP = 2.0
-"""A cycle that comes late moves the trajectory on by at most so many periods: no leap after a stall."""
 
 UNSEEN = 100
 """So many cycles are kept for an observer that is behind."""
@@ -89,7 +87,7 @@ class JointTrajectoryController:
     def check(self, goal: TrajectoryGoal) -> str | None:
         """The reason why the goal is refused, or None; the goal is planned then, for ``submit``."""
         if not self.running:
-            return "Can't accept new action goals. Controller is not running."
+            return NOT_RUNNING
         try:
             self._planned = goal, self._planner.plan(goal, self._allowed, self._next_reference())
         except GoalRejected as error:

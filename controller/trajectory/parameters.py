@@ -5,7 +5,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from controller.parameters import NotNegative, Parameters
-from controller.trajectory.goal import Allowed, Tolerances
+from controller.trajectory.goal import Allowed
+from controller.trajectory.tolerances import Tolerances
 
 
 class JointConstraints(BaseModel):

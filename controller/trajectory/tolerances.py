@@ -1,18 +1,26 @@
-"""Tolerances decide how a goal under way ends. Pure; the texts are upstream's."""
+"""Tolerances: how far the joints may be from a goal's path, and from its end."""
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
-from controller.motion import Path, stretched
-from controller.trajectory.goal import ERASE, ErrorCode, GoalStatus, Tolerances
 from hal.types import FloatArray
 
-DEACTIVATED: Final = "Current goal cancelled during deactivate transition."
-PREEMPTED: Final = "Current goal preempted by new incoming action."
-PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
-"""Ours, on purpose: upstream lets the goal succeed with a trajectory that its client never sent."""
-TIMED_OUT: Final = "Aborted due to command timeout"
+ERASE: Final = -1.0
+"""A tolerance that a goal switches off (control_msgs/JointTolerance)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """Largest deviations by joint name (rad, m); a joint that is not named has none.
+
+    In a goal 0 stands for the controller's default and ERASE for none at all.
+    """
+
+    path: Mapping[str, float] = field(default_factory=dict)
+    goal: Mapping[str, float] = field(default_factory=dict)
+    goal_time_s: float = 0.0
+    """How long after the end the goal tolerance may stay violated; 0: for ever."""
 
 
 def resolve(asked: Tolerances, default: Tolerances, joints: Sequence[str]) -> Tolerances:
@@ -36,51 +44,9 @@ def _resolved(asked: float, default: float) -> float:
     return asked or default
 
 
-@dataclass(frozen=True, slots=True)
-class GoalResult:
-    """The end of a goal. ``stop``: the joints are still on their way, or not where they should be."""
-
-    status: GoalStatus
-    error_code: int
-    text: str
-    stop: bool = True
-
-
-def goal_result(
-    joints: Sequence[str],
-    tolerances: Tolerances,
-    path: Path,
-    elapsed_s: float,
-    error: FloatArray,
-    unmeasured: Container[str] = (),
-) -> GoalResult | None:
-    """The goal's result, or None while the goal goes on. ``error`` (n,) is the reference less what was measured last.
-
-    A joint that is ``unmeasured`` in this cycle has not left the path tolerance, as far as is known.
-    """
-    after_end_s = elapsed_s - path.duration_s
-    if after_end_s < 0.0:
-        measured = {name: limit for name, limit in tolerances.path.items() if name not in unmeasured}
-        if not _exceeds(joints, error, measured):
-            return None
-        text = "Aborted due to path tolerance violation"
-        return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text)
-    if not _exceeds(joints, error, tolerances.goal):
-        return GoalResult(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, _success(path), stop=False)
-    if 0.0 < tolerances.goal_time_s < after_end_s:
-        text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds"
-        # It stands already: the last point goes on being held.
-        return GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text, stop=False)
-    return None
-
-
-def _exceeds(joints: Sequence[str], error: FloatArray, tolerance: Mapping[str, float]) -> bool:
+def exceeds(
+    joints: Sequence[str], error: FloatArray, tolerance: Mapping[str, float], unmeasured: Container[str] = ()
+) -> bool:
+    """Whether a joint's error (n,) exceeds its tolerance; of one that is ``unmeasured`` that is not known."""
     pairs = zip(joints, error, strict=True)
-    return any(0.0 < tolerance.get(name, 0.0) < abs(deviation) for name, deviation in pairs)
-
-
-def _success(path: Path) -> str:
-    text = "Goal successfully reached!"
-    if stretched(path):
-        text += f" The limits stretched it from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
-    return text
+    return any(0.0 < tolerance.get(name, 0.0) < abs(wide) and name not in unmeasured for name, wide in pairs)

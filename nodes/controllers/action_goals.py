@@ -7,7 +7,7 @@ from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 
-from controller.trajectory.goal import GoalStatus
+from controller.action_goals import GoalStatus
 
 RESULT_TIMEOUT_S: Final = 10
 """So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status

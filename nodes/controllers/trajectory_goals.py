@@ -11,9 +11,10 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from controller.trajectory.goal import ERASE, GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
+from controller.trajectory.tolerances import ERASE, Tolerances
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
 from nodes.publishing import ANY_CLIENT, LATCHED
 

@@ -162,7 +162,7 @@ class ManagerNode:
         return response
 
     def _components(self) -> tuple[tuple[str, LifecycleState], ...]:
-        return tuple((member.name, member.state) for member in self._stack.loop.hardware.members)
+        return tuple((component.name, component.state) for component in self._stack.loop.hardware.components)
 
 
 def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:

@@ -8,8 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
+from hal.component import Component
 from hal.lifecycle import LifecycleState
-from hal.member import Member
 from hal.types import JointState
 from nodes.parameter_node import ParameterNode
 from nodes.stack import Stack
@@ -41,9 +41,9 @@ class HardwareNodes:
         message = DiagnosticArray()
         message.header.stamp = self.nodes[0].get_clock().now().to_msg()
         message.status = [self._loop_status()]
-        for member in self._stack.loop.hardware.members:
-            message.status.append(_component_status(member))
-            message.status += self._servo_statuses(member)
+        for component in self._stack.loop.hardware.components:
+            message.status.append(_component_status(component))
+            message.status += self._servo_statuses(component)
         message.status += self._line_statuses()
         self._diagnostics.publish(message)
 
@@ -66,10 +66,10 @@ class HardwareNodes:
             ),
         )
 
-    def _servo_statuses(self, member: Member) -> Iterator[DiagnosticStatus]:
-        for joint in member.hardware.joints:
+    def _servo_statuses(self, component: Component) -> Iterator[DiagnosticStatus]:
+        for joint in component.hardware.joints:
             if self._state is not None and joint in self._stack.servo_ids:
-                yield self._servo_status(self._state, joint, member.name)
+                yield self._servo_status(self._state, joint, component.name)
 
     def _servo_status(self, state: JointState, joint: str, component: str) -> DiagnosticStatus:
         servo_id = self._stack.servo_ids[joint]
@@ -111,14 +111,14 @@ def _node_name(component: str) -> str:
     return f"_{name}" if name[0].isdigit() else name
 
 
-def _component_status(member: Member) -> DiagnosticStatus:
-    error = member.error  # the loop's thread may take it away meanwhile
-    active = member.state is LifecycleState.ACTIVE and error is None
+def _component_status(component: Component) -> DiagnosticStatus:
+    error = component.error  # the loop's thread may take it away meanwhile
+    active = component.state is LifecycleState.ACTIVE and error is None
     status = DiagnosticStatus(
         level=DiagnosticStatus.OK if active else DiagnosticStatus.WARN,
-        name=f"servoloop: {member.name}",
-        message=member.state.name.lower(),
-        hardware_id=member.name,
+        name=f"servoloop: {component.name}",
+        message=component.state.name.lower(),
+        hardware_id=component.name,
     )
     if error is not None:
         status.level, status.message = DiagnosticStatus.ERROR, f"lost: {error}. Mend it, then activate it again"

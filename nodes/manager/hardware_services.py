@@ -7,8 +7,8 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from hal.component import Component
+from hal.hardware_info import HardwareInfo
 from hal.lifecycle import LifecycleState
-from hal.member import Member
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.publishing import EVERY_CALL
@@ -30,9 +30,9 @@ class HardwareServices:
         ):
             node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
 
-    def _pairs(self) -> list[tuple[Component, Member]]:
-        members = self._stack.loop.hardware.members
-        return list(zip(self._stack.description.components, members, strict=True))
+    def _pairs(self) -> list[tuple[HardwareInfo, Component]]:
+        components = self._stack.loop.hardware.components
+        return list(zip(self._stack.description.components, components, strict=True))
 
     def _list_components(
         self, request: ListHardwareComponents.Request, response: ListHardwareComponents.Response
@@ -40,47 +40,47 @@ class HardwareServices:
         rate_hz = 1.0 / self._stack.loop.period_s
         response.component = [
             HardwareComponentState(
-                name=component.name,
-                type=component.kind,
-                rw_rate=max(1, round(rate_hz / member.every)),
-                plugin_name=component.plugin,
-                state=state_message(member.state),
-                command_interfaces=self._commands(component, member),
-                state_interfaces=_states(component, member),
+                name=info.name,
+                type=info.kind,
+                rw_rate=max(1, round(rate_hz / component.cycles_per_update)),
+                plugin_name=info.plugin,
+                state=state_message(component.state),
+                command_interfaces=self._commands(info, component),
+                state_interfaces=_states(info, component),
             )
-            for component, member in self._pairs()
+            for info, component in self._pairs()
         ]
         return response
 
     def _list_interfaces(
         self, request: ListHardwareInterfaces.Request, response: ListHardwareInterfaces.Response
     ) -> ListHardwareInterfaces.Response:
-        for component, member in self._pairs():
-            response.command_interfaces += self._commands(component, member)
-            response.state_interfaces += _states(component, member)
+        for info, component in self._pairs():
+            response.command_interfaces += self._commands(info, component)
+            response.state_interfaces += _states(info, component)
         return response
 
-    def _commands(self, component: Component, member: Member) -> list[HardwareInterface]:
+    def _commands(self, info: HardwareInfo, component: Component) -> list[HardwareInterface]:
         claimed = self._stack.loop.manager.registry.claimed
         return [
-            HardwareInterface(name=name, data_type="double", is_available=member.sound, is_claimed=name in claimed)
-            for name in component.commands
+            HardwareInterface(name=name, data_type="double", is_available=component.sound, is_claimed=name in claimed)
+            for name in info.commands
         ]
 
     async def _set_state(
         self, request: SetHardwareComponentState.Request, response: SetHardwareComponentState.Response
     ) -> SetHardwareComponentState.Response:
-        member = self._stack.loop.hardware.member(request.name)
+        component = self._stack.loop.hardware.component(request.name)
         target = _target(request.target_state)
         response.ok = False
-        if member is None:
+        if component is None:
             self._node.get_logger().error(f"hardware component with name '{request.name}' does not exist")
             return response
         if target is None:
             self._refuse(request)
         else:
             response.ok = await self._reached(request.name, target)
-        response.state = state_message(member.state)
+        response.state = state_message(component.state)
         return response
 
     async def _reached(self, name: str, target: LifecycleState) -> bool:
@@ -105,5 +105,5 @@ def _target(state: State) -> LifecycleState | None:
     )
 
 
-def _states(component: Component, member: Member) -> list[HardwareInterface]:
-    return [HardwareInterface(name=name, data_type="double", is_available=member.sound) for name in component.states]
+def _states(info: HardwareInfo, component: Component) -> list[HardwareInterface]:
+    return [HardwareInterface(name=name, data_type="double", is_available=component.sound) for name in info.states]

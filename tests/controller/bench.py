@@ -9,10 +9,11 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.interface import Controller
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from controller.trajectory.goal import GoalHandle, GoalPoint, Tolerances, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
-from hal.components import Components
+from controller.trajectory.tolerances import Tolerances
+from hal.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointFault, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
@@ -96,7 +97,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.hardware = ScriptedHardware(self.clock)
-        components = Components([self.hardware], self.clock)
+        components = ComponentSet([self.hardware], self.clock)
         self.manager = ControllerManager(components, LIMITS)
         self.arm = JointTrajectoryController("arm", self.settings, [ARM_LIMITS] * 2, JOINTS, self.manager.cycle.settled)
         self.hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), JOINTS)

@@ -12,7 +12,8 @@ from controller.manager.requests import ENDED
 from controller.manager.switch import SwitchError, SwitchRequest
 from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
 from hal.errors import PartLost
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -89,11 +90,11 @@ class Mover(Puppet):
 class Two:
     """An arm of two joints and a hand of one, each a component with its controllers."""
 
-    def __init__(self, keep_alive: bool = False, every: Sequence[int] = (1, 1)) -> None:
+    def __init__(self, keep_alive: bool = False, cycles_per_update: Sequence[int] = (1, 1)) -> None:
         self.clock = SimulatedClock(5.0)
         self.arm = Breakable("arm", ("shoulder", "elbow"), self.clock)
         self.hand = Breakable("hand", ("finger",), self.clock)
-        self.components = Components([self.arm, self.hand], self.clock, every)
+        self.components = ComponentSet([self.arm, self.hand], self.clock, cycles_per_update)
         limits = dict.fromkeys(self.components.joints, LIMIT)
         self.manager = ControllerManager(self.components, limits)
         self.movers = {joint: Mover(joint) for joint in self.components.joints}
@@ -113,7 +114,7 @@ class Two:
         self.loop.on_cycle = self.states.append
 
     def up(self) -> "Two":
-        self.components.configure()
+        configure_all(self.components)
         self.loop.activate()
         return self
 
@@ -220,7 +221,7 @@ def test_with_the_last_component_the_loop_ends() -> None:
 
 def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() -> None:
     two = Two()
-    two.components.configure(["hand"])
+    configure_all(two.components, ["hand"])
     two.loop.activate()
     assert two.active() == ["shoulder", "elbow"]
     two.arm.failing["read"] = PortLost(GONE)
@@ -244,7 +245,7 @@ def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are()
     np.testing.assert_allclose(two.hand.written[written:], -0.7)
     assert two.loop.command[2] == pytest.approx(-0.7)
     assert set(two.states[-1].faults) == {"shoulder", "elbow"}
-    assert two.components.lost == [two.components.members[0]]
+    assert two.components.lost == [two.components.components[0]]
 
 
 def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
@@ -252,7 +253,7 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
     two.hand.failing = {"read": PortLost(GONE), "cleanup": RuntimeError("a defect")}
     two.hand.cleanup = lambda: two.hand._call("cleanup")  # type: ignore[method-assign]
     two.cycle(2)
-    assert two.components.members[1].state is FINALIZED
+    assert two.components.components[1].state is FINALIZED
     written = len(two.hand.written)
     two.cycle(3)
     assert len(two.hand.written) == written
@@ -284,7 +285,7 @@ def test_the_way_from_state_to_state(begin: LifecycleState, target: LifecycleSta
     two.set(begin).result()
     two.hand.calls.clear()
     two.set(target).result()
-    assert (two.hand.changes(), two.components.members[1].state) == WAYS[(begin, target)]
+    assert (two.hand.changes(), two.components.components[1].state) == WAYS[(begin, target)]
     assert two.active()[:2] == ["shoulder", "elbow"]
 
 
@@ -318,7 +319,7 @@ def test_while_a_component_is_configured_aside_the_others_have_their_cycles() ->
     change = two.loop.component_transitions.ask("hand", ACTIVE)
     two.cycle(10)
     assert not change.done
-    assert two.components.members[1].away
+    assert two.components.components[1].switching
     assert fault_texts(two.states[-1]) == {"finger": "hand is being switched"}
     assert two.arm.calls[-2:] == ["read", "write"]
     two.work()
@@ -396,7 +397,7 @@ def test_a_component_lost_on_its_way_out_is_given_up() -> None:
 
 
 def test_a_slow_component_is_read_and_written_in_every_so_many_cycles() -> None:
-    two = Two(every=(1, 4)).up()
+    two = Two(cycles_per_update=(1, 4)).up()
     two.cycle(16)
     assert two.arm.calls.count("read") == 17
     assert two.hand.calls.count("read") == 4 + 1

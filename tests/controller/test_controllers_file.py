@@ -19,7 +19,7 @@ from controller.manager.controllers_file import (
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.description import Component, Description, parse_urdf
+from hal.description import Description, HardwareInfo, parse_urdf
 from tests.controller.manager_bench import Interfaces
 
 URDF = """
@@ -77,7 +77,7 @@ ARM_TYPE = "joint_trajectory_controller/JointTrajectoryController"
 HAND_TYPE = "forward_command_controller/ForwardCommandController"
 
 
-def description() -> tuple[Description, Component]:
+def description() -> tuple[Description, HardwareInfo]:
     parsed = parse_urdf(URDF)
     return parsed, parsed.components[0]
 

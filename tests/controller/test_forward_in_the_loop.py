@@ -11,7 +11,7 @@ from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import limits_of
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray
@@ -32,7 +32,7 @@ class Drive:
     def __post_init__(self) -> None:
         interfaces = tuple(f"{joint}/velocity" for joint in ARM)
         hardware = MockHardware("mock", ARM, self.clock, calculate_dynamics=True, command_interfaces=interfaces)
-        components = Components([hardware], self.clock)
+        components = ComponentSet([hardware], self.clock)
         self.manager = ControllerManager(components, LIMITS)
         parameters = ForwardParameters(joints=ARM, interface_name="velocity", **self.parameters)
         self.controller = RateCommandController("test", "drive", parameters, limits_of(ARM, LIMITS))

@@ -16,7 +16,7 @@ from controller.forward.forward_command_controller import (
 )
 from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import ControllerContext
-from hal.description import Component, Description
+from hal.description import Description, HardwareInfo
 from hal.types import JointLimits, JointState
 
 PERIOD_S = 0.05
@@ -29,7 +29,7 @@ NAN, INF = float("nan"), float("inf")
 
 def context(limits: JointLimits = LIMITS) -> ControllerContext:
     interfaces = dict.fromkeys(JOINTS, ("position", "velocity", "effort"))
-    component = Component("arm", "system", "mock", {}, interfaces, interfaces)
+    component = HardwareInfo("arm", "system", "mock", {}, interfaces, interfaces)
     return ControllerContext(Description("", {}), component, dict.fromkeys(JOINTS, limits), lambda name: True)
 
 

@@ -4,19 +4,18 @@ import dataclasses
 
 import pytest
 
+from controller.action_goals import GoalStatus
 from controller.trajectory.goal import (
     LARGEST_GOAL,
     Allowed,
-    ErrorCode,
     GoalHandle,
     GoalPoint,
-    GoalStatus,
-    Tolerances,
     TrajectoryGoal,
     limits_reason,
     reason_to_reject,
 )
-from controller.trajectory.tolerances import resolve
+from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.tolerances import Tolerances, resolve
 from hal.types import JointLimits
 
 JOINTS = ("joint1", "joint2")

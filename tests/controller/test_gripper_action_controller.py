@@ -6,19 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.action_goals import DEACTIVATED, NOT_RUNNING, PREEMPTED, GoalStatus
 from controller.fault_timeout import FAULT_CYCLES
 from controller.gripper.goal import GripperGoal, GripperHandle, GripperParameters
-from controller.gripper.gripper_action_controller import (
-    DEACTIVATED,
-    NOT_RUNNING,
-    PREEMPTED,
-    GripperActionController,
-    PositionGripperActionController,
-)
+from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.interface import ControllerContext
 from controller.motion import MotionError
-from controller.trajectory.goal import GoalStatus
-from hal.description import Component, Description
+from hal.description import Description, HardwareInfo
 from hal.types import FloatArray, JointFault, JointLimits, JointState
 
 PERIOD_S = 0.05
@@ -414,7 +408,7 @@ def test_what_would_not_be_heeded_is_refused(parameters: dict[str, Any], words: 
 @pytest.mark.parametrize("kind", [GripperActionController, PositionGripperActionController])
 def test_it_is_built_from_the_controllers_file(kind: type[GripperActionController]) -> None:
     interfaces = dict.fromkeys(("joint1", "finger"), ("position",))
-    component = Component("arm", "system", "mock", {}, interfaces, interfaces)
+    component = HardwareInfo("arm", "system", "mock", {}, interfaces, interfaces)
     limits = {"joint1": replace(LIMITS, upper=9.0), "finger": LIMITS}
     context = ControllerContext(Description("", {}), component, limits, lambda name: True)
     made = kind.build("gripper", GripperParameters(joint="finger"), context)

@@ -9,7 +9,7 @@ import pytest
 from controller.broadcasters.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster, JointStates
 from controller.interface import ControllerContext
 from drivers.bus.counters import ServoCounters
-from hal.description import Component, Description, Mimic, UrdfJoint
+from hal.description import Description, HardwareInfo, Mimic, UrdfJoint
 from hal.types import JointState, ServoHealth
 
 ALL = ("position", "velocity", "effort")
@@ -123,7 +123,7 @@ def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_
     states = {"right": ("position",), "left": ("position",)}
 
     def positions(commands: Mapping[str, tuple[str, ...]], mimics: frozenset[str], *measured: float) -> list[float]:
-        component = Component("hand", "system", "mock", {}, commands, states, mimics)
+        component = HardwareInfo("hand", "system", "mock", {}, commands, states, mimics)
         context = ControllerContext(Description("", joints), component, {}, lambda name: True)
         made = JointStateBroadcaster.build("jsb", BroadcasterParameters(), context)
         still = np.zeros(len(measured))

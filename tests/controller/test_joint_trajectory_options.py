@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.trajectory.goal import ErrorCode, GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.goal_result import PREEMPTED_BY_TOPIC, TIMED_OUT, ErrorCode
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import shorter_way
-from controller.trajectory.tolerances import DEACTIVATED, PREEMPTED, PREEMPTED_BY_TOPIC, TIMED_OUT
 from hal.types import FloatArray, JointLimits, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 
@@ -216,7 +217,7 @@ def test_when_the_command_has_timed_out_what_is_measured_is_held() -> None:
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.1, 0.5, goal={"elbow": 0.01}))
     finish(bench, handle)
-    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT)
+    assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, TIMED_OUT.text)
     bench.cycle(20)
     assert bench.path()[-1][:2] == pytest.approx((0.1, 0.0))
 

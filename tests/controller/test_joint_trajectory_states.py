@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from controller.trajectory.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.action_goals import GoalStatus
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from hal.lifecycle import LifecycleState
 from hal.types import JointFault
 from tests.controller.bench import ARM, JOINTS, LIMITS, PERIOD_S, Bench, arm_parameters

@@ -11,7 +11,8 @@ from controller.manager.manager import ControllerManager
 from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
 from drivers.errors import PortLost
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -50,7 +51,7 @@ class Puppet:
 def puppet_loop() -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock]:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     manager = ControllerManager(components, LIMITS)
     puppet = Puppet()
     manager.registry.add(puppet)
@@ -221,7 +222,7 @@ def wheels() -> tuple[Wheels, ControlLoop, MockHardware]:
     clock = SimulatedClock(100.0)
     commands = ("wheel/velocity", "motor/effort", "arm/position")
     hardware = MockHardware("mixed", ("wheel", "motor", "arm"), clock, command_interfaces=commands)
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     limits = dict.fromkeys(hardware.joints, JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0))
     manager = ControllerManager(components, limits)
     made = Wheels()
@@ -339,9 +340,9 @@ def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: p
         raise RuntimeError("a defect")
 
     clock = SimulatedClock(100.0)
-    components = Components([ScriptedHardware(clock)], clock)
+    components = ComponentSet([ScriptedHardware(clock)], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S, observe)
-    components.configure()
+    configure_all(components)
     loop.activate()
     for _ in range(3):
         loop.step()
@@ -368,7 +369,7 @@ def test_at_the_start_nothing_is_commanded_but_to_stand() -> None:
     clock = SimulatedClock(100.0)
     interfaces = ("left/wheel/velocity", "left/arm/position")
     hardware = MockHardware("mixed", ("left/wheel", "left/arm"), clock, command_interfaces=interfaces)
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     limits = {"left/wheel": JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0), "left/arm": ARM_LIMITS}
     fresh = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
     np.testing.assert_array_equal(fresh.command, [0.0, NAN])
@@ -378,9 +379,9 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
     hardware._position[:2] = NAN
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
-    components.configure()
+    configure_all(components)
     with pytest.raises(ActivationError, match=r"^shoulder, elbow has not been measured, torque is off again"):
         loop.activate()
 
@@ -388,9 +389,9 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
 def test_hardware_that_takes_no_commands_is_read_all_the_same() -> None:
     clock = SimulatedClock(100.0)
     hardware = MockHardware("sensors", JOINTS, clock, command_interfaces=())
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
-    components.configure()
+    configure_all(components)
     loop.activate()
     assert loop.step().position.tolist() == [0.0, 0.0, 0.0]
     assert loop.command.shape == (0,)

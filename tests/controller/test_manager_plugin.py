@@ -16,7 +16,7 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
-from hal.components import Components
+from hal.component_set import ComponentSet
 from hal.description import parse_urdf
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -68,7 +68,7 @@ def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, Man
     limits = dict.fromkeys(component.joints, LIMIT)
     clock = SimulatedClock(10.0)
     hardware = MockHardware(component.name, component.joints, clock, command_interfaces=component.commands)
-    components = Components([hardware], clock)
+    components = ComponentSet([hardware], clock)
     manager = ControllerManager(components, limits)
     factory = Factory(
         load_controllers_file(path, {}, component),

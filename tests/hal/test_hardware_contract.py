@@ -16,8 +16,9 @@ from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
 from hal.description import parse_urdf
 from hal.errors import LifecycleError
+from hal.hardware import Hardware
 from hal.joint import Joint
-from hal.lifecycle import Hardware, LifecycleState
+from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot import assemble, load_robot_file
 from hal.servo_hardware import ServoHardware

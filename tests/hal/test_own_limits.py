@@ -12,8 +12,8 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x
 from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
-from hal.joint_buses import _refuse_short_reach
 from hal.servo_hardware import ServoHardware
+from hal.servo_setup import check_reach
 from hal.types import JointLimits
 from tests.drivers.fault_lines import KINDS, Line
 
@@ -62,7 +62,7 @@ def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
     limits = JointLimits(-0.4 * scale, 0.4 * scale, 3.0, 5.0, 50.0)
     joint = Joint("j", 1, sts.STS3215, limits, sign=sign, zero_counts=zero_counts, transmission=scale)
     try:
-        _refuse_short_reach(joint, (own[0], own[1]))
+        check_reach(joint, (own[0], own[1]))
     except ServoRefused as error:
         advice = re.search(r"URDF to (\S+) to (\S+)$", error.text)
         if advice is None:
@@ -70,7 +70,7 @@ def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
             return
         lower, upper = float(advice[1]), float(advice[2])
         assert limits.lower - 1e-6 <= lower <= upper <= limits.upper + 1e-6
-        _refuse_short_reach(replace(joint, limits=replace(limits, lower=lower, upper=upper)), (own[0], own[1]))
+        check_reach(replace(joint, limits=replace(limits, lower=lower, upper=upper)), (own[0], own[1]))
     else:
         lowest, highest = joint.counts_range()
         assert own[0] <= lowest and highest <= own[1]

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.servos.sts import STS3215
 from drivers.servos.x import XL430_W250
-from hal.description import Component, Description, UrdfJoint
+from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions
 from hal.types import JointLimits
@@ -231,7 +231,7 @@ FINGER = UrdfJoint("finger", "prismatic", "b", "c", (0, 0, 0), (0, 0, 0), (0, 0,
 
 def joined(folder: Path, *urdf: UrdfJoint, text: str = GOOD) -> Robot:
     commands = {joint.name: ("position",) for joint in urdf} | {"follower": ()}
-    component = Component("arm", "system", "plugin", {}, commands, {}, frozenset(["follower"]))
+    component = HardwareInfo("arm", "system", "plugin", {}, commands, {}, frozenset(["follower"]))
     return assemble(loaded(folder, text), Description("", {j.name: j for j in urdf}, (component,)), component)
 
 
@@ -293,7 +293,7 @@ def test_what_does_not_fit_together_is_told(tmp_path: Path, urdf: tuple[UrdfJoin
     ],
 )
 def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> None:
-    component = Component("arm", "system", "plugin", {}, {"elbow": commands, "finger": ("position",)}, {})
+    component = HardwareInfo("arm", "system", "plugin", {}, {"elbow": commands, "finger": ("position",)}, {})
     with pytest.raises(DescriptionError) as caught:
         require_positions(component)
     assert str(caught.value) == f"arm: {says}"

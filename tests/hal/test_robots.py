@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from hal.component import Component
 from hal.description import Description, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
+from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.robot import Robot, assemble, load_robot_file
 from hal.robots import all_limits, limits_of, together
@@ -26,11 +26,11 @@ def urdf(name: str, kind: str = "revolute", velocity: float = 4.0) -> UrdfJoint:
 
 def part(
     folder: Path, component: str, joint: str, *, exit_policy: str = "hold", scale: float = 0.5, bus: str = ""
-) -> tuple[Component, Robot]:
+) -> tuple[HardwareInfo, Robot]:
     path = folder / f"{joint}.yaml"
     text = FILE.format(name=joint, exit=exit_policy, scale=scale)
     path.write_text(f"buses: {{{bus}: {{baud: 500000}}}}\n{text}" if bus else text)
-    made = Component(component, "system", "p", {}, {joint: ("position",)}, {})
+    made = HardwareInfo(component, "system", "p", {}, {joint: ("position",)}, {})
     return made, assemble(load_robot_file(path), Description("", {joint: urdf(joint)}, (made,)), made)
 
 
@@ -64,7 +64,7 @@ def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
 
 def test_a_joint_that_is_only_measured_needs_no_limits() -> None:
     joints = {name: urdf(name, velocity=speed) for name, speed in (("elbow", 4.0), ("probe", 0.0))}
-    component = Component("arm", "system", "p", {}, {"elbow": ("position",), "probe": ()}, {})
+    component = HardwareInfo("arm", "system", "p", {}, {"elbow": ("position",), "probe": ()}, {})
     assert list(all_limits([component], together([]), joints)) == ["elbow"]
 
 

@@ -212,6 +212,45 @@ def comes_back(bench: Bench, position: FloatArray) -> None:
     pytest.fail("the servo was not taken back within a second")
 
 
+def told(bench: Bench) -> list[int]:
+    """The IDs of the servos that the next command has a goal for."""
+    before = len(bench.port.sent)
+    bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    (packet,) = bench.port.sent[before:]
+    return list(packet.parameters[2 :: packet.parameters[1] + 1])
+
+
+def test_one_lost_reply_withholds_no_goal_and_two_do() -> None:
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    bench.wait()
+    assert told(bench) == list(IDS)
+    bench.wait()
+    assert told(bench) == [1, 7]
+
+
+def test_a_servo_that_comes_back_limp_gets_no_goal_after_one_lost_reply_either() -> None:
+    """It would switch its torque on."""
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    bench.wait()
+    bench.servos.servo(2).power_cycle()
+    bench.servos.faults.restore(2)
+    assert bench.wait().faults["elbow"].kind == "no_torque"
+    assert told(bench) == [1, 7]
+
+
+def test_a_servo_that_was_withheld_has_its_goals_again_once_it_is_activated() -> None:
+    bench = Bench().active()
+    bench.servos.faults.silence(2)
+    for _ in range(3):
+        bench.wait()
+    bench.hardware.deactivate(relax=False)
+    bench.servos.faults.restore(2)
+    bench.hardware.activate()
+    assert told(bench) == list(IDS)
+
+
 def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
     """It got no goals meanwhile: the next one is as far from its last as the joint may go in a period."""
     bench = Bench().active()
@@ -303,6 +342,16 @@ def test_while_inactive_a_servo_is_well_as_soon_as_it_answers() -> None:
     assert set(bench.wait().faults) == {"elbow"}
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
+
+
+def test_while_inactive_each_silence_is_told_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().configured()
+    for _ in range(2):
+        bench.servos.faults.silence(2)
+        bench.wait()
+        bench.servos.faults.restore(2)
+        assert bench.wait().faults == {}
+    assert caplog.text.count("servo 2 does not answer") == 2
 
 
 def test_alarms_are_part_of_a_joints_health() -> None:

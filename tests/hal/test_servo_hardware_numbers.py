@@ -9,9 +9,12 @@ from drivers.servos import sts
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits
+from sim_backend.bus import VirtualBus, servo_of
 from sim_backend.faults import Disturbance
+from sim_backend.port import VirtualPort
+from sim_backend.rig import Rig, Supply
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
-from tests.hal.bench import JOINTS, PERIOD_S, Bench, at
+from tests.hal.bench import JOINTS, PERIOD_S, Bench, WatchedPort, at
 
 HERE = at(0.0, 0.0, JOINTS[2].position(1500))
 UNTOLD_PERIOD_S = 0.05
@@ -111,13 +114,20 @@ def test_a_joint_that_may_be_faster_than_its_register_can_say_is_told_the_most_t
 
 
 def test_voltage_and_temperature_are_those_of_the_joints_own_servo() -> None:
-    bench = Bench().active()
-    for servo_id, voltage, temperature_c in ((1, 111, 31), (2, 112, 32), (7, 117, 37)):
-        state = bytes((0, 8, 0, 0, 0, 0, voltage, temperature_c))
-        bench.servos.servo(servo_id).read = lambda address, size, state=state: state  # type: ignore[method-assign]
-    health = bench.hardware.read().health
-    assert [health[joint.name].voltage_v for joint in JOINTS] == pytest.approx([11.1, 11.2, 11.7])
-    assert [health[joint.name].temperature_c for joint in JOINTS] == [31.0, 32.0, 37.0]
+    """Each servo hangs on a supply of its own, and is as warm as its work has made it."""
+    told = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
+    servos = [servo_of(sts.STS3215, servo_id) for servo_id in told]
+    for servo in servos:
+        servo.firmware.thermometer.temperature_c = told[servo.servo_id][1]
+    supplies = [Supply(voltage_v, resistance_ohm=0.0) for voltage_v, _ in told.values()]
+    bench = Bench()
+    bench.servos = VirtualBus(Rig(servos, bench.plant, supplies))
+    bench.port = WatchedPort(VirtualPort(bench.servos, bench.clock))
+    health = bench.configured().hardware.read().health
+    for joint in JOINTS:
+        voltage_v, temperature_c = told[joint.servo_id]
+        assert health[joint.name].voltage_v == pytest.approx(voltage_v)
+        assert health[joint.name].temperature_c == temperature_c
 
 
 def test_what_went_wrong_is_told_of_the_joint_whose_servo_it_was() -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.errors import PortLost
-from hal.description import Component
+from hal.description import HardwareInfo
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import JointCommand, JointState
@@ -83,7 +83,7 @@ class Gauge(MockHardware):
             time.sleep(float(wanted))
 
 
-def make(component: Component, clock: Clock) -> Gauge:
+def make(component: HardwareInfo, clock: Clock) -> Gauge:
     """What the entry point names."""
     made = Gauge.of(component, clock)
     assert isinstance(made, Gauge)

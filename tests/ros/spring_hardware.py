@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.clock import Clock
-from hal.component import Component
+from hal.hardware_info import HardwareInfo
 from hal.mock_hardware import MockHardware
 from hal.types import JointState
 
@@ -25,6 +25,6 @@ class SpringHardware(MockHardware):
         return replace(state, effort=np.full_like(state.position, self.cycles))
 
 
-def make(component: Component, clock: Clock) -> SpringHardware:
+def make(component: HardwareInfo, clock: Clock) -> SpringHardware:
     """What the entry point names."""
     return SpringHardware(component.name, component.joints, clock)

@@ -8,7 +8,7 @@ import pytest
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from hal.errors import DescriptionError, HalError, RobotFileError
-from hal.lifecycle import Hardware
+from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
 from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
@@ -21,16 +21,16 @@ USERS = "<plugin>acme/Arm</plugin>"
 
 def made(files: Files, kind: HardwareKind | None = None) -> tuple[Hardware, ...]:
     below = build(kind, files, {}, SimulatedClock())
-    return tuple(member.hardware for member in below.hardware.members)
+    return tuple(component.hardware for component in below.hardware.components)
 
 
 def test_each_block_has_its_own_plugin_robot_file_and_rate(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
     below = build(None, files, {}, SimulatedClock())
-    arm, hand = below.hardware.members
+    arm, hand = below.hardware.components
     assert isinstance(arm.hardware, ServoHardware) and isinstance(hand.hardware, MockHardware)
     assert (arm.hardware.joints, hand.hardware.joints) == (ARM, (HAND,))
-    assert (arm.every, hand.every) == (1, 2)
+    assert (arm.cycles_per_update, hand.cycles_per_update) == (1, 2)
     assert list(below.set_interpolation) == ["arm"]
     assert not below.virtual  # no emulator's feed beside the port
     assert files.robot_paths == {"arm": tmp_path / "arm.yaml"}

@@ -8,6 +8,7 @@ import pytest
 
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
+from hal.component_lifecycle import configure_all
 from hal.lifecycle import LifecycleState
 from servoloop.files import HOME, read_files
 from servoloop.hardware import build
@@ -64,7 +65,7 @@ def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> Non
     driver = Driver()
     manager.registry.add(driver)
     loop = ControlLoop(hardware, manager, read.limits, clock, 0.05)
-    hardware.configure()
+    configure_all(hardware)
     loop.activate()
     driver.command = np.array([0.3])
     for _ in range(20):

@@ -13,8 +13,9 @@ from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
-from hal.component import Component
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
+from hal.hardware_info import HardwareInfo
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
 from servoloop.demo.following_error import reference_at
@@ -127,7 +128,7 @@ class StackRig:
         self.virtual_port = self.port.port
         self.made = [self._made(component, interpolate) for component in self.files.description.components]
         self.hardware = self.made[0]
-        components = Components(self.made, self.clock)
+        components = ComponentSet(self.made, self.clock)
         limits = self.files.limits
         self.manager = ControllerManager(components, limits)
         context = ControllerContext(self.files.description, self.files.component, limits, self.manager.cycle.settled)
@@ -145,11 +146,11 @@ class StackRig:
 
     def up(self) -> "StackRig":
         """Configure and activate."""
-        self.loop.hardware.configure()
+        configure_all(self.loop.hardware)
         self.loop.activate()
         return self
 
-    def _made(self, component: Component, interpolate: bool) -> ServoHardware:
+    def _made(self, component: HardwareInfo, interpolate: bool) -> ServoHardware:
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         names = {joint.bus for joint in joints}
 

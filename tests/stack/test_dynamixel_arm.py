@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.trajectory.goal import GoalStatus
+from controller.action_goals import GoalStatus
 from servoloop.files import CONFIG, read_files
 from tests.stack.rig import BINS, StackRig, UnpacedJob
 

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from controller.trajectory.goal import GoalStatus
+from controller.action_goals import GoalStatus
 from tests.stack.rig import BINS, PICK, READY, RecordingPort, StackRig
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controller.action_goals import GoalStatus
 from controller.shutdown import shut_down
-from controller.trajectory.goal import GoalStatus
 from drivers.errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray

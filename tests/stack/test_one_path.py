@@ -9,7 +9,8 @@ from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.servos.register import ServoModel
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointLimits
@@ -65,10 +66,10 @@ def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tupl
         write_goals(bus, goals)
 
     monkeypatch.setattr(Bus, "write_goals", watched)
-    hardware = Components([ServoHardware("arm", joints(kind.models), lambda: line.bus, line.clock)], line.clock)
+    hardware = ComponentSet([ServoHardware("arm", joints(kind.models), lambda: line.bus, line.clock)], line.clock)
     limits = dict.fromkeys(hardware.joints, LIMITS)
     loop = ControlLoop(hardware, ControllerManager(hardware, limits), limits, line.clock, 0.05)
-    hardware.configure()
+    configure_all(hardware)
     loop.activate()
     for number in range(2 * CYCLES):
         if number == CYCLES:  # until then its ways of asking are settled

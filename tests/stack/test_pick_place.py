@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.trajectory.goal import GoalStatus
+from controller.action_goals import GoalStatus
 from hal.types import FloatArray
 from servoloop.files import CONFIG, URDF, Files, read_files
 from tests.stack.rig import BINS, PICK, READY, StackRig, UnpacedJob

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controller.trajectory.goal import GoalStatus
+from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
 from tests.stack.rig import BINS, PICK, READY, StackRig
 

@@ -28,13 +28,38 @@ def of_controller(files: list[str]) -> list[str]:
     return [name for name in files if name.startswith("controller/")]
 
 
-@pytest.mark.parametrize(("goal", "files", "lines"), [(ONE_POINT, 9, 1400), (THREE_POINTS, 11, 1600)])
+def of_hal(files: list[str]) -> list[str]:
+    return [name for name in files if name.startswith("hal/")]
+
+
+@pytest.mark.parametrize(("goal", "files", "lines"), [(ONE_POINT, 9, 1320), (THREE_POINTS, 11, 1540)])
 def test_a_goal_passes_few_files_of_controller(goal: TrajectoryGoal, files: int, lines: int) -> None:
     trip = of_controller(goal_to_wire(up(), goal))
     assert trip[0] == "controller/trajectory/joint_trajectory_controller.py"
     assert trip.index("controller/trajectory/goal_planner.py") < trip.index("controller/loop.py")
     assert len(trip) <= files, trip
     assert lines_of(trip) <= lines
+
+
+def test_a_goal_passes_few_files_of_hal() -> None:
+    trip = of_hal(goal_to_wire(up()))
+    assert trip[0] == "hal/gate.py"
+    assert len(trip) <= 6, trip
+    assert lines_of(trip) <= 660
+
+
+def test_a_reply_passes_few_files_of_hal() -> None:
+    trip = of_hal(reply_to_joint_states(up()))
+    assert trip[0] == "hal/component_set.py"
+    assert len(trip) <= 6, trip
+    assert lines_of(trip) <= 750
+
+
+def test_both_ways_can_be_read_in_an_afternoon() -> None:
+    """At most 24 files and 3,200 lines with those of nodes/, which a goal's way has three of."""
+    down, rising = goal_to_wire(up()), reply_to_joint_states(up())
+    assert len(down) <= 21 and len(rising) <= 16
+    assert lines_of(down) <= 3180 and lines_of(rising) <= 2760
 
 
 def test_a_reply_passes_few_files_of_controller() -> None:
@@ -71,7 +96,7 @@ def test_the_recorder_sees_threads_that_start_while_it_records_and_none_of_what_
         thread.start()
         thread.join()
     assert "controller/loop.py" in trip.files
-    assert "hal/components.py" in trip.files  # its write
+    assert "hal/component_set.py" in trip.files  # its write
     begun = list(trip.files)
     rig.loop.step()
     assert trip.files == begun

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from controller.action_goals import GoalStatus
 from controller.shutdown import shut_down
-from controller.trajectory.goal import GoalStatus
 from drivers.errors import PortLost
 from drivers.servos import sts
 from drivers.servos import x as x_series

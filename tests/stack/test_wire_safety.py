@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from controller.action_goals import GoalStatus
 from controller.interface import Controller
 from controller.parameters import Parameters
 from controller.shutdown import shut_down
-from controller.trajectory.goal import GoalHandle, GoalPoint, GoalStatus, TrajectoryGoal
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, PortLost

@@ -17,7 +17,7 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.loop import ControlLoop
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.components import Components
+from hal.component_set import ComponentSet
 from tests.stack.rig import ARM, BINS, PICK, READY, RecordingPort, StackRig
 
 ROOT = Path(__file__).parents[2]
@@ -111,7 +111,7 @@ THREE_POINTS = TrajectoryGoal(ARM, tuple(GoalPoint(p, 2.0 * (i + 1)) for i, p in
 def goal_to_wire(rig: StackRig, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
     """The files from the submission of a goal to the first byte of its command, in the next cycle."""
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
-    others: list[Function] = [Components.read, hand.update, hand.settled, broadcaster.update]
+    others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
     trip = TripRecorder(until=RecordingPort.write, muted=others)
     with trip.recording():
         assert rig.arm.check(goal) is None

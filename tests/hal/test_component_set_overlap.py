@@ -5,25 +5,26 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.errors import PortLost
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from sim_backend.clock import SimulatedClock
 from tests.hal.bench import JOINTS, Bench
 
 
-def side_by_side(count: int) -> tuple[Components, list[Bench]]:
+def side_by_side(count: int) -> tuple[ComponentSet, list[Bench]]:
     """Benches on one clock; a mock, which has nothing to wait for, is the first of the components."""
     clock = SimulatedClock(1000.0)
     benches = [Bench(joints=[replace(j, name=f"{j.name}_{n}") for j in JOINTS], clock=clock) for n in range(count)]
     for number, bench in enumerate(benches):
         bench.hardware.name = f"arm_{number}"
     mock = MockHardware("mock", ("wheel",), clock)
-    components = Components([mock, *(bench.hardware for bench in benches)], clock)
-    components.configure()
+    components = ComponentSet([mock, *(bench.hardware for bench in benches)], clock)
+    configure_all(components)
     return components, benches
 
 
-def reading_s(components: Components, clock: SimulatedClock) -> float:
+def reading_s(components: ComponentSet, clock: SimulatedClock) -> float:
     begin_s = clock.now()
     components.read()
     return clock.now() - begin_s

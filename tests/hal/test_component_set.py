@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import PortMissing
-from hal.components import Components
+from hal.component_lifecycle import activate_all, clean_up_all, configure_all, deactivate_all
+from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
@@ -53,14 +54,14 @@ class Failing(MockHardware):
         self.written.append(command)
 
 
-def three(every: Sequence[int] | None = None) -> tuple[Components, list[Failing]]:
+def three(cycles_per_update: Sequence[int] | None = None) -> tuple[ComponentSet, list[Failing]]:
     clock = SimulatedClock(1.0)
     made = [Failing(name, clock) for name in NAMES]
-    return Components(made, clock, every), made
+    return ComponentSet(made, clock, cycles_per_update), made
 
 
-def states(components: Components) -> list[LifecycleState]:
-    return [member.state for member in components.members]
+def states(components: ComponentSet) -> list[LifecycleState]:
+    return [component.state for component in components.components]
 
 
 def test_the_state_of_all_is_that_of_the_furthest() -> None:
@@ -77,24 +78,24 @@ def test_one_that_cannot_be_configured_gives_the_others_back() -> None:
     components, made = three()
     made[1].failing["configure"] = PortMissing("plug it in")
     with pytest.raises(PortMissing, match="plug it in"):
-        components.configure()
+        configure_all(components)
     assert states(components) == [UNCONFIGURED] * 3
 
 
 def test_one_that_cannot_be_activated_lets_the_others_go() -> None:
     components, made = three()
-    components.configure()
+    configure_all(components)
     made[2].failing["activate"] = ActivationError("move it by hand")
     with pytest.raises(ActivationError, match="move it by hand"):
-        components.activate()
+        activate_all(components)
     assert states(components) == [INACTIVE] * 3
     assert [one.relaxed for one in made] == [[True], [True], []]
 
 
 def test_those_that_are_left_out_stay_as_they_are() -> None:
     components, _ = three()
-    components.configure(["first"])
-    components.activate(["second"])
+    configure_all(components, ["first"])
+    activate_all(components, ["second"])
     assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
 
 
@@ -102,8 +103,8 @@ def test_staying_the_others_go_on_without_those_that_fail(caplog: pytest.LogCapt
     components, made = three()
     made[0].failing["configure"] = PortMissing("plug it in")
     made[1].failing["activate"] = ActivationError("move it by hand")
-    components.configure(keep_alive=True)
-    components.activate(keep_alive=True)
+    configure_all(components, keep_alive=True)
+    activate_all(components, keep_alive=True)
     assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
     assert "first stays unconfigured: plug it in" in caplog.text
     assert "second stays inactive: move it by hand" in caplog.text
@@ -113,29 +114,29 @@ def test_staying_is_no_excuse_for_a_defect() -> None:
     components, made = three()
     made[1].failing["configure"] = RuntimeError("a defect")
     with pytest.raises(RuntimeError, match="a defect"):
-        components.configure(keep_alive=True)
+        configure_all(components, keep_alive=True)
     assert states(components) == [UNCONFIGURED] * 3
 
 
 def test_all_are_switched_off_and_cleaned_up_whatever_becomes_of_one() -> None:
     components, made = three()
-    components.configure()
-    components.activate()
+    configure_all(components)
+    activate_all(components)
     made[0].failing = {"deactivate": RuntimeError("a defect"), "cleanup": RuntimeError("another")}
-    assert components.deactivate(relax=False) == [
+    assert deactivate_all(components, relax=False) == [
         "could not switch first off: a defect",
         "second: one servo does not answer",
         "third: one servo does not answer",
     ]
     with pytest.raises(RuntimeError, match="another"):
-        components.cleanup()
+        clean_up_all(components)
     assert states(components) == [UNCONFIGURED] * 3
 
 
 def test_what_was_never_measured_is_not_commanded() -> None:
     components, made = three()
-    components.configure()
-    components.activate()
+    configure_all(components)
+    activate_all(components)
     components.read()
     components.write(np.array([0.1, np.nan, 0.3]), 0.05)
     assert [len(one.written) for one in made] == [1, 0, 1]
@@ -144,27 +145,27 @@ def test_what_was_never_measured_is_not_commanded() -> None:
 @pytest.mark.parametrize("state", [None, JointState(1.0, np.zeros(2), np.zeros(1), np.zeros(1))])
 def test_a_reading_that_does_not_fit_loses_the_component_and_not_the_others(state: JointState | None) -> None:
     components, made = three()
-    components.configure()
+    configure_all(components)
     made[1].read = lambda: state  # type: ignore[assignment, method-assign, return-value]
     np.testing.assert_array_equal(components.read().position, [0.0, np.nan, 0.0])
-    assert components.lost == [components.members[1]]
+    assert components.lost == [components.components[1]]
 
 
 def test_what_takes_no_commands_is_only_read() -> None:
     clock = SimulatedClock(1.0)
     probe, arm = Failing("probe", clock, ()), Failing("arm", clock)
-    components = Components([probe, arm], clock)
-    components.configure()
-    components.activate()
+    components = ComponentSet([probe, arm], clock)
+    configure_all(components)
+    activate_all(components)
     state = components.read()
     components.write(np.array([0.1]), 0.05)
     assert (len(state.position), len(probe.written), len(arm.written)) == (2, 0, 1)
 
 
 def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_every_cycle() -> None:
-    components, made = three(every=(1, 1, 3))
-    components.configure()
-    components.activate()
+    components, made = three(cycles_per_update=(1, 1, 3))
+    configure_all(components)
+    activate_all(components)
     for _ in range(6):
         components.read()
         components.write(np.zeros(3), 0.05)
@@ -179,7 +180,7 @@ def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_ever
 
 def test_before_anything_is_read_nothing_is_known() -> None:
     components, _ = three()
-    components.configure(["second", "third"])
+    configure_all(components, ["second", "third"])
     state = components.read()
     np.testing.assert_array_equal(state.position, [0.0, np.nan, np.nan])
     assert fault_texts(state) == {"second_joint": "second is unconfigured", "third_joint": "third is unconfigured"}

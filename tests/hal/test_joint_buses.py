@@ -14,7 +14,8 @@ from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoState
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
-from hal.components import Components
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
@@ -92,8 +93,8 @@ def test_each_lines_noise_is_told(others: tuple[str, ...]) -> None:
     """Also where the lines are those of one component of several."""
     bench = Ports()
     mocks = [MockHardware(name, (name,), bench.clock) for name in others]
-    components = Components([*mocks, bench.hardware], bench.clock)
-    components.configure()
+    components = ComponentSet([*mocks, bench.hardware], bench.clock)
+    configure_all(components)
     bench.servos["hand"].faults.disturbance = Disturbance(seed=1, noise=1.0)
     for _ in range(3):
         components.read()

@@ -1,0 +1,63 @@
+"""A goal's result: the way in which it ended, and the decision at the end of its path. The texts are upstream's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from controller.action_goals import GoalStatus
+from controller.motion import Path, stretched
+from controller.trajectory.tolerances import Tolerances, exceeds
+from hal.types import FloatArray
+
+PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
+"""Ours, on purpose: upstream lets the goal succeed with a trajectory that its client never sent."""
+
+
+class ErrorCode:
+    """error_code of control_msgs/action/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+@dataclass(frozen=True, slots=True)
+class GoalResult:
+    """The end of a goal. ``stop``: the joints are still on their way, or not where they should be."""
+
+    status: GoalStatus
+    error_code: int
+    text: str
+    stop: bool = True
+
+
+PATH_VIOLATED: Final = GoalResult(
+    GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "Aborted due to path tolerance violation"
+)
+TIMED_OUT: Final = GoalResult(
+    GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, "Aborted due to command timeout", stop=False
+)
+
+
+def result_at_end(
+    joints: Sequence[str], tolerances: Tolerances, path: Path, after_end_s: float, error: FloatArray
+) -> GoalResult | None:
+    """The goal's result so long after its path's end, or None while the joints may still come nearer.
+
+    ``error`` (n,) is the reference less what was measured last.
+    """
+    if not exceeds(joints, error, tolerances.goal):
+        return GoalResult(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, _success(path), stop=False)
+    if 0.0 < tolerances.goal_time_s < after_end_s:
+        text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds"
+        # It stands already: the last point goes on being held.
+        return GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text, stop=False)
+    return None
+
+
+def _success(path: Path) -> str:
+    text = "Goal successfully reached!"
+    if stretched(path):
+        text += f" The limits stretched it from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
+    return text

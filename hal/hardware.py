@@ -1,0 +1,55 @@
+"""The hardware's seam: the calls that every kind of hardware offers, in ros2_control's component life cycle."""
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+from hal.lifecycle import LifecycleState
+from hal.types import JointCommand, JointState
+
+
+class Hardware(Protocol):
+    """The second seam: where joints leave. Called from one thread.
+
+    configure: UNCONFIGURED → INACTIVE, opens and checks; nothing moves and torque stays as it was.
+    activate: INACTIVE → ACTIVE, torque on with the goal at the measured position.
+    deactivate: ACTIVE → INACTIVE; ``relax`` lets go of the joints, else they hold where they are.
+    cleanup: → UNCONFIGURED, gives everything back; allowed in every state.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        """The meaning of a command's values, in their order: ``joint1/position`` and so on."""
+        ...
+
+    @property
+    def state(self) -> LifecycleState: ...
+    def configure(self) -> None: ...
+    def activate(self) -> None: ...
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        """Stop driving the joints; returns what went wrong on the way, each with the servo's name."""
+        ...
+
+    def cleanup(self) -> None: ...
+    def read(self) -> JointState:
+        """Measure the joints. Raises LifecycleError while unconfigured: there is nothing to look at."""
+        ...
+
+    def write(self, command: JointCommand) -> None:
+        """Command the joints. Raises PartLost where some cannot be reached, another DriverError where none can."""
+        ...
+
+
+@runtime_checkable
+class Requesting(Protocol):
+    """Hardware that can ask before it is read: all components ask first, and so wait at the same time."""
+
+    def request(self, deadline_s: float | None) -> None:
+        """Ask for what the coming ``read`` returns; that waits until ``deadline_s`` on the component's clock.
+
+        None: as long as the component thinks fit.
+        """
+        ...
