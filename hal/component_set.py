@@ -85,21 +85,22 @@ class ComponentSet:
 
         All components ask before any of them waits, until ``deadline_s`` on the clock if there is one.
         """
-        due = [
+        parts, cycle = self._parts, self._cycle
+        self._cycle += 1
+        sound = [
             one
             for one in self.components
-            if one.sound and (self._cycle % one.cycles_per_update == 0 or one.name not in self._parts)
+            if not one.switching and one.error is None and one.hardware.state in CONFIGURED
         ]
-        self._cycle += 1
+        due = [one for one in sound if cycle % one.cycles_per_update == 0 or one.hardware.name not in parts]
         for component in due:
             self._request(component, deadline_s)
         for component in due:
-            if component.sound:
+            if component.error is None:
                 self._read(component)
-        only = self.components[0]
-        if len(self.components) == 1 and only.sound and only.name in self._parts:
-            return self._parts[only.name]
-        stamps = [self._parts[one.name].stamp_s for one in due if one.sound]
+        if len(self.components) == len(sound) == 1 and sound[0].error is None:
+            return parts[sound[0].hardware.name]
+        stamps = [parts[one.hardware.name].stamp_s for one in due if one.error is None]
         return self._merged(max(stamps, default=self._clock.now()))
 
     def _request(self, component: Component, deadline_s: float | None) -> None:
@@ -113,7 +114,7 @@ class ComponentSet:
         try:
             part = component.hardware.read()
             _check_sizes(part, len(component.hardware.joints))
-            self._parts[component.name] = part
+            self._parts[component.hardware.name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
             self.lose(component, error)
 

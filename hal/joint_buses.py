@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Final
 
 from drivers.bus.bus import Bus
@@ -93,7 +94,10 @@ class JointBuses:
 
     def counters(self) -> dict[str, BusCounters]:
         """The counters of each bus by its name; copies, for another thread."""
-        return {name: bus.counters.copy() for name, bus in self.buses.items()}
+        return {
+            name: BusCounters(kept.noise, kept.strange, {i: replace(account) for i, account in kept.servos.items()})
+            for name, kept in ((name, bus.counters) for name, bus in self.buses.items())
+        }
 
     def port(self, name: str) -> str:
         """The name of a bus's port."""

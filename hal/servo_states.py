@@ -32,6 +32,9 @@ class ServoStates:
         self.missing: dict[str, int] = {}
         """For how many cycles a joint's servo has not answered, until it has shown that it drives its motor."""
         self._joints = tuple(joints)
+        self._zero = np.array([joint.zero_counts for joint in joints])
+        self._units_per_count = np.array([joint.units_per_count for joint in joints])
+        self._signed_effort = np.array([joint.full_effort * joint.sign for joint in joints])
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
         self._last = self._unknown()
@@ -53,19 +56,16 @@ class ServoStates:
 
         ``ask_until_s``: servos that are to drive their motors, and answer again, are asked for that until then.
         """
-        position, velocity = self._last.position.copy(), self._last.velocity.copy()
-        effort = self._last.effort.copy()
+        raw = np.full((3, len(self._joints)), np.nan)  # counts, counts/s, share of full drive
         health = dict(self._last.health)
         counters = buses.counters()
         self.measured.clear()
         for index, joint in enumerate(self._joints):
             reading = readings[joint.name]
-            account = counters[joint.bus].of(joint.servo_id)
+            account = counters[joint.bus].servos[joint.servo_id]
             if isinstance(reading, ServoState):
                 self.measured[joint.name] = reading.position_counts
-                position[index] = joint.position(reading.position_counts)
-                velocity[index] = reading.velocity_counts_s * joint.units_per_count
-                effort[index] = reading.load * joint.full_effort * joint.sign
+                raw[:, index] = reading.position_counts, reading.velocity_counts_s, reading.load
                 load = reading.load * joint.sign
                 current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
                 health[joint.name] = ServoHealth(
@@ -77,6 +77,11 @@ class ServoStates:
                 health[joint.name] = replace(health[joint.name], counters=account)
         faults = self._present_faults(buses, ask_until_s) if self._faults else {}
         lines = {buses.port(name): account for name, account in counters.items()}
+        last = self._last
+        answered = ~np.isnan(raw[0])
+        position = np.where(answered, (raw[0] - self._zero) * self._units_per_count, last.position)
+        velocity = np.where(answered, raw[1] * self._units_per_count, last.velocity)
+        effort = np.where(answered, raw[2] * self._signed_effort, last.effort)
         self._last = JointState(self._clock.now(), position, velocity, effort, faults, health, lines=lines)
         return self._last
 

@@ -1,6 +1,6 @@
 """What went wrong on a bus, counted for each servo and each kind of fault since the bus was opened."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 _KINDS: Final = (
@@ -68,7 +68,3 @@ class BusCounters:
         """Faults by kind, summed over all servos."""
         summed = {kind: sum(getattr(a, kind) for a in self.servos.values()) for kind in _KINDS if kind != "replies"}
         return {**summed, "noise": self.noise, "strange": self.strange}
-
-    def copy(self) -> "BusCounters":
-        """The account as it is now, for another thread: this one goes on counting."""
-        return BusCounters(self.noise, self.strange, {i: replace(account) for i, account in self.servos.items()})
