@@ -1,10 +1,14 @@
 """The loop's record of one hardware component: its part of the whole, and whether it can be used."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from drivers.bus.counters import BusCounters
 from hal.hardware import Hardware
 from hal.lifecycle import LifecycleState
+from hal.types import JointFault, JointState, ServoHealth
 
 CONFIGURED = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
@@ -57,7 +61,29 @@ def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]
         joints, commands = ends
 
 
-def absence(component: Component) -> str:
+def merged_state(components: Sequence[Component], parts: Mapping[str, JointState], stamp_s: float) -> JointState:
+    """Put the components' states (by component name) together; joints that are not measured now have a fault."""
+    position, velocity, effort = (np.full(components[-1].joints.stop, np.nan) for _ in range(3))
+    faults: dict[str, JointFault] = {}
+    health: dict[str, ServoHealth] = {}
+    extra: dict[str, float] = {}
+    lines: dict[str, BusCounters] = {}
+    for component in components:
+        part = parts.get(component.name)
+        if part is not None:
+            position[component.joints] = part.position
+            velocity[component.joints] = part.velocity
+            effort[component.joints] = part.effort
+            health |= part.health
+            extra |= part.extra
+            lines |= part.lines
+            faults |= part.faults
+        if not component.sound:
+            faults |= dict.fromkeys(component.hardware.joints, JointFault("component", _absence(component)))
+    return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
+
+
+def _absence(component: Component) -> str:
     """Why there is nothing new of a component's joints."""
     if component.error is not None:
         return f"{component.name} is lost: {component.error}"

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.bus.counters import BusCounters
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from hal.component import CONFIGURED, Component, absence, components_of
+from hal.component import CONFIGURED, Component, components_of, merged_state
 from hal.errors import PartLost
 from hal.hardware import Hardware, Requesting
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointCommand, JointFault, JointState, ServoHealth
+from hal.types import FloatArray, JointCommand, JointState
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -101,7 +100,7 @@ class ComponentSet:
         if len(self.components) == len(sound) == 1 and sound[0].error is None:
             return parts[sound[0].hardware.name]
         stamps = [parts[one.hardware.name].stamp_s for one in due if one.error is None]
-        return self._merged(max(stamps, default=self._clock.now()))
+        return merged_state(self.components, parts, max(stamps, default=self._clock.now()))
 
     def _request(self, component: Component, deadline_s: float | None) -> None:
         if isinstance(component.hardware, Requesting):
@@ -117,26 +116,6 @@ class ComponentSet:
             self._parts[component.hardware.name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
             self.lose(component, error)
-
-    def _merged(self, stamp_s: float) -> JointState:
-        position, velocity, effort = (np.full(len(self.joints), np.nan) for _ in range(3))
-        faults: dict[str, JointFault] = {}
-        health: dict[str, ServoHealth] = {}
-        extra: dict[str, float] = {}
-        lines: dict[str, BusCounters] = {}
-        for component in self.components:
-            part = self._parts.get(component.name)
-            if part is not None:
-                position[component.joints] = part.position
-                velocity[component.joints] = part.velocity
-                effort[component.joints] = part.effort
-                health |= part.health
-                extra |= part.extra
-                lines |= part.lines
-                faults |= part.faults
-            if not component.sound:
-                faults |= dict.fromkeys(component.hardware.joints, JointFault("component", absence(component)))
-        return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
 
     def write(self, values: FloatArray, period_s: float) -> None:
         """Write its part of ``values`` (m,) to each active component; one may be lost in part only, and is tried too.

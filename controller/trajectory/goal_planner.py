@@ -4,9 +4,8 @@ A plan is prepared from where the joints are then. The loop's thread only joins 
 anew where the joints have moved since.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -46,7 +45,7 @@ class GoalPlanner:
         try:
             waypoints = waypoints_of(goal, self.joints, self._rest(goal.joints, reference))
             if self.endless:
-                waypoints = shortest_turn(waypoints, reference.position, self.endless)
+                waypoints = waypoints.by_shortest_turn(reference.position, self.endless)
             plan = prepare(self.method, Task(reference, waypoints, self.limits, self.joints))
             plan.join(reference, 0.0)
         except MotionError as error:
@@ -98,15 +97,6 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
 def first_ahead(times_s: FloatArray, now_s: float) -> int:
     """The first point whose time has not come yet, or else the last one."""
     return min(int(np.searchsorted(times_s, now_s, side="right")), len(times_s) - 1)
-
-
-def shortest_turn(waypoints: Waypoints, start: FloatArray, endless: Sequence[int]) -> Waypoints:
-    """Joints without ends (their indices) set out on the shorter way round; ``start`` (n,)."""
-    columns = list(endless)
-    turns = np.round((start[columns] - waypoints.position[0, columns]) / math.tau)
-    position = waypoints.position.copy()
-    position[:, columns] += turns * math.tau
-    return replace(waypoints, position=position)
 
 
 def prepare(method: Method, task: Task) -> "Plan":

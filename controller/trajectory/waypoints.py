@@ -1,7 +1,8 @@
 """Waypoints of a goal, and the jerk-limited motion that ruckig plans through few of them, passing each."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -33,6 +34,14 @@ class Waypoints:
     acceleration: FloatArray
     has_velocity: BoolArray
     has_acceleration: BoolArray
+
+    def by_shortest_turn(self, start: FloatArray, endless: Sequence[int]) -> "Waypoints":
+        """The same points, to which joints without ends (their indices) set out from ``start`` (n,) the shorter way."""
+        columns = list(endless)
+        turns = np.round((start[columns] - self.position[0, columns]) / math.tau)
+        position = self.position.copy()
+        position[:, columns] += turns * math.tau
+        return replace(self, position=position)
 
 
 @dataclass(frozen=True, slots=True)
