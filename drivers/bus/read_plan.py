@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from struct import Struct
+from typing import Any
 from zlib import adler32
 
 from drivers.bus.types import FaultKind, ServoFault, ServoState, fault
@@ -114,6 +116,12 @@ def state_result(protocol: WireProtocol, block: StateBlock, scale: float | None,
     return block.decode(scale, reply.error, reply.data) or "reset"
 
 
+@cache
+def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
+    """One function for all servos whose replies are alike: there is less to fetch into the processor's caches."""
+    return Struct(layout).unpack
+
+
 def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Whole:
     """Each reply is unpacked by itself: a whole burst in one piece would be slower.
 
@@ -125,7 +133,7 @@ def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: 
     begin = 0
     for servo_id, block in blocks.items():
         numbers = block.fields.format
-        unpack = Struct(f"{numbers[0]}IB{numbers[1:]}{block.size - block.fields.size}xB").unpack
+        unpack = _unpack(f"{numbers[0]}IB{numbers[1:]}{block.size - block.fields.size}xB")
         head = int.from_bytes(v1.HEADER + bytes((servo_id, block.size + 2)), protocol.byte_order)
         end = begin + block.size + v1.OVERHEAD
         replies.append((servo_id, slice(begin, end), unpack, head, scales[servo_id], block.state))
@@ -152,7 +160,7 @@ def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | Non
     begin = 0
     for servo_id, block in blocks.items():
         # The head as one number, error byte, state (at the block's end), checksum.
-        unpack = Struct(f"<QB{block.at}x{block.fields.format[1:]}H").unpack
+        unpack = _unpack(f"<QB{block.at}x{block.fields.format[1:]}H")
         head = v2.HEADER + bytes((servo_id,)) + (block.size + 4).to_bytes(2, "little") + bytes((v2.STATUS,))
         end = begin + block.size + v2.OVERHEAD
         where, covered = slice(begin, end), slice(begin, end - 2)
