@@ -137,7 +137,9 @@ class Client:
 def stack() -> Iterator[psutil.Process]:
     """``servoloop up`` on the mock, ready for goals, in a ROS domain of its own."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        os.environ |= {"ROS_DOMAIN_ID": str(random.randint(1, 100)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        before = {name: os.environ.get(name) for name in settings}
+        os.environ |= settings  # for this process's own participants too
         ready, log = Path(folder) / "ready", Path(folder) / "log"
         command = [sys.executable, "-m", "servoloop", "up", "--hardware", "mock", "--ready-file", str(ready)]
         with log.open("wb") as out:
@@ -151,6 +153,9 @@ def stack() -> Iterator[psutil.Process]:
             yield psutil.Process(process.pid)
         finally:
             end(process)
+            for name, value in before.items():
+                os.environ.pop(name)
+                os.environ |= {name: value} if value is not None else {}
 
 
 def measure(idle_s: float, goals_s: float) -> Figures:

@@ -3,6 +3,10 @@
 import pytest
 from hypothesis import settings
 
+from tests.ros_domain import ros_domain
+
+__all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
+
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 

@@ -10,9 +10,6 @@ from pathlib import Path
 import pytest
 
 from tests.launch.recorders import modules
-from tests.ros.conftest import ros_domain
-
-__all__ = ["installed", "ros_domain", "share", "workspace"]
 
 ROOT = Path(__file__).parents[2]
 

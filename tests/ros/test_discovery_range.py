@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,8 +21,10 @@ LOOPBACK = "127.0.0.1"
 def receiving_on(pid: int, domain: int) -> set[str]:
     """The addresses of the process's UDP sockets on the ports of this domain: 250 of them, from 7400 on."""
     first_port = 7400 + 250 * domain
-    links = [link for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
-    targets = {os.readlink(link) for link in links}
+    targets = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(FileNotFoundError):  # closed meanwhile
+            targets.add(os.readlink(link))
     found = set()
     for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]:
         columns = line.split()
