@@ -9,6 +9,8 @@ BIN := .venv/bin
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME \
   _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
+CYCLES ?= 10000
+
 # Three files at a time for two cores: tests over ROS mostly wait. More stacks would keep each other from their cycles.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
@@ -17,7 +19,7 @@ help:
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
 	@echo 'make test    set-up, then the tests but the slow ones (PYTEST_ARGS="-k hash")'
 	@echo 'make test-all  the slow ones too; make test-slow: only those'
-	@echo 'make soak    the random ones over 10,000 cycles of the bus instead of 1,000'
+	@echo 'make soak    the random ones over 10,000 cycles of the bus instead of 1,000 (CYCLES=3000)'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
 	@echo 'make check   set-up, then lint, types, import direction and all tests: what CI runs'
 	@echo 'make lint    lint, types and import direction only'
@@ -34,14 +36,14 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
+# Two at a time: what runs here are whole demos in real time, which need a core each.
 test-slow: setup
-	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow $(PYTEST_ARGS)
 
-test-all: setup
-	$(PYTEST) $(PYTEST_ARGS)
+test-all: test test-slow
 
 soak: setup
-	SERVOLOOP_FAULT_CYCLES=10000 $(PYTEST) -m soak --timeout 600 -o faulthandler_timeout=900 $(PYTEST_ARGS)
+	SERVOLOOP_FAULT_CYCLES=$(CYCLES) $(PYTEST) -m soak --timeout 600 -o faulthandler_timeout=900 $(PYTEST_ARGS)
 
 lint: setup
 	$(BIN)/ruff check .

@@ -36,6 +36,7 @@ def disabled() -> dict[Pair, str]:
     return found
 
 
+@pytest.mark.slow
 def test_the_file_is_what_the_tool_finds() -> None:
     assert disabled() == TOOL.reasons()
 
@@ -51,6 +52,7 @@ def test_no_pair_that_never_touches_touches_in_other_poses(arm: Any) -> None:
     assert never and not never & touched.keys()
 
 
+@pytest.mark.slow
 def test_every_pair_that_is_checked_can_touch(arm: Any) -> None:
     checked = set(itertools.combinations(arm.links, 2)) - disabled().keys()
     assert checked <= TOOL.count(arm, 50_000, seed=4).keys()

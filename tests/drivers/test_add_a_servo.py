@@ -61,9 +61,9 @@ def in_the_place_of_its_own(code: str, text: str) -> str:
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the package in which the page was followed."""
     copy = tmp_path_factory.mktemp("package")
-    for folder in ("drivers", "sim_backend", "tests/drivers", "tests/sim_backend"):
+    for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("pyproject.toml", "tests/conftest.py"):
+    for file in ("pyproject.toml", "tests/conftest.py", "tests/ros_domain.py"):
         shutil.copy(ROOT / file, copy / file)
     for block in PLACED:
         placed(block, copy)

@@ -108,6 +108,7 @@ durations_s = st.floats(0.005, 1.0)
 stalls = st.tuples(durations_s, st.integers(1, 15))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(KINDS), st.sampled_from(PERIODS_S), st.lists(stalls | durations_s, min_size=1, max_size=3))
 def test_however_often_it_stalls_and_replies_are_lost(

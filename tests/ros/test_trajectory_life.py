@@ -50,6 +50,7 @@ def speed_rad_s(client: TrajectoryClient) -> float:
     return abs(float(client.states[-1].reference.velocities[0]))
 
 
+@pytest.mark.slow
 def test_ended_goals_are_forgotten_as_upstream_does(ours: TrajectoryClient) -> None:
     """rclpy would name every goal of a quarter of an hour in every status message.
 
