@@ -35,7 +35,7 @@ class StopsEmulator(Live):
             threading.Timer(SILENCE_S, os.kill, (self.emulator, signal.SIGCONT)).start()
 
 
-@pytest.mark.parametrize("phase", ["ready", "grasp", "place"])
+@pytest.mark.parametrize("phase", ["grasp", "place"])
 def test_the_job_after_one_that_failed_succeeds(ros_domain: int, tmp_path: Path, phase: str) -> None:
     words = io.StringIO()
     live = StopsEmulator(Console(file=words, width=200), phase)
