@@ -1,1 +1,1 @@
-"""What scripts that set up and calibrate single servos need above the bus: no cycle of an arm passes here."""
+"""Calibration scripts' tools for single servos, above the bus: no cycle of an arm passes here."""

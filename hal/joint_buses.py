@@ -94,10 +94,8 @@ class JointBuses:
 
     def counters(self) -> dict[str, BusCounters]:
         """The counters of each bus by its name; copies, for another thread."""
-        return {
-            name: BusCounters(kept.noise, kept.strange, {i: replace(account) for i, account in kept.servos.items()})
-            for name, kept in ((name, bus.counters) for name, bus in self.buses.items())
-        }
+        kept = {name: bus.counters for name, bus in self.buses.items()}
+        return {name: replace(c, servos={i: replace(a) for i, a in c.servos.items()}) for name, c in kept.items()}
 
     def port(self, name: str) -> str:
         """The name of a bus's port."""

@@ -1,4 +1,4 @@
-"""How long to wait for a reply that may not come is learnt from those that do.
+"""The wait for a reply that may not come is learnt from those that do.
 
 One wait for a whole group can be generous. Where every servo has a wait of its own, a USB adapter with a latency timer
 of 16 ms needs seven of them; a quick one must not be waited for that long.

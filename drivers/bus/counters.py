@@ -1,4 +1,4 @@
-"""What went wrong on a bus, counted for each servo and each kind of fault since the bus was opened."""
+"""The faults of a bus, counted for each servo and each kind of fault since the bus was opened."""
 
 from dataclasses import dataclass, field
 from typing import Final

@@ -68,7 +68,7 @@ def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
 def fast_results(
     protocol: WireProtocol, block: StateBlock, scales: Mapping[int, float | None], data: bytes
 ) -> dict[int, ReadResult]:
-    """What a fast sync read's one reply says, up to the first servo that cannot be believed.
+    """Decode a fast sync read's one reply, up to the first servo that cannot be believed.
 
     Each servo's piece ends in a checksum of all that was sent before, so a piece is as sure as a packet.
     ``data`` begins with the reply's head.
@@ -120,7 +120,7 @@ class FastReads:
         self._broken_in_a_row = 0
 
     def judge(self, plan: ReadPlan, data: bytes, deadline_s: float) -> tuple[dict[int, ReadResult], int]:
-        """What can be believed of a packet that did not come as a whole, and how many pieces of noise there were.
+        """Decode a packet that did not come as a whole: the results that can be believed, and the pieces of noise.
 
         The caller asks for the rest again; there are no more fast reads after too many broken ones.
         """

@@ -47,7 +47,7 @@ class GroupRead:
         self._sent_s = self._line.ask(plan.request)
 
     def _take_what_waits(self) -> None:
-        """What has come since the last question is nobody's answer, but it may close questions that were given up.
+        """Discard the bytes that came since the last question; late replies among them close their questions.
 
         After a stall there is one reply to each of them: without a look, all would stay open.
         """

@@ -105,7 +105,7 @@ class IndirectMaps:
         return "" if block.decode(None, 0, data[: block.size]) else "does not show what it is to show"
 
     def lost(self, servo_id: int) -> None:
-        """It has answered without proof of its map."""
+        """The servo has answered without proof of its map."""
         if self._servos.is_mapped(servo_id):
             LOG.warning(
                 "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip of "

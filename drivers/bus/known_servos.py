@@ -1,4 +1,4 @@
-"""What is known of the servos on one line: what each is, and how its state is asked for and its goal is told."""
+"""The known servos of one line: the series and model of each, and how states are asked for and goals are told."""
 
 from collections.abc import Callable, Mapping, Sequence
 from struct import Struct
@@ -32,7 +32,7 @@ class KnownServos:
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
 
     def series(self, servo_id: int) -> Series:
-        """What the servo is."""
+        """The servo's series."""
         model = self._models.get(servo_id)
         return series_of(model) if model else self._usual
 
@@ -54,7 +54,7 @@ class KnownServos:
         return self.protocol.group_read == "sync"
 
     def identified(self, servo_id: int, model: ServoModel) -> None:
-        """What the servo is has been seen."""
+        """Remember the model that the servo has shown."""
         if self._models.get(servo_id) != model:
             self._models[servo_id] = model
             self._forget_plans()
@@ -80,7 +80,7 @@ class KnownServos:
             self._forget_plans()
 
     def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> ReadPlan:
-        """How these servos are asked for their block number ``place``."""
+        """The read plan for these servos' block number ``place``."""
         plan = self._plans.get((servo_ids, place))
         if plan is None:
             blocks = {i: self.blocks(i)[place] for i in servo_ids}
@@ -88,7 +88,7 @@ class KnownServos:
         return plan
 
     def fast_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan | None:
-        """How to ask them by a fast sync read; None where they are not to be asked alike, or may not know it."""
+        """The plan of a fast sync read; None where they are not to be asked alike, or may not know it."""
         if servo_ids not in self._fast:
             blocks = {self.blocks(i)[0] for i in servo_ids}
             block = blocks.pop() if len(blocks) == 1 else None
@@ -97,7 +97,7 @@ class KnownServos:
         return self._fast[servo_ids]
 
     def torque_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan:
-        """How these servos are asked whether they drive their motors."""
+        """The read plan for whether these servos drive their motors."""
         if servo_ids not in self._torque:
             registers = {i: self.series(i).torque_enable for i in servo_ids}
             self._torque[servo_ids] = register_plan(self.protocol, registers)

@@ -19,7 +19,7 @@ _GRACE_S = 0.034
 
 
 class SdkAdapter:
-    """What scservo_sdk and dynamixel_sdk expect of a PortHandler. The method names are theirs."""
+    """The PortHandler that scservo_sdk and dynamixel_sdk expect. The method names are theirs."""
 
     def __init__(self, line: Line) -> None:
         self._line = line

@@ -1,4 +1,4 @@
-"""What one servo is asked and told by itself: through the maker's SDK, acknowledged, judged and counted."""
+"""Calls to one servo by itself: through the maker's SDK, acknowledged, judged and counted."""
 
 import math
 from collections.abc import Iterator
