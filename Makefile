@@ -9,10 +9,14 @@ BIN := .venv/bin
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME \
   _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
+# Tests start many processes, each of which would compile everything again.
+unexport PYTHONDONTWRITEBYTECODE
+
 CYCLES ?= 10000
 
-# Three files at a time for two cores: tests over ROS mostly wait. More stacks would keep each other from their cycles.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+# Four files at a time for two cores, up to three of them over ROS (tests/distribution.py): those mostly wait. More
+# stacks would keep each other from their cycles.
+PYTEST := $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 help:
 	@echo 'make setup   everything into .venv; a second time within seconds'

@@ -1,7 +1,8 @@
 """X series servos for ``bench.simulator``: memory with indirect registers, group reads, no physics, no firmware."""
 
+from fastcrc.crc16 import umts as crc16
+
 from drivers.protocol import v2 as wire
-from drivers.protocol.crc import crc16
 
 PING, READ, WRITE = 1, 2, 3
 XL430 = 1060

@@ -1,6 +1,6 @@
 """Settings that outlive power-off: written only where they differ, read back, and locked again.
 
-    with eeprom(bus, 3, Lock(sts.lock)) as memory:
+    with eeprom(bus, 3, sts.lock) as memory:
         memory.write(sts.max_torque, 800)
 
 Within the scope the lock is opened before the first write that is needed, and not at all if none is.
@@ -17,7 +17,6 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.errors import DriverError, PortLost, ServoError, ServoSilent
 from drivers.servos.register import Access, Register
-from drivers.servos.series import Lock
 
 LARGEST_ID = 253
 """Of Feetech; Dynamixel allows one less. 254 calls everybody."""
@@ -27,6 +26,8 @@ ANSWERS_NO_READ = {"status_return_level": 0}
 """At this value a Dynamixel answers a ping and nothing else: it could not be read back either, nor set back."""
 TRIES = 3
 """How often the lock is written (RAM) and a servo with a new ID is looked for: none of it wears."""
+OPEN, CLOSED = 0, 1
+"""What the lock holds."""
 SILENCES = 8
 """So many questions to an ID must stay unanswered before it counts as free. On a line that loses 9 % each way one in
 six stays so by chance, and all of them once in a million."""
@@ -55,7 +56,7 @@ class Eeprom:
 
     bus: Bus
     servo_id: int
-    lock: Lock | None
+    lock: Register | None
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
 
@@ -131,28 +132,28 @@ class Eeprom:
             raise EepromError(self.servo_id, register, "is not written: the servo holds torque, switch it off first")
         self._touched = True  # before it is: the reply to the write may be what gets lost
         if self.lock is not None:
-            self._turn(self.lock, self.lock.opened)
+            self._turn(self.lock, OPEN)
 
     def close(self) -> None:
         """Close the lock if it is open. One that somebody else left open is closed too, if it can be read."""
         if self.lock is None:
             return
-        closed = self._stands(self.lock, self.lock.closed)
-        if not closed and (self._touched or self._stands(self.lock, self.lock.opened)):
-            self._turn(self.lock, self.lock.closed)
+        closed = self._stands(self.lock, CLOSED)
+        if not closed and (self._touched or self._stands(self.lock, OPEN)):
+            self._turn(self.lock, CLOSED)
 
-    def _turn(self, lock: Lock, position: int) -> None:
+    def _turn(self, lock: Register, position: int) -> None:
         failure: ServoError | None = None
         for _ in range(TRIES):
-            failure = self._try_write(lock.register, position) or failure
+            failure = self._try_write(lock, position) or failure
             if self._stands(lock, position):
                 return
-        state = "closed" if position == lock.closed else "open"
-        raise EepromError(self.servo_id, lock.register, f"does not become {state}: {_why(failure)}") from failure
+        state = "closed" if position == CLOSED else "open"
+        raise EepromError(self.servo_id, lock, f"does not become {state}: {_why(failure)}") from failure
 
-    def _stands(self, lock: Lock, position: int) -> bool:
+    def _stands(self, lock: Register, position: int) -> bool:
         try:
-            return self.bus.read(self.servo_id, lock.register) == position
+            return self.bus.read(self.servo_id, lock) == position
         except ServoError:
             return False
 
@@ -165,7 +166,7 @@ class Eeprom:
 
 
 @contextmanager
-def eeprom(bus: Bus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
+def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     """The scope. Raises EepromError with servo and register, PortLost once the line is gone.
 
     If it ends by an exception and the lock cannot be closed either, the exception carries a note of that.
@@ -182,7 +183,7 @@ def eeprom(bus: Bus, servo_id: int, lock: Lock | None) -> Iterator[Eeprom]:
     memory.close()
 
 
-def update(bus: Bus, servo_id: int, lock: Lock | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
+def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
     """Make the servo hold all ``values``; what had to be changed. The ID comes last, so that none is left behind.
 
     An exception carries a note of what had been changed before it.

@@ -1,13 +1,8 @@
 """Where time comes from. Nothing else in the core asks for the time or sleeps."""
 
-import math
 import time
 from collections.abc import Callable
-from typing import Final, Protocol
-
-_TRIES: Final = 5
-_AT_ONCE_S: Final = 20e-6
-"""Nobody was held up for longer between the readings of two clocks."""
+from typing import Protocol
 
 
 class Clock(Protocol):
@@ -34,15 +29,7 @@ class MonotonicClock:
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """What to add to ``clock`` for the time of day (s), right to some microseconds also on a busy machine.
-
-    A thread that is held up between the two readings would be wrong by just as long: then they are read again.
-    """
-    shortest_s, offset_s = math.inf, 0.0
-    for _ in range(_TRIES):
-        before_s, wall_s, after_s = clock.now(), wall(), clock.now()
-        if after_s - before_s < shortest_s:
-            shortest_s, offset_s = after_s - before_s, wall_s - 0.5 * (before_s + after_s)
-        if shortest_s < _AT_ONCE_S:
-            break
-    return offset_s
+    """What to add to ``clock`` for the time of day (s): of five readings of both the one that was held up least."""
+    readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
+    before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
+    return wall_s - 0.5 * (before_s + after_s)

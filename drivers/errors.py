@@ -1,16 +1,4 @@
-"""Everything that can go wrong below the joints, as one small tree.
-
-DriverError
-├── PortError            the line itself
-│   ├── PortMissing      no such device
-│   ├── PortBusy         another program holds it
-│   ├── PortDenied       no permission
-│   └── PortLost         was there, is gone
-└── ServoError           one servo, named by its ID
-    ├── ServoSilent      no reply before the deadline
-    ├── ServoCorrupt     a reply with a wrong checksum or length
-    ├── ServoRefused     a reply, but not the one that was needed
-    └── EepromError      a setting that could not be written (calibration/eeprom.py)
+"""Everything that can go wrong below the joints: the line itself, or one servo, which is named by its ID.
 
 Set-up raises these. The cycle does not: there a servo's error is a value beside the others' values.
 """

@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from drivers.bus.bus import Bus
-from drivers.bus.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoFault
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused
+from hal.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
 

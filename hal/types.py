@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from drivers.bus.counters import BusCounters, ServoCounters
 from drivers.bus.types import FaultKind
 
 FloatArray = NDArray[np.float64]
+
+
+AT_LIMIT: Final = 1e-3
+"""Within this share of its range beyond a limit a joint counts as being at it: two or three counts of 4096, and sag."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py port:=/dev/ttyACM0 rviz:=false
+ros2 launch servoloop robot_arm_moveit_with_control.launch.py scene:=/home/me/bench.yaml
 """
 
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
@@ -52,7 +53,18 @@ def move_group_parameters() -> dict[str, Any]:
     }
 
 
-def start_moveit(context: LaunchContext) -> list[Node]:
+def tell_surroundings(file: Path) -> ExecuteProcess:
+    """One call tells move_group what stands around the arm. It waits until move_group listens.
+
+    Not MoveIt's moveit_publish_scene_from_text: in Jazzy it asks a publisher that it has not made, and with --scene it
+    sends paddings of 0 along, which replace that of joint_limits.yaml.
+    """
+    service = ["/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
+    call = ["ros2", "service", "call", *service, file.read_text()]
+    return ExecuteProcess(cmd=call, name="apply_planning_scene", output="log")  # errors come on the screen all the same
+
+
+def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
     """Called with the launch arguments' values."""
     model = model_parameters(Path(LaunchConfiguration("urdf").perform(context)))
     move_group = Node(
@@ -69,7 +81,8 @@ def start_moveit(context: LaunchContext) -> list[Node]:
         parameters=[model],
         condition=IfCondition(LaunchConfiguration("rviz")),
     )
-    return [move_group, rviz]
+    scene = LaunchConfiguration("scene").perform(context)
+    return [move_group, rviz, *([tell_surroundings(Path(scene))] if scene else [])]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -78,6 +91,11 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("rviz", default_value="true", description="Also start RViz."),
+            DeclareLaunchArgument(
+                "scene",
+                default_value=str(MOVEIT / "planning_scene.yaml"),
+                description="What stands around the arm, for MoveIt; with scene:= nothing does.",
+            ),
             # the included file's too, but needed here as well
             DeclareLaunchArgument("urdf", default_value=str(SHARE / "urdf" / "robot_arm.urdf")),
             IncludeLaunchDescription(control),

@@ -6,12 +6,14 @@ from functools import partial
 from typing import Final
 
 from drivers.bus.bus import Bus
-from drivers.bus.diagnose import NOWHERE, diagnose
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
-from drivers.servos.catalog import MODELS, model_number_elsewhere, series_of
+from drivers.servos.catalog import MODELS, series_of
+from drivers.servos.dynamixel import X
+from drivers.servos.feetech import STS
 from drivers.servos.register import ServoModel
+from hal.diagnose import NOWHERE, diagnose
 
 LOG = logging.getLogger("servoloop")
 
@@ -133,7 +135,8 @@ def _has_the_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> b
     """
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True
-    of_the_other_make = retry(partial(bus.read, servo_id, model_number_elsewhere(model))) in _KNOWN
+    elsewhere = X if series_of(model).make == "feetech" else STS
+    of_the_other_make = retry(partial(bus.read, servo_id, elsewhere.model_number)) in _KNOWN
     if of_the_other_make or (number in _KNOWN and _turned(number) != model.number):
         return False
     if number == 0:

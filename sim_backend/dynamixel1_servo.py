@@ -73,12 +73,18 @@ class Dynamixel1Memory(Memory):
     def __init__(self, model: dxl.Model, servo_id: int) -> None:
         registers = dxl.registers(model)
         self._own = {**_OWN, **{register.name: register for register in registers}}
-        self._speed_unit_counts_s = model.speed_unit_counts_s
+        load_unit = 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
+        self._scales = {
+            sts.goal_velocity.name: model.speed_unit_counts_s,
+            sts.present_velocity.name: model.speed_unit_counts_s,
+            sts.max_torque.name: load_unit,
+            sts.torque_limit.name: load_unit,
+            sts.present_load.name: load_unit,
+        }
         factory = {**_COMMON_FACTORY, **self.FACTORY, dxl.ccw_angle_limit: model.last_count}
         super().__init__(model, servo_id, registers, factory)
 
-    @property
-    def baud(self) -> int:
+    def _decode_baud(self) -> int:
         index = self.get(dxl.baud_rate)
         return _FAST_BAUDS.get(index, _BASE_BAUD // (index + 1))
 
@@ -89,20 +95,17 @@ class Dynamixel1Memory(Memory):
     def own(self, register: Register) -> Register | None:
         return self._own.get(register.name)
 
-    def _scale(self, register: Register) -> float:
-        """How many units of the STS table one unit of this one is."""
-        if register in (sts.goal_velocity, sts.present_velocity):
-            return self._speed_unit_counts_s
-        if register in (sts.max_torque, sts.torque_limit, sts.present_load):
-            return 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
-        return 1.0
+    def _scale(self, register: Register, own: Register) -> float:
+        """How many units of ``register`` one unit of its ``own`` counterpart is; 1 where it is that itself."""
+        scale = self._scales.get(register.name, 1.0)
+        return 1.0 if scale != 1.0 and own == register else scale
 
     def get(self, register: Register) -> int:
         own = self.own(register)
         if own is None:
             return self._told(register)
-        value = super().get(own)
-        return value if own == register else round(value * self._scale(register))
+        value, scale = super().get(own), self._scale(register, own)
+        return value if scale == 1.0 else round(value * scale)
 
     def _told(self, register: Register) -> int:
         if register == sts.operating_mode:
@@ -123,7 +126,7 @@ class Dynamixel1Memory(Memory):
     def put(self, register: Register, value: int) -> None:
         own = self.own(register)
         if own is not None:
-            super().put(own, value if own == register else round(value / self._scale(register)))
+            super().put(own, round(value / self._scale(register, own)))
 
     def _write_byte(self, at: int, value: int) -> None:
         """EEPROM is saved with every write, unless it is locked: then it stays as it is."""

@@ -137,6 +137,8 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
 
 def _overlaid(blocks: Sequence[bytes]) -> bytes:
     """Blocks of one length sent at once, by servos that share an ID."""
+    if len(blocks) == 1:
+        return blocks[0]
     return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
 
 

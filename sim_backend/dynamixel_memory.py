@@ -10,6 +10,7 @@ from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.dynamixel_indirect import cells, pointers, resolved, runs, windows_of
 from sim_backend.dynamixel_models import FACTORY, factory_of
+from sim_backend.sts_memory import saturated
 
 SIZE: Final = 662
 EEPROM_END: Final = x.torque_enable.address
@@ -32,6 +33,9 @@ class XMemory:
         self._registers = {register.address: register for register in listed}
         self._factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         self._bytes = bytearray(SIZE)
+        self.servo_id = servo_id
+        self.baud = 0
+        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
         self.restore_factory()
         self.put(x.servo_id, servo_id)
         self.power_up()
@@ -43,9 +47,14 @@ class XMemory:
 
     def put(self, register: Register, value: int) -> None:
         """The firmware's own write: no access rules; values beyond the range saturate."""
-        value = max(register.smallest, min(register.largest, value))
-        end = register.address + register.size
-        self._bytes[register.address : end] = register.encode(value, "little")
+        at = register.address
+        self._bytes[at : at + register.size] = saturated(register, value, "little")
+        if at < EEPROM_END:
+            self._decode()
+
+    def _decode(self) -> None:
+        """Take ID and baud from the registers."""
+        self.servo_id, self.baud = self.get(x.servo_id), x.BAUD_RATES[self.get(x.baud_rate)]
 
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes from ``address``, as the wire sees them; zeros where the table ends."""
@@ -67,6 +76,8 @@ class XMemory:
                 return error
         for place, byte in zip(meant, data, strict=True):
             self._bytes[place] = byte
+        if meant and min(meant) < EEPROM_END:
+            self._decode()
         return 0
 
     def _run_refusal(self, address: int, data: bytes) -> int:

@@ -35,12 +35,12 @@ class VirtualXServo:
     @property
     def servo_id(self) -> int:
         """The ID that it answers to now."""
-        return self.memory.get(x.servo_id)
+        return self.memory.servo_id
 
     @property
     def baud(self) -> int:
         """The bits per second that it listens and talks at."""
-        return x.BAUD_RATES[self.memory.get(x.baud_rate)]
+        return self.memory.baud
 
     @property
     def return_delay_s(self) -> float:

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
-from drivers.protocol.crc import crc16
+from fastcrc.crc16 import umts as crc16
+
 from drivers.protocol.v2 import HEADER, STATUS, packet, unstuffed
 from sim_backend.instructions import Instruction, Parser
 

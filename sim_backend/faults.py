@@ -30,9 +30,10 @@ class Disturbance:
 
     def reaches(self, servo_id: int) -> bool:
         """Whether an instruction comes to this servo in one piece."""
-        missed = self.miss > 0.0 and self._random.random() < self.miss
-        self.done["miss", servo_id] += missed
-        return not missed
+        if self.miss == 0.0 or self._random.random() >= self.miss:
+            return True
+        self.done["miss", servo_id] += 1
+        return False
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
         """The reply as it comes out of the wire; at most one thing happens to it."""

@@ -160,6 +160,8 @@ def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
 
 def _overlaid(packets: Sequence[bytes]) -> bytes:
     """Packets sent at once on one line whose idle level is 1."""
+    if len(packets) == 1:
+        return packets[0]
     length = max(map(len, packets))
     merged = bytearray(b"\xff" * length)
     for packet in packets:

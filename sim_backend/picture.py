@@ -2,7 +2,6 @@
 
 One ray a pixel from the camera, one from the lamp for its shadow, Lambert shading. Smooth pictures are
 the mean of four, each with the rays a quarter of a pixel off and the lamp moved a little.
-MuJoCo says where the geoms are; its own mj_multiRay cuts pieces off them (it culls too much).
 Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
@@ -15,17 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from sim_backend.rays import PLANE, FloatArray, cast, turn, visible
 from sim_backend.world import World
 
-FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 CAMERA: Final = "overview"
-VISIBLE_GROUPS: Final = (0, 1, 2)
-"""Geom groups that are drawn; the others only serve the simulation."""
-PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
-BOX: Final = int(mujoco.mjtGeom.mjGEOM_BOX)
-CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 SKY: Final = np.array([0.93, 0.95, 0.97])
 AMBIENT: Final = 0.48
 LAMP_M: Final = 0.02
@@ -33,23 +27,89 @@ LAMP_M: Final = 0.02
 TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
 """Where the floor begins to turn into sky, and where it has."""
+TOUCH_M: Final = 1e-4
+"""A hit so near to a point is the point itself."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
-def render(
-    model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
-) -> Picture:
-    """What `camera` sees of a model whose kinematics are up to date. Smooth costs four times as much."""
-    passes = QUARTERS if smooth else ((0.0, 0.0),)
-    view = data.cam(camera)
-    focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
-    total = np.zeros((width * height, 3))
-    for dx, dy in passes:
-        rays = _turn(_rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3).T)
-        lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
-        total += _shade(model, data, view.xpos, rays, lamp)
-    shades = np.clip(total / len(passes), 0.0, 1.0)
-    return (255.0 * shades + 0.5).astype(np.uint8).reshape(height, width, 3)
+class View:
+    """What a camera that stands still sees of one model. What never moves is cast and shaded once, for all pictures."""
+
+    def __init__(
+        self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
+    ) -> None:
+        """``data``: with the kinematics up to date, whatever the pose. Smooth costs four times as much."""
+        self._shape = (height, width, 3)
+        view = data.cam(camera)
+        focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
+        self._passes = []
+        for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
+            rays = turn(_rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3).T)
+            lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
+            self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
+
+    def picture(self, data: Any) -> Picture:
+        """The picture of a pose whose kinematics are up to date."""
+        total = sum(one.colours(data) for one in self._passes)
+        shades = np.clip(total / len(self._passes), 0.0, 1.0)
+        return (255.0 * shades + 0.5).astype(np.uint8).reshape(self._shape)
+
+
+class _Pass:
+    """One ray a pixel, and the lamp at one place. ``_still`` are the geoms that are fixed to the world."""
+
+    def __init__(self, model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> None:
+        self._model, self._eye, self._rays, self._lamp = model, eye, rays, lamp
+        self._all = visible(model)
+        is_still = model.body_weldid[model.geom_bodyid[self._all]] == 0
+        self._still, self._moving = self._all[is_still], self._all[~is_still]
+        self._hits = cast(model, data, eye, rays, self._still)
+        geom, distance, normal = self._hits
+        seen = np.flatnonzero(geom >= 0)
+        point = eye + rays[seen] * distance[seen, None]
+        toward, reach = _from(lamp, point)
+        _, first, _ = cast(model, data, lamp, toward, self._still)
+        lit = _lit(first, reach, normal[seen], toward)
+        self._colours = np.tile(SKY, (len(rays), 1))
+        self._colours[seen] = _colours(model, geom[seen], point, _light(normal[seen], lit))
+        # Only what is in the light can come into the shadow of something that moves.
+        bright = np.flatnonzero(lit > 0.0)
+        self._bright, self._toward, self._reach = seen[bright], toward[bright], reach[bright]
+        dark = _light(normal[self._bright], np.zeros(len(bright)))
+        self._dark = _colours(model, geom[self._bright], point[bright], dark)
+
+    def colours(self, data: Any) -> FloatArray:
+        """Colours of all rays, shape (n, 3), 0 to 1."""
+        model, colours = self._model, self._colours.copy()
+        _, first, _ = cast(model, data, self._lamp, self._toward, self._moving)
+        shadow = first <= self._reach - TOUCH_M
+        colours[self._bright[shadow]] = self._dark[shadow]
+        geom, distance, normal = cast(model, data, self._eye, self._rays, self._moving, self._hits)
+        changed = np.flatnonzero(distance < self._hits[1])
+        point = self._eye + self._rays[changed] * distance[changed, None]
+        toward, reach = _from(self._lamp, point)
+        _, first, _ = cast(model, data, self._lamp, toward, self._all)
+        lit = _lit(first, reach, normal[changed], toward)
+        colours[changed] = _colours(model, geom[changed], point, _light(normal[changed], lit))
+        return colours
+
+
+def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The way from the lamp to each point: unit vectors, and how far it is."""
+    away = point - lamp
+    reach = np.linalg.norm(away, axis=1)
+    return away / reach[:, None], reach
+
+
+def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
+    """How much of the lamp's light falls on each point; none where its ``first`` hit on the way is another one."""
+    return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
+
+
+def _light(normal: FloatArray, lit: FloatArray) -> FloatArray:
+    """All light on each point: the lamp's, and a little from everywhere, most of it from above."""
+    light: FloatArray = AMBIENT * (0.8 + 0.2 * normal[:, 2]) + (1.0 - AMBIENT) * lit
+    return light
 
 
 def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatArray:
@@ -58,99 +118,6 @@ def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatA
     rays = np.stack([x, y, np.full_like(x, -focal)], axis=-1).reshape(-1, 3)
     unit: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     return unit
-
-
-def _turn(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
-    """`vectors @ matrix`, on one core: the threads of a matrix library cost more than they do here."""
-    turned: FloatArray = np.einsum("ni,ij->nj", vectors, matrix)
-    return turned
-
-
-def _cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray) -> tuple[Any, FloatArray, FloatArray]:
-    """First hit of each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
-    n = len(rays)
-    columns = np.asfortranarray(rays, dtype=np.float32)
-    nearest, geom, normal = np.full(n, np.inf), np.full(n, -1), np.zeros((n, 3))
-    for i in np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS)):
-        axes, away = data.geom_xmat[i].reshape(3, 3), data.geom_xpos[i] - origin
-        index = _candidates(columns, away, model.geom_rbound[i])
-        distance, local = _hit(model.geom_type[i], model.geom_size[i], -away @ axes, _turn(rays[index], axes))
-        first = distance < nearest[index]
-        index = index[first]
-        nearest[index], geom[index] = distance[first], i
-        normal[index] = _turn(local[first], axes.T)
-    return geom, nearest, normal
-
-
-def _candidates(columns: Any, away: FloatArray, radius: float) -> Any:
-    """Indices of the rays that meet the bounding sphere; all of them for a plane (radius 0).
-
-    Most of the time goes here: single precision, column by column, and nothing but one comparison.
-    """
-    if radius == 0.0:
-        return np.arange(len(columns))
-    x, y, z = away.astype(np.float32)
-    along = columns[:, 0] * x
-    along += columns[:, 1] * y
-    along += columns[:, 2] * z
-    nearest = float(away @ away) - (1.001 * radius) ** 2
-    return np.flatnonzero(along > np.float32(max(0.0, nearest) ** 0.5))
-
-
-def _hit(kind: int, size: FloatArray, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance (infinite for none) and normal of the first hit, all in the geom's own frame.
-
-    The solids are convex, so each is a meeting of slabs (and a round wall): a ray is inside from the
-    last entry to the first exit.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if kind == PLANE:
-            distance = np.where(rays[:, 2] < 0.0, -origin[2] / rays[:, 2], np.inf)
-            return distance, np.tile([0.0, 0.0, 1.0], (len(rays), 1))
-        half = size if kind == BOX else np.array([np.inf, np.inf, size[1]])
-        middle, reach = -origin / rays, np.abs(half / rays)
-        enter, leave = middle - reach, middle + reach
-        normal = -np.sign(rays)
-        if kind == CYLINDER:
-            enter[:, 0], leave[:, 0], wall = _round_wall(size[0], origin[:2], rays[:, :2])
-            enter[:, 1], leave[:, 1] = -np.inf, np.inf
-        elif kind != BOX:
-            raise ValueError(f"pictures are made of planes, boxes and cylinders; this is geom type {kind}")
-    last = np.argmax(enter, axis=1)
-    rows = np.arange(len(rays))
-    distance = enter[rows, last]
-    local = np.zeros_like(rays)
-    local[rows, last] = normal[rows, last]
-    if kind == CYLINDER:
-        round_ = last == 0
-        local[round_, :2] = wall[round_]
-        local[round_, 2] = 0.0
-    return np.where((distance <= leave.min(axis=1)) & (distance > 0.0), distance, np.inf), local
-
-
-def _round_wall(radius: float, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where rays in the plane enter and leave a circle about zero (NaN: never), and the wall's normal."""
-    a = np.sum(rays * rays, axis=1)
-    b = rays @ origin
-    root = np.sqrt(b * b - a * (origin @ origin - radius * radius))
-    enter = np.nan_to_num((-b - root) / a, nan=np.inf)
-    return enter, np.nan_to_num((-b + root) / a, nan=-np.inf), (origin + rays * enter[:, None]) / radius
-
-
-def _shade(model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> FloatArray:
-    """Colours of all rays, shape (n, 3), 0 to 1."""
-    geom, distance, normal = _cast(model, data, eye, rays)
-    hit = geom >= 0
-    point = eye + rays[hit] * distance[hit, None]
-    away = point - lamp
-    reach = np.linalg.norm(away, axis=1)
-    toward = away / reach[:, None]
-    _, first, _ = _cast(model, data, lamp, toward)
-    lit = np.where(first > reach - 1e-4, np.maximum(0.0, -np.sum(normal[hit] * toward, axis=1)), 0.0)
-    from_above = AMBIENT * (0.8 + 0.2 * normal[hit, 2])
-    colour = np.tile(SKY, (len(rays), 1))
-    colour[hit] = _colours(model, geom[hit], point, from_above + (1.0 - AMBIENT) * lit)
-    return colour
 
 
 def _colours(model: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
@@ -203,15 +170,23 @@ class Recorder:
     def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
         """Draw `arm.png` (the cube held at its highest) and `arm.gif`, half as wide, into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        save_png(folder / "arm.png", self._draw(self._best, width, smooth=True))
-        frames = self._taken or [self._best]
-        save_gif(folder / "arm.gif", [self._draw(q, width // 2, smooth=False) for q in frames], fps)
+        save_png(folder / "arm.png", *self._draw([self._best], width, smooth=True))
+        save_gif(folder / "arm.gif", self._draw(self._taken or [self._best], width // 2, smooth=False), fps)
 
-    def _draw(self, configuration: FloatArray, width: int, smooth: bool) -> Picture:
-        # Its own data: drawing must not disturb the world.
+    def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
         model = self._world.model
-        data = mujoco.MjData(model)
-        data.qpos[:] = configuration
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_camlight(model, data)
-        return render(model, data, width=width, height=width * 3 // 4, smooth=smooth)
+        data = mujoco.MjData(model)  # its own: drawing must not disturb the world
+        _place(model, data, configurations[0])
+        view = View(model, data, width=width, height=width * 3 // 4, smooth=smooth)
+        pictures = []
+        for configuration in configurations:
+            _place(model, data, configuration)
+            pictures.append(view.picture(data))
+        return pictures
+
+
+def _place(model: Any, data: Any, configuration: FloatArray) -> None:
+    """Bring geoms, cameras and lamps to where they are in a ``configuration``."""
+    data.qpos[:] = configuration
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)

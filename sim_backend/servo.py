@@ -42,7 +42,7 @@ class VirtualServo:
     @property
     def servo_id(self) -> int:
         """The ID that it answers to now."""
-        return self.memory.get(sts.servo_id)
+        return self.memory.servo_id
 
     @property
     def baud(self) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 from drivers.servos import sts
-from drivers.servos.register import Access, Register, ServoModel
+from drivers.servos.register import Access, ByteOrder, Register, ServoModel
 
 SIZE: Final = 256
 EEPROM_END: Final = sts.torque_enable.address
@@ -51,6 +51,14 @@ FACTORY: Final[dict[Register, int]] = {
 """Every register that is not here is 0."""
 
 
+def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
+    """``value`` as the register holds it, or the nearest that it can hold."""
+    try:
+        return register.encode(value, order)
+    except ValueError:
+        return register.encode(max(register.smallest, min(register.largest, value)), order)
+
+
 class Memory:
     """The bytes that the wire sees, and the EEPROM's bytes behind them.
 
@@ -84,15 +92,21 @@ class Memory:
         self._model = model
         self._bytes = bytearray(SIZE)
         self._saved = bytearray(self.EEPROM_END)
+        self.servo_id = servo_id
+        self.baud = 0
+        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
         self.put(sts.servo_id, servo_id)
         self._save()
         self.restore_factory()
         self.power_up()
 
-    @property
-    def baud(self) -> int:
+    def _decode_baud(self) -> int:
         """The bits per second that ``baud_rate`` stands for."""
         return sts.BAUD_RATES[self.get(sts.baud_rate)]
+
+    def _decode(self) -> None:
+        """Take ID and baud from the registers."""
+        self.servo_id, self.baud = self.get(sts.servo_id), self._decode_baud()
 
     @property
     def answers(self) -> int:
@@ -110,9 +124,10 @@ class Memory:
 
     def put(self, register: Register, value: int) -> None:
         """The firmware's own write: no access rules, volatile; values beyond the range saturate."""
-        value = max(register.smallest, min(register.largest, value))
-        end = register.address + register.size
-        self._bytes[register.address : end] = register.encode(value, self._order)
+        at = register.address
+        self._bytes[at : at + register.size] = saturated(register, value, self._order)
+        if at < self.EEPROM_END:
+            self._decode()
 
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes from ``address``; zeros where the table ends."""
@@ -123,6 +138,8 @@ class Memory:
         for at, value in enumerate(data, address):
             if at in self._writable and not self._senseless(at, value):
                 self._write_byte(at, value)
+        if address < self.EEPROM_END:
+            self._decode()
 
     def _write_byte(self, at: int, value: int) -> None:
         self._bytes[at] = value
@@ -139,6 +156,7 @@ class Memory:
         """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""
         self._bytes[self.EEPROM_END :] = bytes(SIZE - self.EEPROM_END)
         self._bytes[: self.EEPROM_END] = self._saved
+        self._decode()
         for register, value in self._factory.items():
             if not register.persistent:
                 self.put(register, value)

@@ -1,5 +1,7 @@
 """The same examples in every run, none too slow on a busy machine, and an order that keeps both cores busy."""
 
+from typing import Any
+
 import pytest
 from hypothesis import settings
 
@@ -7,10 +9,22 @@ from tests.ros_domain import ros_domain
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
 
+LONG_FILES = ("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_")
+
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests over ROS and others at the same time, where files are what is distributed."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from tests.distribution import ComputingAside
+
+    return ComputingAside(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests over ROS come first: they take longest, and the short ones are left to even two workers out."""
-    items.sort(key=lambda item: "ros" not in item.keywords)
+    """Tests over ROS come first, then the files that compute for long: the short ones are left to even workers out."""
+    items.sort(key=lambda item: ("ros" not in item.keywords, not item.nodeid.startswith(LONG_FILES)))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from controller.broadcasters.state_values import MOVEMENT, Reader, reader
 from controller.interface import ControllerContext
 from controller.parameters import Parameters
 from hal.description import Mimic
-from hal.types import FloatArray, JointState
+from hal.types import AT_LIMIT, FloatArray, JointLimits, JointState
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +101,16 @@ class JointStateBroadcaster:
         state_interfaces: Mapping[str, Sequence[str]],
         mimics: Mapping[str, Mimic],
         hardware_joints: Sequence[str],
+        limits: Mapping[str, JointLimits],
     ) -> None:
-        """``state_interfaces`` that there are, by joint. Raises ValueError where the parameters want other ones."""
+        """``state_interfaces`` that there are, and ``limits``, by joint.
+
+        Raises ValueError where the parameters want interfaces that there are not.
+        """
+        found = [limits.get(joint) for joint in hardware_joints]
+        self._lower = np.array([limit.lower if limit else -math.inf for limit in found])
+        self._upper = np.array([limit.upper if limit else math.inf for limit in found])
+        self._slack = AT_LIMIT * (self._upper - self._lower)
         self.name = name
         self.parameters = parameters
         self.command_interfaces: tuple[str, ...] = ()
@@ -133,7 +141,7 @@ class JointStateBroadcaster:
             for name, joint in context.description.joints.items()
             if joint.mimic and name in component.mimics
         }
-        return cls(name, parameters, component.state_interfaces, mimics, component.joints)
+        return cls(name, parameters, component.state_interfaces, mimics, component.joints, context.limits)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.state = None
@@ -152,8 +160,17 @@ class JointStateBroadcaster:
     def sample(self, state: JointState) -> JointStates:
         """The values to publish of one cycle's state; computed once for all nodes that ask."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
+            state = replace(state, position=self._at_limits(state.position))
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
         return self._latest
+
+    def _at_limits(self, position: FloatArray) -> FloatArray:
+        """A joint that was sent to its limit rests a little beyond, by sag and the encoder's steps: it is at the limit.
+
+        Planners (MoveIt's CheckStartStateBounds) refuse to begin outside. ``values`` has what was measured.
+        """
+        inside = np.clip(position, self._lower, self._upper)
+        return np.where(np.abs(inside - position) <= self._slack, inside, position)
 
     def values(self, state: JointState) -> list[list[float]]:
         """The values of every interface of every joint, in the order of ``interfaces``."""

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
 from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
@@ -13,20 +15,23 @@ from controller.motion import Kinematics, MotionError, Path, stretched
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import Plan
 from controller.trajectory.goal_result import (
-    PATH_VIOLATED,
     PREEMPTED_BY_TOPIC,
     TIMED_OUT,
     ErrorCode,
     GoalResult,
+    path_violated,
     result_at_end,
 )
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import TrajectorySampler
-from controller.trajectory.tolerances import Tolerances, exceeds, resolve
+from controller.trajectory.tolerances import Tolerances, excess, resolve
 from hal.types import FloatArray, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
+CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+LONGEST_REST_S: Final = 0.5
+"""So long after its stop a goal ends at the latest, whether the joints rest or swing."""
 LATE_S: Final = 0.001
 """From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
 RECALL_S: Final = 0.05
@@ -47,6 +52,12 @@ class _Active:
     begun: bool = False
     recall_s: float = 0.0
     """Seconds for which the goal can still be made to wait."""
+    ending: GoalResult | None = None
+    """How the goal ends once the joints rest."""
+    stood_s: float = 0.0
+    """Seconds since their reference stands."""
+    was: FloatArray | None = None
+    """Where they were measured in the last cycle (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +104,7 @@ class Execution:
         """All goals end with the controller; ``reason`` is added for their clients."""
         text = f"{DEACTIVATED} {reason}".rstrip()
         if self._active:
-            self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
-        self._active = None
+            self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
         self._cancels.clear()
         while self._inbox:
             self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
@@ -111,11 +121,29 @@ class Execution:
     def _take_cancels(self, now: Cycle) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
+            if self._active and self._active.handle is handle and now.parameters.constraints.decelerate_on_cancel:
+                self._active.ending = CANCELED
+                self._sampler.stop(now.reference, now.parameters, along=True)
+                continue
             if self._active and self._active.handle is handle:
                 self._halt(now)
             for waiting in [entry for entry in self._inbox if entry[0] is handle]:
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
+
+    def _end(self, active: _Active, result: GoalResult) -> None:
+        """Tell the client; an end that has come before is the one."""
+        end = active.ending or result
+        active.handle.decide(end.status, end.error_code, end.text)
+        self._active = None
+
+    def _come_to_rest(self, active: _Active, ending: GoalResult, now: Cycle) -> None:
+        """A client may plan from where the joints are when it hears of its goal's end: that is told once they rest."""
+        resting = active.was is not None and bool((np.abs(now.measured - active.was) <= self._sampler.still).all())
+        active.was = now.measured
+        active.stood_s += now.step_s if self._sampler.stands else 0.0
+        if self._sampler.stands and (resting or active.stood_s > LONGEST_REST_S):
+            self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
         """The goal under way has ended, its path has not."""
@@ -130,7 +158,7 @@ class Execution:
             handle, plan = self._inbox.popleft()
             if self._active:
                 text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
-                self._active.handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+                self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
             tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
             self._active = _Active(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
@@ -140,7 +168,7 @@ class Execution:
                 self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if now.parameters.wait_for else 0.0
                 self._begin(self._active, now)
             else:
-                self._sampler.stop(now.reference, now.parameters)
+                self._sampler.stop(now.reference, now.parameters, along=True)
 
     def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
         """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
@@ -165,12 +193,14 @@ class Execution:
         self._sampler.follow(path, now.reference)
 
     def _go_on(self, active: _Active, now: Cycle) -> None:
-        if fault := self._lasting_fault(active, now):
+        if active.ending:
+            self._come_to_rest(active, active.ending, now)
+        elif fault := self._lasting_fault(active, now):
             self._finish(active, GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, fault), now)
         elif not active.begun:
             self._wait(active, now)
         elif active.recall_s > 0.0 and self._recalled(active, now):
-            self._sampler.stop(now.reference, now.parameters)
+            self._sampler.stop(now.reference, now.parameters, along=True)
         elif self._sampler.path is not None and (found := self._result(active.tolerances, self._sampler.path, now)):
             self._finish(active, found, now)
 
@@ -179,7 +209,8 @@ class Execution:
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
             return result_at_end(self._joints, tolerances, path, after_end_s, now.error)
-        return PATH_VIOLATED if exceeds(self._joints, now.error, tolerances.path, now.state.faults) else None
+        off = excess(self._joints, now.error, tolerances.path, now.state.faults)
+        return path_violated(off) if off else None
 
     @staticmethod
     def _lasting_fault(active: _Active, now: Cycle) -> str | None:
@@ -211,8 +242,11 @@ class Execution:
     def _finish(self, active: _Active, result: GoalResult, now: Cycle) -> None:
         if result.status is GoalStatus.ABORTED:
             LOG.error("%s: %s", self._name, result.text)
-        active.handle.decide(result.status, result.error_code, result.text)
-        self._active = None
+        if result.give_way and now.parameters.constraints.decelerate_on_cancel:
+            active.ending = result
+            self._sampler.give_way(now.reference, now.error, now.parameters)
+            return
+        self._end(active, result)
         if result.stop:
             self._halt(now)
 

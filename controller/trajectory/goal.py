@@ -12,10 +12,12 @@ from typing import Final
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.tolerances import Tolerances
-from hal.types import JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 LARGEST_GOAL: Final = 5_000
 """Points of one goal: the ROS thread prepares them in some tenths of a second."""
+ROUNDING: Final = 1e-6
+"""The share by which a value may exceed a limit: planners go up to their limits, and round (MoveIt's by 1e-13)."""
 STANDS_STILL: Final = 1.19e-7
 """Upstream's limit for a last velocity that counts as zero."""
 
@@ -95,23 +97,50 @@ def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allow
     )
 
 
-def limits_reason(goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits]) -> str | None:
-    """The reason why a point is itself beyond a limit: the first such point, or None."""
+def limits_reason(
+    goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits], stands: Sequence[FloatArray] = ()
+) -> str | None:
+    """The reason why a point is itself beyond a limit: the first such point, or None.
+
+    ``stands``: positions (n,) where the joints stand, as measured and as commanded. One that stands at a limit or
+    beyond may be sent from there: the plan takes such points to the limit.
+    """
     by_name = dict(zip(joints, limits, strict=True))
+    ends = {name: _ends(by_name[name], [float(at[i]) for at in stands]) for i, name in enumerate(joints)}
     for index, point in enumerate(goal.points):
         for name, position in zip(goal.joints, point.positions, strict=False):
-            limit = by_name[name]
-            if not limit.lower <= position <= limit.upper:
+            if not ends[name][0] <= position <= ends[name][1]:
+                limit = by_name[name]
+                near = limit.lower if position < limit.lower else limit.upper
                 return (
-                    f"{name} would go to {position:.4f} at point #{index}, outside its limits "
+                    f"{name} would go to {apart(position, near)} at point #{index}, outside its limits "
                     f"{limit.lower:.4f} to {limit.upper:.4f}"
                 )
         rates = ("move", point.velocities, "velocity"), ("accelerate", point.accelerations, "acceleration")
         for verb, values, kind in rates:
             for name, value in zip(goal.joints, values, strict=False):
-                if abs(value) > (bound := getattr(by_name[name], kind)):
-                    return f"{name} would {verb} at {value:.4f} at point #{index}, beyond its limit {bound:.4f}"
+                if abs(value) > (bound := getattr(by_name[name], kind)) * (1.0 + ROUNDING):
+                    said = apart(value, bound)
+                    return f"{name} would {verb} at {said} at point #{index}, beyond its limit {bound:.4f}"
     return None
+
+
+def _ends(limit: JointLimits, stands: Sequence[float]) -> tuple[float, float]:
+    """The positions between which a point may lie."""
+    slack = AT_LIMIT * (limit.upper - limit.lower)
+    lower, upper = min(stands, default=math.inf), max(stands, default=-math.inf)
+    return (
+        min(limit.lower, lower) - (slack if lower <= limit.lower + slack else ROUNDING * abs(limit.lower)),
+        max(limit.upper, upper) + (slack if upper >= limit.upper - slack else ROUNDING * abs(limit.upper)),
+    )
+
+
+def apart(value: float, limit: float) -> str:
+    """The value with so many digits, four at least, that it is seen to differ from the limit."""
+    for digits in range(4, 16):
+        if f"{abs(value):.{digits}f}" != f"{abs(limit):.{digits}f}":
+            break
+    return f"{value:.{digits}f}"
 
 
 def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -> str | None:

@@ -5,7 +5,7 @@ anew where the joints have moved since.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -34,16 +34,20 @@ class GoalPlanner:
     method: Method
     endless: tuple[int, ...] = ()
 
-    def plan(self, goal: TrajectoryGoal, allowed: Allowed, reference: Kinematics) -> "Plan":
-        """The goal's plan from about ``reference``. Raises GoalRejected."""
+    def plan(
+        self, goal: TrajectoryGoal, allowed: Allowed, reference: Kinematics, measured: FloatArray | None = None
+    ) -> "Plan":
+        """The goal's plan from about ``reference``; ``measured`` (n,) is where the joints are. Raises GoalRejected."""
         if reason := reason_to_reject(goal, self.joints, allowed):
             raise GoalRejected(reason)
         if allowed.integration:
             goal = integrated(goal, self.joints, reference)
-        if reason := limits_reason(goal, self.joints, self.limits):
+        stands = [reference.position] if measured is None else [reference.position, measured]
+        if reason := limits_reason(goal, self.joints, self.limits, stands):
             raise GoalRejected(reason)
         try:
             waypoints = waypoints_of(goal, self.joints, self._rest(goal.joints, reference))
+            waypoints = at_most(waypoints, self.limits)
             if self.endless:
                 waypoints = waypoints.by_shortest_turn(reference.position, self.endless)
             plan = prepare(self.method, Task(reference, waypoints, self.limits, self.joints))
@@ -92,6 +96,27 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
     every = Waypoints(times_s, position, velocity, acceleration, has_velocity, has_acceleration)
     ahead = first_ahead(times_s, 0.0)
     return Waypoints(*(getattr(every, field.name)[ahead:] for field in fields(every)))
+
+
+def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
+    """The same points, what is beyond a limit by as little as was allowed taken to it.
+
+    A first point beyond takes the way behind it along, ever less: cut off one by one, points would stand, then leap.
+    """
+    lower, upper, velocity, acceleration = np.array(
+        [(limit.lower, limit.upper, limit.velocity, limit.acceleration) for limit in limits]
+    ).T
+    times_s, position = waypoints.times_s, waypoints.position
+    left = (times_s[-1] - times_s) / max(times_s[-1] - times_s[0], 1e-9)
+    beyond = np.clip(position[0], lower, upper) - position[0]
+    speed, push = waypoints.velocity.copy(), waypoints.acceleration.copy()
+    speed[0, beyond != 0.0] = push[0, beyond != 0.0] = 0.0
+    return replace(
+        waypoints,
+        position=np.clip(position + np.outer(left, beyond), lower, upper),
+        velocity=np.clip(speed, -velocity, velocity),
+        acceleration=np.clip(push, -acceleration, acceleration),
+    )
 
 
 def first_ahead(times_s: FloatArray, now_s: float) -> int:

@@ -6,7 +6,7 @@ from typing import Final
 
 from controller.action_goals import GoalStatus
 from controller.motion import Path, stretched
-from controller.trajectory.tolerances import Tolerances, exceeds
+from controller.trajectory.tolerances import Tolerances, excess
 from hal.types import FloatArray
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
@@ -24,17 +24,18 @@ class ErrorCode:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """The end of a goal. ``stop``: the joints are still on their way, or not where they should be."""
+    """The end of a goal. ``stop``: the joints are still on their way, or not where they should be.
+
+    ``give_way``: something holds one of them, and pressing on would break it.
+    """
 
     status: GoalStatus
     error_code: int
     text: str
     stop: bool = True
+    give_way: bool = False
 
 
-PATH_VIOLATED: Final = GoalResult(
-    GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "Aborted due to path tolerance violation"
-)
 TIMED_OUT: Final = GoalResult(
     GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, "Aborted due to command timeout", stop=False
 )
@@ -47,13 +48,20 @@ def result_at_end(
 
     ``error`` (n,) is the reference less what was measured last.
     """
-    if not exceeds(joints, error, tolerances.goal):
+    off = excess(joints, error, tolerances.goal)
+    if not off:
         return GoalResult(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, _success(path), stop=False)
     if 0.0 < tolerances.goal_time_s < after_end_s:
-        text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds"
+        text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds: {off}"
         # It stands already: the last point goes on being held.
         return GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text, stop=False)
     return None
+
+
+def path_violated(off: str) -> GoalResult:
+    """The result of a goal whose joints are too far from its path; ``off`` says which, and by how much."""
+    text = f"Aborted due to path tolerance violation: {off}"
+    return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text, give_way=True)
 
 
 def _success(path: Path) -> str:

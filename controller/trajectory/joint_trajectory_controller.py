@@ -89,7 +89,8 @@ class JointTrajectoryController:
         if not self.running:
             return NOT_RUNNING
         try:
-            self._planned = goal, self._planner.plan(goal, self._allowed, self._next_reference())
+            measured = self.tracking.feedback_position if self.tracking is not None else None
+            self._planned = goal, self._planner.plan(goal, self._allowed, self._next_reference(), measured)
         except GoalRejected as error:
             return str(error)
         return None

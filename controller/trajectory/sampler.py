@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.motion import Kinematics, Path, plan_stop
+from controller.motion import Kinematics, MotionError, Path, motion_to, plan_stop
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
-from controller.trajectory.stop_path import gentle_limits, stop_path
-from hal.types import FloatArray, JointLimits
+from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
+from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,8 @@ class TrajectorySampler:
         self.path: Path | None = None
         self.rate = 1.0
         self._limits = tuple(limits)
+        self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
+        """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
 
     def advance(self, step_s: float) -> Kinematics:
         """One cycle further; returns where the joints are to be now.
@@ -85,16 +87,38 @@ class TrajectorySampler:
 
     def hold(self, position: FloatArray) -> None:
         """Stay there, or rather at the nearest place within the limits."""
-        lower, upper = [limit.lower for limit in self._limits], [limit.upper for limit in self._limits]
-        state = Kinematics.at_rest(np.clip(position, lower, upper))
+        state = Kinematics.at_rest(self._inside(position))
         self.follow(plan_stop(state, self._limits), state, on_goal=False)
 
-    def stop(self, reference: Kinematics, parameters: TrajectoryParameters) -> None:
-        """Come to rest within the limits, and stay there."""
+    def _inside(self, position: FloatArray) -> FloatArray:
+        lower, upper = [limit.lower for limit in self._limits], [limit.upper for limit in self._limits]
+        inside: FloatArray = np.clip(position, lower, upper)
+        return inside
+
+    def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
+        """Come to rest within the limits, and stay there; ``along`` the goal's path, if that leaves room."""
         by_joint = parameters.constraints.by_joint()
         decelerations = {name: joint.max_deceleration_on_cancel for name, joint in by_joint.items()}
         gentle = gentle_limits(parameters.joints, self._limits, decelerations)
-        self.follow(stop_path(reference, self._limits, gentle), reference, on_goal=False)
+        path = self.path if along and self.on_goal else None
+        on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
+        if on_path is None or on_path is not path:
+            self.follow(on_path or stop_path(reference, self._limits, gentle), reference, on_goal=False)
+        self.on_goal = False  # the path itself may end sooner than any stop on it
+
+    def give_way(self, reference: Kinematics, error: FloatArray, parameters: TrajectoryParameters) -> None:
+        """Go back by the ``error`` to where the joints are, within the limits: one that is held is not pressed on."""
+        try:
+            back = motion_to(reference, Kinematics.at_rest(self._inside(reference.position - error)), self._limits, 0.0)
+        except MotionError:
+            self.stop(reference, parameters)
+        else:
+            self.follow(back, reference, on_goal=False)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the path has come to its end."""
+        return self.path is None or self.elapsed_s >= self.path.duration_s
 
 
 def _moving(path: Path, time_s: float, rate: float) -> Kinematics:

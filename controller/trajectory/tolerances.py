@@ -44,9 +44,16 @@ def _resolved(asked: float, default: float) -> float:
     return asked or default
 
 
-def exceeds(
+def excess(
     joints: Sequence[str], error: FloatArray, tolerance: Mapping[str, float], unmeasured: Container[str] = ()
-) -> bool:
-    """Whether a joint's error (n,) exceeds its tolerance; of one that is ``unmeasured`` that is not known."""
-    pairs = zip(joints, error, strict=True)
-    return any(0.0 < tolerance.get(name, 0.0) < abs(wide) and name not in unmeasured for name, wide in pairs)
+) -> str:
+    """Which joint's error (n,) exceeds its tolerance most, in words; empty where none does.
+
+    Of a joint that is ``unmeasured`` that is not known.
+    """
+    found = [
+        (abs(off) / allowed, f"{name} is off by {abs(off):.4f}, allowed is {allowed:.4f}")
+        for name, off in zip(joints, error.tolist(), strict=True)
+        if 0.0 < (allowed := tolerance.get(name, 0.0)) < abs(off) and name not in unmeasured
+    ]
+    return max(found)[1] if found else ""

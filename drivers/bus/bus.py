@@ -13,7 +13,7 @@ from drivers.bus.identify import check_model_number, check_settings
 from drivers.bus.indirect import IndirectMaps
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import HELD_S, LateReplies
-from drivers.bus.retry import failures_of_each, retry
+from drivers.bus.retry import retry
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
 from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
@@ -27,8 +27,6 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_NAME_ALARM_S: Final = 0.005
-"""An alarm's name is asked for only where the cycle has so much time left."""
 _AT_ONCE: Final = 256
 """Bytes that are thrown away in one read."""
 
@@ -67,7 +65,7 @@ class Bus:
         self._line = line = Line(port, clock)
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)
-        self._maps = IndirectMaps(servos, single, line) if protocol.packets is v2 else None
+        self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
         # What one servo is asked and told goes straight to the SDK, once.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
@@ -105,7 +103,7 @@ class Bus:
         every cycle.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
-        return readings if self._maps is None else self._look_after(self._maps, readings, deadline_s)
+        return readings if self._maps is None else self._look_after(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
@@ -116,7 +114,7 @@ class Bus:
         """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
         if deadline_s is None:
             readings = self._reader.read_patiently(tuple(servo_ids))
-            return readings if self._maps is None else self._look_after(self._maps, readings, math.inf)
+            return readings if self._maps is None else self._look_after(readings, math.inf)
         self.request(servo_ids, deadline_s)
         return self.receive()
 
@@ -124,33 +122,26 @@ class Bus:
         """Bytes that a cycle with these goals and states puts on the wire, where nothing goes wrong."""
         return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
 
-    def _look_after(
-        self, maps: IndirectMaps, readings: Mapping[int, Reading], deadline_s: float
-    ) -> Mapping[int, Reading]:
-        """Name the alarms, and give the maps of indirect registers what they need, if there is time."""
-        named: dict[int, Reading] = {}
+    def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
+        """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
+        names: dict[int, Register] = {}
         for servo_id, reading in readings.items():
             if isinstance(reading, ServoFault):
-                if reading.kind == "reset":
-                    maps.lost(servo_id)
-            elif reading.alarms == ALARMED:
-                named[servo_id] = self._with_alarms_named(servo_id, reading, deadline_s)
-        if maps.busy or self._reader.missed:
-            maps.watch(self._reader.first_blocks, self._reader.missed)
-            maps.tend(readings, deadline_s)
-        return {**readings, **named} if named else readings
+                if reading.kind == "reset" and self._maps is not None:
+                    self._maps.lost(servo_id)
+            elif reading.alarms == ALARMED and (source := self._servos.series(servo_id).hardware_error):
+                names[servo_id] = source[0]
+        return self._with_alarms_named(readings, names, deadline_s) if names else readings
 
-    def _with_alarms_named(self, servo_id: int, state: ServoState, deadline_s: float) -> ServoState:
-        """The names are asked for while there is time: that is a transaction of its own."""
-        source = self._servos.series(servo_id).hardware_error
-        if source is None or self._line.now() + _NAME_ALARM_S >= deadline_s:
-            return state
-        try:
-            with self._single.until(servo_id, deadline_s):
-                alarms = source[1](self.read(servo_id, source[0]))
-        except ServoError:
-            return state
-        return state._replace(alarms=alarms or state.alarms)
+    def _with_alarms_named(
+        self, readings: Mapping[int, Reading], names: Mapping[int, Register], deadline_s: float
+    ) -> Mapping[int, Reading]:
+        named = dict(readings)
+        for servo_id, bits in self._reader.registers(names, deadline_s).items():
+            source, state = self._servos.series(servo_id).hardware_error, readings[servo_id]
+            if source and isinstance(state, ServoState):
+                named[servo_id] = state._replace(alarms=source[1](bits) or state.alarms)
+        return named
 
     # Set-up.
 
@@ -163,10 +154,7 @@ class Bus:
             self._maps.set_up(servo_id, model)
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoRefused unless it is set up to be driven, as a servo with this model's table is.
-
-        ServoSilent or ServoCorrupt where that cannot be found out.
-        """
+        """Raise ServoError unless it is set up to be driven, as a servo with this model's table is."""
         if warning := check_settings(self._single, servo_id, model):
             LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
 
@@ -189,23 +177,16 @@ class Bus:
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         """Whether these servos drive their motors, as far as they answer by the deadline: one attempt."""
-        found = self._reader.torque(tuple(servo_ids), deadline_s)
-        if found is not None:
-            return found
-        driven: dict[int, bool] = {}
-        for servo_id in servo_ids:
-            try:
-                with self._single.until(servo_id, deadline_s):
-                    driven[servo_id] = self.read(servo_id, self._servos.series(servo_id).torque_enable) == 1
-            except ServoError:
-                continue
-        return driven
+        switches = {i: self._servos.series(i).torque_enable for i in servo_ids}
+        return {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor. The caller has written the goal before.
 
         Told once: of a servo that does not acknowledge it nobody knows whether it was reset, and has its goal still.
         """
+        if self._maps is not None:
+            self._maps.restore(servo_id)
         series = self._servos.series(servo_id)
         for register, value in series.before_torque:
             self._write_surely(servo_id, register, value)
@@ -218,7 +199,13 @@ class Bus:
         # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
         if servo_ids:
             self._line.tell(self._servos.torque_off(servo_ids))
-        return failures_of_each(servo_ids, lambda i: self.write(i, self._servos.series(i).torque_enable, 0))
+        failed: list[ServoError] = []
+        for servo_id in servo_ids:
+            try:
+                self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
+            except ServoError as error:
+                failed.append(error)
+        return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         """Limit the drive to a share (0 to 1) of full drive until power-off."""

@@ -1,11 +1,6 @@
 """The faults of a bus, counted for each servo and each kind of fault since the bus was opened."""
 
-from dataclasses import dataclass, field
-from typing import Final
-
-_KINDS: Final = (
-    "replies", "silent", "corrupt", "late", "refused", "reset", "no_time", "alarms", "retries", "skipped",
-)  # fmt: skip
+from dataclasses import asdict, dataclass, field, fields
 
 
 @dataclass(slots=True)
@@ -44,7 +39,7 @@ class ServoCounters:
 
     def as_dict(self) -> dict[str, int]:
         """Every counter by name."""
-        return {name: getattr(self, name) for name in _KINDS}
+        return asdict(self)
 
 
 @dataclass(slots=True)
@@ -59,12 +54,10 @@ class BusCounters:
 
     def of(self, servo_id: int) -> ServoCounters:
         """The account of one servo, opened with the first question."""
-        account = self.servos.get(servo_id)
-        if account is None:
-            account = self.servos[servo_id] = ServoCounters()
-        return account
+        return self.servos.setdefault(servo_id, ServoCounters())
 
     def faults(self) -> dict[str, int]:
         """Faults by kind, summed over all servos."""
-        summed = {kind: sum(getattr(a, kind) for a in self.servos.values()) for kind in _KINDS if kind != "replies"}
+        kinds = [each.name for each in fields(ServoCounters) if each.name != "replies"]
+        summed = {kind: sum(getattr(account, kind) for account in self.servos.values()) for kind in kinds}
         return {**summed, "noise": self.noise, "strange": self.strange}

@@ -1,21 +1,22 @@
 """Fast sync reads: one packet in which each servo has its piece, so who is silent silences those behind.
 
-Some firmware of the X series answers them. Nothing is stuffed in such a reply. Source: ROBOTIS e-manual, "Fast Sync
-Read".
+Some firmware of the X series answers them, with nothing stuffed. Source: ROBOTIS e-manual, "Fast Sync Read".
 """
 
 import logging
+import math
 from collections.abc import Mapping
 from struct import Struct
 from typing import Final
 
-from drivers.bus.read_plan import ReadPlan, ReadResult, Whole, state_result
+from fastcrc.crc16 import umts as crc16
+
+from drivers.bus.late_replies import OPEN_S
+from drivers.bus.read_plan import ReadPlan, Whole
 from drivers.bus.types import ServoState
-from drivers.port.line import GAP_S, Line
+from drivers.port.line import Line
 from drivers.protocol import v2
-from drivers.protocol.crc import crc16
-from drivers.protocol.decoder import Reply
-from drivers.servos.series import StateBlock, WireProtocol
+from drivers.servos.series import StateBlock
 
 LOG = logging.getLogger("servoloop.drivers")
 
@@ -25,13 +26,9 @@ FAST_TRIAL_S: Final = 0.005
 """How long the answer to the trial of a fast sync read may take beside its time on the wire."""
 
 
-def fast_plan(protocol: WireProtocol, block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan:
+def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan:
     """Ask all servos for the block by one fast sync read."""
     servo_ids = tuple(scales)
-
-    def pieces(data: bytes) -> dict[int, ReadResult]:
-        return fast_results(protocol, block, scales, data)
-
     return ReadPlan(
         servo_ids,
         dict.fromkeys(servo_ids, block.size),
@@ -41,7 +38,7 @@ def fast_plan(protocol: WireProtocol, block: StateBlock, scales: Mapping[int, fl
         _whole(block, scales),
         lambda reply: "silent",
         dict.fromkeys(servo_ids, block),
-        pieces,
+        fast=True,
     )
 
 
@@ -65,31 +62,6 @@ def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
     return whole
 
 
-def fast_results(
-    protocol: WireProtocol, block: StateBlock, scales: Mapping[int, float | None], data: bytes
-) -> dict[int, ReadResult]:
-    """Decode a fast sync read's one reply, up to the first servo that cannot be believed.
-
-    Each servo's piece ends in a checksum of all that was sent before, so a piece is as sure as a packet.
-    ``data`` begins with the reply's head.
-    """
-    results: dict[int, ReadResult] = {}
-    value, done, at = 0, 0, v2.FAST_HEAD_SIZE
-    if not data.startswith(v2.fast_head(len(scales), block.size)):
-        return results
-    for servo_id, scale in scales.items():
-        end = at + block.size + v2.FAST_OVERHEAD
-        if len(data) < end or data[at + 1] != servo_id:
-            break
-        value = crc16(data[done : end - 2], value)
-        if value != int.from_bytes(data[end - 2 : end], "little"):
-            break
-        done = end - 2
-        results[servo_id] = state_result(protocol, block, scale, Reply(servo_id, data[at], data[at + 2 : done]))
-        at = end
-    return results
-
-
 class FastReads:
     """Whether the servos of one line are asked fast: found out once, and given up where too much comes broken."""
 
@@ -99,13 +71,13 @@ class FastReads:
         self.known = False
         """Whether the servos answer fast sync reads; ``trial`` finds out."""
         self._broken_in_a_row = 0
+        self._rests_until_s = -math.inf
 
     def trial(self, plan: ReadPlan) -> None:
         """Ask servos that have just answered once more, fast, and remember whether they did.
 
-        Not for a cycle: whoever does not know the instruction costs a wait. Nothing is counted. An adapter so
-        slow that the answer does not come soon gets no fast reads: a silent first servo silences all, and
-        would cost the slow adapter's whole wait in the cycle.
+        Not for a cycle: whoever does not know the instruction costs a wait. Nothing is counted. A slow adapter gets no
+        fast reads: a silent first servo silences all, and would cost its whole wait in the cycle.
         """
         line = self._line
         self.tried = True
@@ -115,36 +87,19 @@ class FastReads:
         if not self.known:
             LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", line.port.name)
 
+    def may_be_asked(self) -> bool:
+        """Whether no answer to a broken one can still come."""
+        return self._line.now() >= self._rests_until_s
+
     def came_whole(self) -> None:
         """A fast answer was complete."""
         self._broken_in_a_row = 0
 
-    def judge(self, plan: ReadPlan, data: bytes, deadline_s: float) -> tuple[dict[int, ReadResult], int]:
-        """Decode a packet that did not come as a whole: the results that can be believed, and the pieces of noise.
-
-        The caller asks for the rest again; there are no more fast reads after too many broken ones.
-        """
-        results, noise = self._pieces(plan, data, deadline_s)
-        broken = bool({"silent", "corrupt"} & {r for r in results.values() if isinstance(r, str)})
-        self._broken_in_a_row = self._broken_in_a_row + 1 if broken else 0
+    def came_broken(self) -> None:
+        """Something was missing or wrong: the next are plain, and after too many in a row all."""
+        self._rests_until_s = self._line.now() + OPEN_S
+        self._broken_in_a_row += 1
         if self._broken_in_a_row == FAST_TRIES:
             self.known = False
-            LOG.warning(
-                "%s: %d fast sync reads broken in a row: plain ones from now on", self._line.port.name, FAST_TRIES
-            )
-        return results, noise
-
-    def _pieces(self, plan: ReadPlan, data: bytes, deadline_s: float) -> tuple[dict[int, ReadResult], int]:
-        assert plan.pieces is not None
-        line, count, size = self._line, len(plan.servo_ids), plan.sizes[plan.servo_ids[0]]
-        piece = size + v2.FAST_OVERHEAD
-        begin = data.find(v2.fast_head(count, size))
-        if begin > 0:  # behind noise, so as many bytes of it are still to come
-            data += line.port.read(begin, min(line.now() + begin * line.byte_s + GAP_S, deadline_s))
-        results = plan.pieces(data[begin:]) if begin >= 0 else {}
-        garbage = len(data) - max(begin, 0) - len(results) * piece - v2.FAST_HEAD_SIZE
-        for servo_id in plan.servo_ids[len(results) :]:
-            corrupt = garbage > piece - piece // 2
-            results[servo_id] = "corrupt" if corrupt else "silent"
-            garbage -= piece if corrupt else 0
-        return results, (begin > 0) + (garbage > 0)
+            name = self._line.port.name
+            LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", name, FAST_TRIES)

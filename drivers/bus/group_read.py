@@ -71,7 +71,8 @@ class GroupRead:
     def collect(self, plan: ReadPlan, responsive: int, deadline_s: float) -> Mapping[int, ReadResult]:
         """The state of each servo that was asked, or what kind of fault there was.
 
-        The first ``responsive`` servos of the plan are expected to answer; the others are waited for shortly.
+        The first ``responsive`` servos of the plan are expected to answer; the others are waited for shortly. Nothing,
+        not even a count, where the answer to a fast read came broken.
         """
         line, expected, self.whole = self._line, plan.reply_size, False
         if 0 < responsive < len(plan.servo_ids):
@@ -88,15 +89,18 @@ class GroupRead:
             states = plan.whole(data)
             if states is not None:
                 return self._all_well(plan, states, due_s)
-        if plan.pieces:
-            results, noise = self.fast.judge(plan, data, deadline_s)
-            return self._counted(plan, results, noise)
+        if plan.fast:
+            self._counters.noise += bool(data)
+            self.fast.came_broken()
+            return {}
         if not data and responsive and not self._adaptive:
             data = self._after_silence(expected, deadline_s)
         return self._piecewise(plan, responsive, data, wait_s, due_s, deadline_s)
 
     def abandon(self, plan: ReadPlan) -> None:
         """Nobody will wait for the answers to the last question, which are still on their way."""
+        if plan.fast:
+            self.fast.came_broken()
         self._counted(plan, dict.fromkeys(plan.servo_ids, "no_time"))
 
     def _after_silence(self, expected: int, deadline_s: float) -> bytes:
@@ -117,7 +121,7 @@ class GroupRead:
                 self._late.answered(servo_id, line.now())
         if self._adaptive:
             self.timeout.heard(line.now() - due_s)
-        if plan.pieces:
+        if plan.fast:
             self.fast.came_whole()
         accounts = self._accounts.get(plan.servo_ids)
         if accounts is None:
@@ -205,6 +209,8 @@ class GroupRead:
         return results
 
     def _leave_open(self, plan: ReadPlan, servo_id: int, now_s: float, counted: Missed) -> None:
+        if plan.fast:  # no reply of its own is on its way
+            return
         if plan.blocks:
             self._late.add(servo_id, plan.sizes[servo_id], now_s, counted)
         else:  # a register, of a size that a servo may be asked for by itself too

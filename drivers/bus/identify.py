@@ -23,10 +23,7 @@ def check_model_number(single: SingleServo, servo_id: int, model: ServoModel) ->
 
 
 def check_settings(single: SingleServo, servo_id: int, model: ServoModel) -> str | None:
-    """Raise ServoRefused where goals are not what we take them for, or writes are not acknowledged.
-
-    Returns what is odd beside that.
-    """
+    """Raise ServoRefused where goals are no goals, or writes are not acknowledged; returns what is odd beside that."""
     series = series_of(model)
     level = retry(partial(single.read, servo_id, series.status_level))
     if level < series.answers_all and not _acknowledges(single, servo_id, series):

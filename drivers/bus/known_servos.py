@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from struct import Struct
 
 from drivers.bus.fast_read import fast_plan
-from drivers.bus.read_plan import ReadPlan, register_plan, state_plan
+from drivers.bus.read_plan import ReadPlan, state_plan
 from drivers.bus.types import ServoGoal
 from drivers.protocol import v1
 from drivers.servos.catalog import series_of, wire_protocol
@@ -28,7 +28,6 @@ class KnownServos:
         self._mapped: dict[int, tuple[StateBlock, ...]] = {}
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
-        self._torque: dict[tuple[int, ...], ReadPlan] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
 
     def series(self, servo_id: int) -> Series:
@@ -90,18 +89,10 @@ class KnownServos:
     def fast_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan | None:
         """The plan of a fast sync read; None where they are not to be asked alike, or may not know it."""
         if servo_ids not in self._fast:
-            blocks = {self.blocks(i)[0] for i in servo_ids}
-            block = blocks.pop() if len(blocks) == 1 else None
-            fast = block is not None and block.fast
-            self._fast[servo_ids] = fast_plan(self.protocol, block, self._scales(servo_ids)) if block and fast else None
+            block, *others = {self.blocks(i)[0] for i in servo_ids}
+            alike = block.fast and not others
+            self._fast[servo_ids] = fast_plan(block, self._scales(servo_ids)) if alike else None
         return self._fast[servo_ids]
-
-    def torque_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan:
-        """The read plan for whether these servos drive their motors."""
-        if servo_ids not in self._torque:
-            registers = {i: self.series(i).torque_enable for i in servo_ids}
-            self._torque[servo_ids] = register_plan(self.protocol, registers)
-        return self._torque[servo_ids]
 
     def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
         """Of a Dynamixel X that has not been identified nobody knows the unit of its current."""
@@ -109,7 +100,7 @@ class KnownServos:
         return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self._models else None for i in servo_ids}
 
     def _forget_plans(self) -> None:
-        for kept in (self._plans, self._fast, self._torque, self._writes):
+        for kept in (self._plans, self._fast, self._writes):
             kept.clear()
 
     # How goals and the torque switch are told.

@@ -92,7 +92,8 @@ class LateReplies:
 
     def doubtful(self, sizes: Mapping[int, int]) -> bool:
         """Whether a reply of the size that was asked for, by servo, may be one to an earlier question."""
-        return any(self._certainly_open(servo_id, sizes[servo_id]) for servo_id in self.open.keys() & sizes)
+        asked = (self.open[servo_id].get(sizes[servo_id]) for servo_id in self.open.keys() & sizes)
+        return any(one is not None and not one.overtaken for one in asked)
 
     def servos(self, now_s: float) -> frozenset[int]:
         """The servos that have open questions: a refusal of theirs may be one to an earlier question."""
@@ -109,21 +110,15 @@ class LateReplies:
             self._keep(servo_id, {s: o for s, o in of_servo.items() if o.until_s > now_s})
 
     def place(self, sizes: Mapping[int, Sequence[int]]) -> int:
-        """Which of its ``sizes`` to ask each servo for, by their place: one that is open for as few as possible.
+        """Which of its ``sizes`` to ask each servo for, by their place: one that is open for as few as possible."""
 
-        Where several are open for as many, the one that was asked for last: its reply closes the most.
-        """
-
+        # Where several are open for as many, the one that was asked for last: its reply closes the most.
         def doubts(place: int) -> tuple[int, int, float]:
             found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]
             return len(first_s), len(found), -min(first_s, default=0.0)
 
         return min(range(min(map(len, sizes.values()), default=1)), key=doubts)
-
-    def _certainly_open(self, servo_id: int, size: int) -> bool:
-        one = self.open[servo_id].get(size)
-        return one is not None and not one.overtaken
 
     def _keep(self, servo_id: int, of_servo: dict[int, _Open]) -> None:
         if of_servo:

@@ -7,9 +7,10 @@ from struct import Struct
 from typing import Any
 from zlib import adler32
 
+from fastcrc.crc16 import umts as crc16
+
 from drivers.bus.types import FaultKind, ServoFault, ServoState, fault
 from drivers.protocol import v1, v2
-from drivers.protocol.crc import crc16
 from drivers.protocol.decoder import Reply
 from drivers.servos.register import Register
 from drivers.servos.series import StateBlock, WireProtocol
@@ -21,11 +22,8 @@ A fault in words of its own is a refusal: the servo says why."""
 Whole = Callable[[bytes], Mapping[int, ServoState] | None]
 """All states where the bytes are exactly the replies of all servos in their order, and all is well; else None."""
 
-Pieces = Callable[[bytes], dict[int, ReadResult]]
-"""What a packet's pieces say, up to the first servo that cannot be believed."""
-
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
-"""Of a whole reply by Adler-32 (drivers.protocol.v1.byte_sum): its checksum makes the sum after the header 255."""
+"""Of a whole reply by Adler-32, which is 1 more than the sum: its checksum makes the sum after the header 255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +40,13 @@ class ReadPlan:
     result: Callable[[Reply], ReadResult]
     """What one reply says by itself."""
     blocks: Mapping[int, StateBlock]
-    pieces: Pieces | None = None
-    """Of a fast sync read, where all answer with one packet: what can be believed of a broken one."""
+    fast: bool = False
+    """Whether all answer with one packet, which is believed as a whole or not at all."""
+
+    @property
+    def exchange_size(self) -> int:
+        """Bytes of the question and of all replies."""
+        return len(self.request) + self.reply_size
 
     def bytes_from(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes of these servos' replies."""
@@ -58,7 +61,7 @@ def state_plan(
     whole = _whole_v1(protocol, blocks, scales) if is_v1 else _whole_v2(blocks, scales)
 
     def result(reply: Reply) -> ReadResult:
-        return state_result(protocol, blocks[reply.servo_id], scales[reply.servo_id], reply)
+        return _state_result(protocol, blocks[reply.servo_id], scales[reply.servo_id], reply)
 
     spans = {i: (block.address, block.size) for i, block in blocks.items()}
     return _plan(protocol, spans, whole, result, blocks)
@@ -95,7 +98,7 @@ def _request(protocol: WireProtocol, spans: Mapping[int, tuple[int, int]]) -> by
     if protocol.group_read == "sync" and len(places) == 1:
         request: bytes = packets.sync_read(tuple(spans), *places.pop())
     elif len(spans) == 1 and protocol.group_read != "sync":
-        request = packets.read(*spans, *places.pop())
+        request = packets.packet(*spans, packets.READ, packets.span(*places.pop()))
     else:
         request = packets.bulk_read(spans)
     return request
@@ -108,7 +111,7 @@ def _refusal(protocol: WireProtocol, reply: Reply) -> ServoFault | None:
     return None
 
 
-def state_result(protocol: WireProtocol, block: StateBlock, scale: float | None, reply: Reply) -> ReadResult:
+def _state_result(protocol: WireProtocol, block: StateBlock, scale: float | None, reply: Reply) -> ReadResult:
     if refused := _refusal(protocol, reply):
         # Nothing where the map's cells should be: it is another servo than the one that was mapped.
         no_map = block.proof and reply.error & protocol.refusals == v2.NO_ACCESS

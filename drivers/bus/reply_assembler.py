@@ -29,15 +29,14 @@ class ReplyAssembler:
 
     def _take(self, replies: Sequence[Reply]) -> None:
         self.replies += replies
-        self.answered.update(reply.servo_id for reply in replies if self.fits(reply) and not self._is_doubtful(reply))
+        for reply in replies:
+            if self.fits(reply) and not (reply.servo_id in self.doubted and self.decoder.refuses(reply)):
+                self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:
         """Whether the reply is one to this question, by its size; one that refuses it may be of any."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
-
-    def _is_doubtful(self, reply: Reply) -> bool:
-        return reply.servo_id in self.doubted and self.decoder.refuses(reply)
 
     def bytes_missing(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes to wait for; 0 when the last of them has answered."""

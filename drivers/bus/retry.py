@@ -1,9 +1,9 @@
 """A question is asked again, for one lost packet must not fail a whole set-up, and a cycle has time for some."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, TypeVar
 
-from drivers.errors import ServoCorrupt, ServoError, ServoSilent
+from drivers.errors import ServoCorrupt, ServoSilent
 
 ATTEMPTS: Final = 4
 """On a line that loses 9 % of all answers, one question in 15000 stays open by chance; a set-up has about a hundred."""
@@ -22,14 +22,3 @@ def retry(question: Callable[[], Result]) -> Result:
         except (ServoSilent, ServoCorrupt):
             continue
     return question()
-
-
-def failures_of_each(servo_ids: Sequence[int], do: Callable[[int], None]) -> list[ServoError]:
-    """Call ``do`` for every servo, whatever the others answer; returns what failed."""
-    failed: list[ServoError] = []
-    for servo_id in servo_ids:
-        try:
-            do(servo_id)
-        except ServoError as error:
-            failed.append(error)
-    return failed

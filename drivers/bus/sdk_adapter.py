@@ -4,7 +4,6 @@ Their own PortHandlers spin at 100 % CPU while they wait, and Feetech's flushes 
 input; this one waits on the port and drops the input.
 """
 
-import math
 from typing import Final
 
 import dynamixel_sdk
@@ -27,10 +26,6 @@ class SdkAdapter:
         self._sent = b""
         self._doubtful, self._given, self._mixed = b"", b"", False
         self._deadline_s = 0.0
-        self.sent_s = 0.0
-        """When the last instruction went out."""
-        self.latest_s = math.inf
-        """When to give up whatever the SDK would grant: a cycle has its own deadline."""
 
     def judged(self, result: int) -> int:
         """An SDK's result code, with what it does not know of echoes."""
@@ -54,7 +49,6 @@ class SdkAdapter:
 
     def writePort(self, packet: list[int]) -> int:
         self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
-        self.sent_s = self._line.now()
         self._port.write(self._sent)
         return len(packet)
 
@@ -90,7 +84,7 @@ class SdkAdapter:
 
     def setPacketTimeout(self, packet_length: int) -> None:
         wire_s = packet_length * BITS_PER_BYTE / self._port.baud
-        self._deadline_s = min(self._line.now() + wire_s + _GRACE_S, self.latest_s)
+        self._deadline_s = self._line.now() + wire_s + _GRACE_S
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
         self._deadline_s = self._line.now() + msec / 1000.0

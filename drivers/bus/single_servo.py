@@ -1,8 +1,5 @@
-"""Calls to one servo by itself: through the maker's SDK, acknowledged, judged and counted."""
+"""Calls to one servo by itself, not for a cycle: through the maker's SDK, acknowledged, judged and counted."""
 
-import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final
 
 from dynamixel_sdk import COMM_SUCCESS
@@ -17,8 +14,6 @@ from drivers.servos.series import WireProtocol
 
 _MANY: Final = 4096
 """More bytes than can come while a late reply is waited for."""
-_READ_SIZE: Final = 26
-"""Bytes on the wire for reading one register, request and reply, in the longest of the protocols."""
 
 
 class SingleServo:
@@ -32,23 +27,6 @@ class SingleServo:
         self._late = late
         self._adapter = SdkAdapter(line)
         self._sdk = protocol.sdk()
-
-    @property
-    def sent_s(self) -> float:
-        """When the last instruction went out."""
-        return self._adapter.sent_s
-
-    @contextmanager
-    def until(self, servo_id: int, deadline_s: float | None) -> Iterator[None]:
-        """Give up what is asked within at the deadline, if there is one; ServoSilent at once where there is no time."""
-        deadline_s = math.inf if deadline_s is None else deadline_s
-        if self._line.now() + _READ_SIZE * self._line.byte_s >= deadline_s:
-            raise ServoSilent(servo_id, "was not asked: the cycle was over")
-        self._adapter.latest_s = deadline_s
-        try:
-            yield
-        finally:
-            self._adapter.latest_s = math.inf
 
     def ping(self, servo_id: int) -> None:
         """Raise ServoSilent unless the servo is there."""
@@ -153,9 +131,7 @@ class SingleServo:
         return data
 
     def _let_pass(self, servo_id: int) -> None:
-        """Wait until no reply to a former instruction can come any more; in a cycle there is no time for that."""
+        """Wait until no reply to a former instruction can come any more."""
         until_s = self._late.single_until_s(servo_id)
-        if self._adapter.latest_s < math.inf and self._line.now() < until_s:
-            raise ServoSilent(servo_id, "may still answer the last question, and is not asked before that")
         while self._line.now() < until_s:
             self._line.port.read(_MANY, until_s)

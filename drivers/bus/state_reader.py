@@ -12,11 +12,11 @@ from drivers.bus.counters import BusCounters
 from drivers.bus.group_read import GROUP_WAIT_S, GroupRead
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import LateReplies
-from drivers.bus.read_plan import ReadPlan, ReadResult
+from drivers.bus.read_plan import ReadPlan, ReadResult, register_plan
 from drivers.bus.retry import CYCLE_RETRIES
 from drivers.bus.types import Reading, fault
 from drivers.port.line import GAP_S, Line
-from drivers.servos.series import StateBlock
+from drivers.servos.register import Register
 
 LOG = logging.getLogger("servoloop.drivers")
 
@@ -45,10 +45,6 @@ class StateReader:
         self._no_time: frozenset[int] = frozenset()
         """Servos that the last cycle had no time for: the next begins with them."""
         self.deadline_s = math.inf
-        self.first_blocks: Mapping[int, StateBlock] = {}
-        """What the last cycle asked for at first."""
-        self.missed: frozenset[int] = frozenset()
-        """Servos that gave no state to the first question of the last cycle."""
         self._told = servos.read_together
 
     def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
@@ -83,18 +79,17 @@ class StateReader:
         return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
 
     def _ask(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
-        fast = self._group.fast.known and responsive == len(servo_ids)
-        plan = self._fast_or_none(servo_ids, deadline_s) if fast else None
+        fast = self._group.fast
+        may = fast.known and responsive == len(servo_ids) and fast.may_be_asked()
+        plan = self._fast_or_none(servo_ids, deadline_s) if may else None
         if plan is None:
-            plan = self._servos.plan(servo_ids, self._place(servo_ids))
+            plan = self._servos.plan(servo_ids, self._place(servo_ids) if self._late.open else 0)
         self._plan = plan
         self._responsive = responsive
         self._group.ask(plan)
 
     def _place(self, servo_ids: tuple[int, ...]) -> int:
         """Which of its blocks to ask each servo for, so that no late reply can be taken for the answer."""
-        if not self._late.open:
-            return 0
         self._late.forget(self._line.now())
         return self._late.place({i: [block.size for block in self._servos.blocks(i)] for i in servo_ids})
 
@@ -108,10 +103,9 @@ class StateReader:
                 self._ask(*turn, self.deadline_s)
                 results = {**results, **self._collect(self._until_s(turn[0]))}
         if plan is not None and plan.servo_ids == asked and self._group.whole and not self._backoff.misses:
-            self.missed, self.first_blocks = frozenset(), plan.blocks
             self._no_time = frozenset()
             return cast(Mapping[int, Reading], results)
-        return self._made_up(plan, dict(results))
+        return self._made_up(dict(results))
 
     def _collect(self, deadline_s: float) -> Mapping[int, ReadResult]:
         plan = self._plan
@@ -119,17 +113,24 @@ class StateReader:
             return {}
         self._plan = None
         try:
-            return self._group.collect(plan, self._responsive, deadline_s)
+            results = self._group.collect(plan, self._responsive, deadline_s)
         except BaseException:
             self._group.abandon(plan)
             raise
+        return results if results or not plan.fast else self._plainly(plan.servo_ids, deadline_s)
 
-    def _made_up(self, plan: ReadPlan | None, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
+    def _plainly(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
+        """Ask those whose fast read was broken, each for a reply of its own: that alone shows whose fault it was."""
+        if not self._has_time(servo_ids, deadline_s):
+            return {}
+        self._ask(servo_ids, len(servo_ids), deadline_s)
+        return self._collect(deadline_s)
+
+    def _made_up(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
         """Count whom nobody asked, and ask again whoever was expected to answer and did not."""
         expected = [i for i in results if i not in self._backoff.misses]
         self._count_unasked(results)
         missing = self._backoff.note(results, self._line.now())
-        self.missed, self.first_blocks = frozenset(missing), plan.blocks if plan else {}
         self._ask_again([i for i in missing if i in expected], results)
         return self._readings(results)
 
@@ -176,7 +177,7 @@ class StateReader:
     def read_patiently(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
         """Ask without a deadline, waiting for everybody."""
         # Those that were missing are asked last, and whoever may have waited in vain is asked once more.
-        self._asked, self._no_time, self.missed = asked, frozenset(), frozenset()
+        self._asked, self._no_time = asked, frozenset()
         self._group.timeout.begin()
         responsive, probed = self._backoff.split(asked, math.inf)
         results = self._read_all(responsive + probed)
@@ -198,19 +199,19 @@ class StateReader:
             results |= self._collect(math.inf)
         return results
 
-    def torque(self, servo_ids: tuple[int, ...], deadline_s: float) -> dict[int, bool] | None:
-        """Whether they drive their motors, as far as they answer; None where they cannot be asked together."""
-        if not self._sync:
-            return None
-        # The answer has the size of one to a question that a servo was asked by itself.
+    def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
+        """One register of each servo, as far as they answer by the deadline: one attempt."""
         now_s = self._line.now()
-        servo_ids = tuple(i for i in servo_ids if self._late.single_until_s(i) <= now_s)
-        plan = self._servos.torque_plan(servo_ids)
-        if not servo_ids or not self._fits(len(plan.request) + plan.reply_size, deadline_s, GAP_S):
-            return {}
-        self._group.ask(plan)
-        results = self._group.collect(plan, len(servo_ids), deadline_s)
-        return {i: result == 1 for i, result in results.items() if isinstance(result, int)}
+        # The answer may have the size of a late one to a question that a servo was asked by itself.
+        askable = tuple(i for i in registers if self._late.single_until_s(i) <= now_s)
+        found: dict[int, int] = {}
+        for together in self._groups(askable):
+            plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
+            if self._fits(plan.exchange_size, deadline_s, GAP_S):
+                self._group.ask(plan)
+                results = self._group.collect(plan, len(together), deadline_s)
+                found |= {i: result for i, result in results.items() if isinstance(result, int)}
+        return found
 
     # Fast sync reads.
 
@@ -232,8 +233,7 @@ class StateReader:
         plan = None if self._late.open else self._servos.fast_plan(servo_ids)
         if plan is None:
             return None
-        plain = self._servos.plan(servo_ids)
-        size = len(plan.request) + plan.reply_size + len(plain.request) + plain.reply_size
+        size = plan.exchange_size + self._servos.plan(servo_ids).exchange_size
         return plan if self._fits(size, deadline_s, GROUP_WAIT_S + GAP_S) else None
 
     # Time.
@@ -243,7 +243,7 @@ class StateReader:
         fast = self._servos.fast_plan(asked) if self._group.fast.known else None
         groups = [asked] if self._servos.read_together else self._groups(asked)
         plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
-        return sum(len(plan.request) + plan.reply_size for plan in plans)
+        return sum(plan.exchange_size for plan in plans)
 
     def _fits(self, size: int, deadline_s: float, gap_s: float = 0.0) -> bool:
         """Whether so many bytes go over the wire before the deadline."""
@@ -252,8 +252,7 @@ class StateReader:
 
     def _size_of(self, servo_ids: tuple[int, ...]) -> int:
         """Bytes of a question and its answers."""
-        plan = self._servos.plan(servo_ids, self._place(servo_ids))
-        return len(plan.request) + plan.reply_size
+        return self._servos.plan(servo_ids, self._place(servo_ids) if self._late.open else 0).exchange_size
 
     def _has_time(self, servo_ids: tuple[int, ...], deadline_s: float, gap_s: float = 0.0) -> bool:
         return self._fits(self._size_of(servo_ids), deadline_s, gap_s)
@@ -270,11 +269,10 @@ class StateReader:
         return min(max(self.deadline_s - needed_s, at_least_s), self.deadline_s)
 
     def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
-        each_s = self.exchange_size(servo_ids) * self._line.byte_s
-        more_s = (len(servo_ids) - 1) * len(self._servos.plan(servo_ids[:1]).request) * self._line.byte_s
+        count, port = len(servo_ids), self._line.port
         LOG.info(
             "%s: these %s servos have no group read, so the %d of them are asked one by one: %.2f ms of every cycle "
-            "at %d baud, %.2f ms more than together, and the adapter's delay %d times instead of once",
-            self._line.port.name, self._servos.protocol.name, len(servo_ids), each_s * 1e3, self._line.port.baud,
-            more_s * 1e3, len(servo_ids),
+            "at %d baud, and the adapter's delay %d times instead of once",
+            port.name, self._servos.protocol.name, count, 1e3 * self.exchange_size(servo_ids) * self._line.byte_s,
+            port.baud, count,
         )  # fmt: skip

@@ -21,12 +21,10 @@ class Reply:
 class Decoder(ABC):
     """A decoder finds replies with ``data_size`` bytes of data.
 
-    The size is known from the request; a frame of another size is passed over, so that noise that
-    looks like a long frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those
-    of earlier requests) are found too, and those without data that refuse the request.
-    ``refusals``: those bits of the error byte that do.
-    ``corrupt_ids`` lists what stood in the id field of frames whose checksum was wrong; ``garbage``
-    counts the bytes since the last reply that belong to none.
+    The size is known from the request; a frame of another size is passed over, so that noise that looks like a long
+    frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those of earlier requests) are found too,
+    and those without data that refuse the request, by the bits ``refusals`` of the error byte. ``corrupt_ids`` lists
+    the id fields of frames whose checksum was wrong; ``garbage`` counts the bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]

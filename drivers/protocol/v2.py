@@ -3,14 +3,16 @@
 A packet is ``FF FF FD 00 id length instruction parameters crc``; length (two bytes, low byte first,
 as all numbers) counts from the instruction to the end. A reply's instruction is 0x55, and an error
 byte follows it. Where FF FF FD occurs from the instruction on, an FD is stuffed behind it, so the
-header occurs nowhere but at the beginning. Source: ROBOTIS e-manual, "Protocol 2.0".
+header occurs nowhere but at the beginning. The checksum is CRC-16 with polynomial 0x8005 from zero, nothing
+reflected (CRC-16/UMTS). Source: ROBOTIS e-manual, "Protocol 2.0", "CRC calculation".
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.protocol.crc import crc16
+from fastcrc.crc16 import umts as crc16
+
 from drivers.protocol.decoder import Decoder, Reply
 
 BROADCAST_ID = 0xFE
@@ -88,11 +90,6 @@ def span(address: int, size: int) -> bytes:
 def place(address: int) -> bytes:
     """Where a write begins."""
     return address.to_bytes(2, "little")
-
-
-def read(servo_id: int, address: int, size: int) -> bytes:
-    """Asks one servo for ``size`` bytes at ``address``."""
-    return packet(servo_id, READ, span(address, size))
 
 
 def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, bit_names
+from drivers.servos.register import Access, Register, ServoModel, bit_names, by_address
 
 READ: Final = Access.READ
 
@@ -47,7 +47,7 @@ moving = Register("moving", 46, 1, READ)
 lock = Register("lock", 47, 1)  # 1: EEPROM is locked until power-off
 punch = Register("punch", 48, 2)
 
-COMMON: Final[tuple[Register, ...]] = tuple(r for r in list(globals().values()) if isinstance(r, Register))
+COMMON: Final = by_address(globals().values())
 """What all models have."""
 
 # Where they differ: an AX has a compliance where an MX has gains.
@@ -69,15 +69,9 @@ _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain
 STATE_BLOCK: Final = (present_position, present_speed, present_load, present_voltage, present_temperature)
 GOAL_BLOCK: Final = (goal_position, moving_speed)
 
-ERROR_BITS: Final = {
-    0: "voltage",
-    1: "angle limit",
-    2: "temperature",
-    3: "range",
-    4: "checksum",
-    5: "overload",
-    6: "instruction",
-}
+ERROR_BITS: Final = dict(
+    enumerate(("voltage", "angle limit", "temperature", "range", "checksum", "overload", "instruction"))
+)
 """Meaning of the bits of a reply's error byte. Those of ``REFUSALS`` speak of the instruction, not of the servo."""
 REFUSALS: Final = 1 << 3 | 1 << 4 | 1 << 6
 CAME_BROKEN: Final = 1 << 4
@@ -111,35 +105,23 @@ class Model(ServoModel):
 
 
 def _ax(
-    name: str,
-    number: int,
-    volts: float,
-    stall_nm: float,
-    stall_a: float,
-    no_load_rpm: float,
-    beyond: tuple[Register, ...] = (),
+    name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
 ) -> Model:
-    """A potentiometer and a compliance. ``beyond``: what an AX-12A does not have."""
+    """A potentiometer and a compliance. ``own``: what an AX-12A does not have."""
     turn = round(AX_POSITIONS * 360.0 / 300.0)
     return Model(
         name, number, "little", turn, volts, stall_nm, no_load_rpm * RPM, AX_POSITIONS,
-        own=_AX_ONLY + beyond, speed_unit_counts_s=0.111 * turn / 60.0, bulk_read=False, stall_current_a=stall_a,
+        own=_AX_ONLY + own, speed_unit_counts_s=0.111 * turn / 60.0, bulk_read=False, stall_current_a=stall_a,
     )  # fmt: skip
 
 
 def _mx(
-    name: str,
-    number: int,
-    volts: float,
-    stall_nm: float,
-    stall_a: float,
-    no_load_rpm: float,
-    beyond: tuple[Register, ...] = (),
+    name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
 ) -> Model:
-    """A magnetic encoder and gains. ``beyond``: what an MX-28 does not have."""
+    """A magnetic encoder and gains. ``own``: what an MX-28 does not have."""
     return Model(
         name, number, "little", 4096, volts, stall_nm, no_load_rpm * RPM,
-        own=_MX_ONLY + beyond, speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=stall_a,
+        own=_MX_ONLY + own, speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=stall_a,
     )  # fmt: skip
 
 
@@ -154,7 +136,7 @@ SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in
 
 def registers(model: Model) -> tuple[Register, ...]:
     """The whole table of a model, by address."""
-    return tuple(sorted(COMMON + model.own, key=lambda register: register.address))
+    return by_address(COMMON + model.own)
 
 
 def alarms(error: int) -> tuple[str, ...]:

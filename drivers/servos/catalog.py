@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from drivers.servos import dynamixel, dynamixel1, feetech
-from drivers.servos.register import Register, ServoModel
+from drivers.servos.register import ServoModel
 from drivers.servos.series import Series, WireProtocol
 
 Make = Literal["feetech", "dynamixel"]
@@ -42,8 +42,3 @@ def known_as(number: int, series: Series) -> str:
     relatives = [model for each in SERIES if each.make == series.make for model in each.models]
     names = [m.name for m in relatives if m.number == int.from_bytes(said, m.byte_order)]
     return " or ".join(names) or "unknown"
-
-
-def model_number_elsewhere(model: ServoModel) -> Register:
-    """Where a servo would have its model number if it were of the other make."""
-    return (dynamixel.X if series_of(model).make == "feetech" else feetech.STS).model_number

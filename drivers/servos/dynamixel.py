@@ -1,7 +1,6 @@
 """The Dynamixel series of protocol 2.0: how their lines speak, what their states and goals are in bytes."""
 
 import math
-from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
@@ -11,14 +10,7 @@ from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v2
 from drivers.servos import x, xl320
 from drivers.servos.register import ServoModel
-from drivers.servos.series import (
-    Read,
-    Series,
-    WireProtocol,
-    blocks_to_end,
-    check_goal,
-    signed,
-)
+from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
 
 ALARMED: Final = ("hardware error",)
 """What the alert bit says by itself. Which error it is stands in a register that not every block has."""
@@ -49,7 +41,6 @@ def alarmed(error: int) -> tuple[str, ...]:
 # X series.
 
 LARGEST_PROFILE: Final = 32767
-_VOLTAGES_V: Final = tuple(raw * x.VOLTAGE_UNIT_V for raw in range(256))
 
 
 def x_state(
@@ -61,7 +52,7 @@ def x_state(
         position,
         round(velocity * x.VELOCITY_UNIT_COUNTS_S),
         pwm / x.FULL_PWM,
-        _VOLTAGES_V[voltage] if voltage < 256 else voltage * x.VOLTAGE_UNIT_V,
+        voltage * x.VOLTAGE_UNIT_V,
         float(temperature),
         alarms,
         None if unit_a is None else current * unit_a,
@@ -106,7 +97,6 @@ X: Final = Series(
     protocol=PROTOCOL_2,
     models=tuple(x.MODELS.values()),
     registers=x.REGISTERS,
-    state_block=(x.present_pwm, x.present_velocity, x.present_position, x.present_voltage, x.present_temperature),
     goal_block=x.GOAL_BLOCK,
     blocks=blocks_to_end(
         (x.present_pwm, x.moving, x.realtime_tick, x.goal_position),
@@ -141,30 +131,9 @@ X: Final = Series(
 
 # XL-320.
 
-_SIGN: Final = 1 << 10
 
-
-def _xl_state(
-    _scale: None, error: int, position: int, speed: int, load: int, voltage: int, temperature: int
-) -> ServoState:
-    return ServoState(
-        position,
-        round(signed(speed, _SIGN) * xl320.SPEED_UNIT_COUNTS_S),
-        signed(load, _SIGN) / xl320.FULL_TORQUE,
-        voltage * xl320.VOLTAGE_UNIT_V,
-        float(temperature),
-        alarmed(error),
-    )
-
-
-def _xl_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
-    def goal(wanted: ServoGoal) -> tuple[int, ...]:
-        check_goal(model.last_count, wanted)
-        # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
-        speed = min(math.ceil(wanted.velocity_counts_s / xl320.SPEED_UNIT_COUNTS_S), xl320.LARGEST_SPEED)
-        return wanted.position_counts, speed
-
-    return goal
+def _xl_state(_scale: None, error: int, *numbers: int) -> ServoState:
+    return bit_10_state(xl320.SPEED_UNIT_COUNTS_S, alarmed(error), *numbers)
 
 
 def _xl_config_error(model: ServoModel, read: Read) -> str | None:
@@ -180,10 +149,6 @@ XL: Final = Series(
     protocol=PROTOCOL_2,
     models=tuple(xl320.MODELS.values()),
     registers=xl320.REGISTERS,
-    state_block=(
-        xl320.present_position, xl320.present_speed, xl320.present_load, xl320.present_voltage,
-        xl320.present_temperature,
-    ),
     goal_block=xl320.GOAL_BLOCK,
     blocks=blocks_to_end(
         (xl320.present_position, xl320.torque_limit, xl320.moving_speed, xl320.goal_position),
@@ -193,7 +158,7 @@ XL: Final = Series(
         fast=False,
     ),
     goal_fields="HH",
-    goal_of=_xl_goal_of,
+    goal_of=lambda model: bit_10_goal_of(model.last_count, xl320.SPEED_UNIT_COUNTS_S),
     servo_id=xl320.servo_id,
     model_number=xl320.model_number,
     status_level=xl320.status_return_level,
@@ -207,7 +172,7 @@ XL: Final = Series(
     config_error=_xl_config_error,
     position_p=xl320.p_gain,
     hardware_error=(xl320.hardware_error_status, xl320.alarms),
-)  # fmt: skip
+)
 
 
 SERIES: Final = tuple(series for series in list(globals().values()) if isinstance(series, Series))

@@ -1,17 +1,15 @@
 """The Dynamixels of protocol 1.0, AX and MX: how their lines speak, what their states and goals are in bytes."""
 
-import math
-from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
 from dynamixel_sdk import Protocol1PacketHandler
 
-from drivers.bus.types import ServoGoal, ServoState
+from drivers.bus.types import ServoState
 from drivers.protocol import v1
 from drivers.servos import ax_mx
 from drivers.servos.register import ServoModel
-from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal, signed
+from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_from_start
 
 PROTOCOL_1: Final = WireProtocol(
     name="Dynamixel protocol 1.0",
@@ -24,33 +22,11 @@ PROTOCOL_1: Final = WireProtocol(
     came_broken=lambda bits: bool(bits & ax_mx.CAME_BROKEN),
     reboot="none",
 )
-_SIGN: Final = 1 << 10
 _ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
 
 
-def _ax_mx_state(
-    unit_counts_s: float, error: int, position: int, speed: int, load: int, voltage: int, temperature: int
-) -> ServoState:
-    return ServoState(
-        position,
-        round(signed(speed, _SIGN) * unit_counts_s),
-        signed(load, _SIGN) / ax_mx.FULL_TORQUE,
-        voltage * ax_mx.VOLTAGE_UNIT_V,
-        float(temperature),
-        _ALARMS[error],
-    )
-
-
-def _ax_mx_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
-    unit_counts_s = ax_mx.SPEED_UNIT_COUNTS_S[model.name]
-
-    def goal(wanted: ServoGoal) -> tuple[int, ...]:
-        check_goal(model.last_count, wanted)
-        # Rounded up, as an XL-320's.
-        speed = min(math.ceil(wanted.velocity_counts_s / unit_counts_s), ax_mx.LARGEST_SPEED)
-        return wanted.position_counts, speed
-
-    return goal
+def _ax_mx_state(unit_counts_s: float, error: int, *numbers: int) -> ServoState:
+    return bit_10_state(unit_counts_s, _ALARMS[error], *numbers)
 
 
 def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:
@@ -68,12 +44,11 @@ AX_MX: Final = Series(
     protocol=PROTOCOL_1,
     models=tuple(ax_mx.MODELS.values()),
     registers=ax_mx.COMMON,
-    state_block=ax_mx.STATE_BLOCK,
     goal_block=ax_mx.GOAL_BLOCK,
     # An AX's table ends at 49.
     blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
     goal_fields="HH",
-    goal_of=_ax_mx_goal_of,
+    goal_of=lambda model: bit_10_goal_of(model.last_count, ax_mx.SPEED_UNIT_COUNTS_S[model.name]),
     scale_of=lambda model: ax_mx.SPEED_UNIT_COUNTS_S[model.name],
     servo_id=ax_mx.servo_id,
     model_number=ax_mx.model_number,

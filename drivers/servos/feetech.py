@@ -15,7 +15,7 @@ from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.servos import scs, sts
 from drivers.servos.register import ServoModel
-from drivers.servos.series import Lock, Read, Series, WireProtocol, blocks_from_start, check_goal, signed
+from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal, signed
 
 STS_PROTOCOL: Final = WireProtocol(
     name="Feetech STS",
@@ -94,7 +94,6 @@ STS: Final = Series(
     protocol=STS_PROTOCOL,
     models=tuple(sts.MODELS.values()),
     registers=sts.REGISTERS,
-    state_block=sts.STATE_BLOCK,
     goal_block=sts.GOAL_BLOCK,
     # All end within the table. Their length bytes differ in two bits at least: no single flipped bit turns one into
     # another.
@@ -114,7 +113,7 @@ STS: Final = Series(
     full_torque=1000,
     config_error=_sts_config_error,
     config_warning=_sts_config_warning,
-    lock=Lock(sts.lock),
+    lock=sts.lock,
 )
 
 
@@ -138,7 +137,6 @@ SCS: Final = Series(
     protocol=SCS_PROTOCOL,
     models=tuple(scs.MODELS.values()),
     registers=scs.REGISTERS,
-    state_block=scs.STATE_BLOCK,
     goal_block=scs.GOAL_BLOCK,
     # The memory table ends at 66, Feetech's header of the series at 70.
     blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), _state),
@@ -155,7 +153,7 @@ SCS: Final = Series(
     torque_limit=None,
     full_torque=1000,
     config_error=_scs_config_error,
-    lock=Lock(scs.lock),
+    lock=scs.lock,
 )
 
 

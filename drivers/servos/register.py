@@ -1,6 +1,6 @@
 """Servos as data: a register is one line of a table, a servo model is a table."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
@@ -66,6 +66,11 @@ class Register:
             return raw
         sign = 1 << self.sign_bit
         return -(raw & sign - 1) if raw & sign else raw & sign - 1
+
+
+def by_address(values: Iterable[object]) -> tuple[Register, ...]:
+    """The registers among these values, by address: a control table."""
+    return tuple(sorted((v for v in values if isinstance(v, Register)), key=lambda register: register.address))
 
 
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:

@@ -1,14 +1,13 @@
 """Control table of the Feetech SCS series (potentiometer), and its models.
 
-Source: Feetech's "SCSCL memory table" and its SDK's SCSCL header; docs/servos.md says how each line
-was checked. Words are big endian and there is no sync read. Negative numbers are sign-magnitude.
-Positions are 0 to 1023 over the sensor's angle, which is less than a turn: there is no seam. The
-series has no homing offset, no operating mode, no current and no torque limit in RAM.
+Source: Feetech's "SCSCL memory table" and its SDK's SCSCL header; docs/servos.md says how each line was checked. Words
+are big endian and there is no sync read. Negative numbers are sign-magnitude. Positions are 0 to 1023 over the sensor's
+angle, which is less than a turn. There is no homing offset, operating mode, current and torque limit in RAM.
 """
 
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel
+from drivers.servos.register import Access, Register, ServoModel, by_address
 from drivers.servos.sts import KG_CM, RPM
 
 READ: Final = Access.READ
@@ -65,17 +64,9 @@ dts = Register("dts", 80, 1, READ)  # ms
 min_velocity = Register("min_velocity", 81, 1, READ)  # 50 counts/s
 max_velocity = Register("max_velocity", 82, 1, READ)  # 50 counts/s
 
-REGISTERS: Final[tuple[Register, ...]] = tuple(
-    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
-)
+REGISTERS: Final = by_address(globals().values())
 
-STATE_BLOCK: Final = (
-    present_position,
-    present_velocity,
-    present_load,
-    present_voltage,
-    present_temperature,
-)
+STATE_BLOCK: Final = (present_position, present_velocity, present_load, present_voltage, present_temperature)
 GOAL_BLOCK: Final = (goal_position, goal_time, goal_velocity)
 
 POSITIONS: Final = 1024
@@ -87,25 +78,9 @@ def counts_per_turn(span_deg: float) -> int:
     return round(POSITIONS * 360.0 / span_deg)
 
 
-SCS15 = ServoModel(
-    name="scs15",
-    number=0x050F,  # bytes 5, 15
-    byte_order="big",
-    counts_per_turn=counts_per_turn(215.0),
-    rated_voltage_v=7.4,
-    stall_torque_nm=16.5 * KG_CM,
-    no_load_speed_rad_s=65.0 * RPM,
-    positions=POSITIONS,
-)
-SCS0009 = ServoModel(
-    name="scs0009",
-    number=0x0504,  # bytes 5, 4
-    byte_order="big",
-    counts_per_turn=counts_per_turn(300.0),
-    rated_voltage_v=6.0,
-    stall_torque_nm=2.3 * KG_CM,
-    no_load_speed_rad_s=100.0 * RPM,
-    positions=POSITIONS,
-)
+# Name, number (the bytes as they come), byte order, counts a turn; at this voltage torque at stall (N m) and speed
+# without load (rad/s).
+SCS15 = ServoModel("scs15", 0x050F, "big", counts_per_turn(215.0), 7.4, 16.5 * KG_CM, 65.0 * RPM, POSITIONS)
+SCS0009 = ServoModel("scs0009", 0x0504, "big", counts_per_turn(300.0), 6.0, 2.3 * KG_CM, 100.0 * RPM, POSITIONS)
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}

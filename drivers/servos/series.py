@@ -1,5 +1,6 @@
 """A series is what the bus must know of servos with one control table; a wire protocol is how a line of them speaks."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from struct import Struct
@@ -68,15 +69,6 @@ class StateBlock:
         return self.state(scale, error, *numbers) if self.proved(numbers) else None
 
 
-@dataclass(frozen=True, slots=True)
-class Lock:
-    """The register that guards a servo's EEPROM. Dynamixel has none: torque off is its key."""
-
-    register: Register
-    opened: int = 0
-    closed: int = 1
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Series:
     """Servos with one control table.
@@ -92,7 +84,6 @@ class Series:
     models: tuple[ServoModel, ...]
     registers: tuple[Register, ...]
     """What all models have, by address."""
-    state_block: tuple[Register, ...]
     goal_block: tuple[Register, ...]
     blocks: tuple[StateBlock, ...]
     goal_fields: str
@@ -129,7 +120,8 @@ class Series:
     """Where the names of alarms stand, where a reply only says that there are any."""
     bulk_models: tuple[ServoModel, ...] = ()
     """Those that answer a bulk read, where not all do."""
-    lock: Lock | None = None
+    lock: Register | None = None
+    """What guards the EEPROM: 1 closes it, 0 opens it. Dynamixel has none: torque off is its key."""
 
     @property
     def goal_address(self) -> int:
@@ -157,17 +149,35 @@ def blocks_to_end(
     return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
 
 
+def bit_10_state(
+    unit_counts_s: float, alarms: tuple[str, ...], position: int, speed: int, load: int, voltage: int, temperature: int
+) -> ServoState:
+    """The state of the Dynamixels whose speeds and loads have their direction in bit 10; 1023 is full drive."""
+    velocity_counts_s = round(signed(speed, 1 << 10) * unit_counts_s)
+    return ServoState(
+        position, velocity_counts_s, signed(load, 1 << 10) / 1023, voltage * 0.1, float(temperature), alarms
+    )
+
+
+def bit_10_goal_of(last: int, unit_counts_s: float) -> Callable[[ServoGoal], tuple[int, ...]]:
+    """Position and speed of theirs, of which 1023 is the largest."""
+
+    def goal(wanted: ServoGoal) -> tuple[int, ...]:
+        check_goal(last, wanted)
+        # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
+        return wanted.position_counts, min(math.ceil(wanted.velocity_counts_s / unit_counts_s), 1023)
+
+    return goal
+
+
 def signed(raw: int, sign: int) -> int:
     """A sign-magnitude number whose sign is the bit ``sign``."""
     return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def check_goal(last: int, goal: ServoGoal) -> None:
-    """ValueError where the position or the velocity is none that a servo with positions 0 to ``last`` has.
-
-    The velocity before it is in the servo's units: there a small negative one may have become 0, which is as fast as
-    the servo can.
-    """
+    """ValueError where a servo with positions 0 to ``last`` has no such position, or nobody such a velocity."""
+    # Before it is in the servo's units: there a small negative one may be 0, which is as fast as the servo can.
     if not 0 <= goal.position_counts <= last:
         raise ValueError(f"goal_position takes 0 to {last}, not {goal.position_counts}: nothing written")
     if goal.velocity_counts_s < 0:

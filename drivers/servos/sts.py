@@ -1,25 +1,22 @@
 """Control table of the Feetech STS series, and its models.
 
-Source: Feetech's "SMS/STS memory table" (magnetic encoder), in its newer edition where editions
-differ, and the data sheets that stand beside the models. docs/servos.md says how each was checked.
-Words are little endian. Negative numbers are sign-magnitude, the sign in bit 15 unless a line
-says otherwise.
+Source: Feetech's "SMS/STS memory table" (magnetic encoder), in its newer edition where editions differ, and the data
+sheets that stand beside the models. docs/servos.md says how each was checked. Words are little endian. Negative numbers
+are sign-magnitude, the sign in bit 15 unless a line says otherwise.
 """
 
 import math
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, bit_names
+from drivers.servos.register import Access, Register, ServoModel, bit_names, by_address
 
 READ: Final = Access.READ
-MODEL_ADDRESS: Final = 3
-"""Where every Feetech servo keeps its model number, whatever its table."""
 
 # EEPROM: written only with the lock open.
 firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
 firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
 endianness = Register("endianness", 2, 1, READ, persistent=True)  # 0: low byte first
-model_number = Register("model_number", MODEL_ADDRESS, 2, READ, persistent=True)
+model_number = Register("model_number", 3, 2, READ, persistent=True)  # so in every Feetech table
 servo_id = Register("id", 5, 1, persistent=True)
 baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into BAUD_RATES
 return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us; 1 to 49 count as 50
@@ -85,17 +82,9 @@ max_velocity = Register("max_velocity", 84, 1, READ)  # 0.732 turns a minute
 max_acceleration = Register("max_acceleration", 85, 1, READ)  # 100 counts/s^2
 acceleration_multiplier = Register("acceleration_multiplier", 86, 1, READ)  # where acceleration is 0
 
-REGISTERS: Final[tuple[Register, ...]] = tuple(
-    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
-)
+REGISTERS: Final = by_address(globals().values())
 
-STATE_BLOCK: Final = (
-    present_position,
-    present_velocity,
-    present_load,
-    present_voltage,
-    present_temperature,
-)
+STATE_BLOCK: Final = (present_position, present_velocity, present_load, present_voltage, present_temperature)
 GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
 
 COUNTS_PER_S_PHASE: Final = 1 << 2
@@ -104,14 +93,7 @@ POSITION_LIMITS: Final = (min_position, max_position)
 
 BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
 
-STATUS_BITS: Final = {
-    0: "voltage",
-    1: "angle sensor",
-    2: "temperature",
-    3: "current",
-    4: "angle",
-    5: "overload",
-}
+STATUS_BITS: Final = {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "current", 4: "angle", 5: "overload"}
 """Meaning of the bits of a reply's status byte and of the ``status`` register."""
 
 VOLTAGE_UNIT_V: Final = 0.1
@@ -123,43 +105,13 @@ KG_CM: Final = 0.0980665
 """Newton metres in the kg cm of the data sheets."""
 RPM: Final = 2.0 * math.pi / 60.0
 """rad/s in a turn a minute."""
+DEG: Final = math.pi / 180.0
 
-STS3215 = ServoModel(  # C018, gear 1:345, 12 V
-    name="sts3215",
-    number=777,
-    byte_order="little",
-    counts_per_turn=4096,
-    rated_voltage_v=12.0,
-    stall_torque_nm=2.94,  # 30 kg cm
-    no_load_speed_rad_s=45.0 * RPM,
-)
-STS3215_C001 = ServoModel(  # gear 1:345, 7.4 V; says the same number as the 12 V version
-    name="sts3215_c001",
-    number=777,
-    byte_order="little",
-    counts_per_turn=4096,
-    rated_voltage_v=7.4,
-    stall_torque_nm=19.5 * KG_CM,
-    no_load_speed_rad_s=52.0 * RPM,
-)
-STS3250 = ServoModel(  # C001, 12 V
-    name="sts3250",
-    number=2825,
-    byte_order="little",
-    counts_per_turn=4096,
-    rated_voltage_v=12.0,
-    stall_torque_nm=50.0 * KG_CM,
-    no_load_speed_rad_s=math.pi / 3.0 / 0.133,  # 0.133 s for 60 degrees
-)
-STS3032 = ServoModel(  # C062, 12 V
-    name="sts3032",
-    number=521,
-    byte_order="little",
-    counts_per_turn=4096,
-    rated_voltage_v=12.0,
-    stall_torque_nm=10.0 * KG_CM,
-    no_load_speed_rad_s=148.0 * RPM,
-)
+# Name, number, byte order, counts a turn; at this voltage torque at stall (N m) and speed without load (rad/s).
+STS3215 = ServoModel("sts3215", 777, "little", 4096, 12.0, 2.94, 45.0 * RPM)  # C018, gear 1:345; 30 kg cm
+STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM, 52.0 * RPM)  # gear 1:345
+STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
+STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, bit_names
+from drivers.servos.register import Access, Register, ServoModel, bit_names, by_address
 
 READ: Final = Access.READ
 
@@ -68,9 +68,7 @@ position_trajectory = Register("position_trajectory", 140, 4, READ, signed=True)
 present_voltage = Register("present_voltage", 144, 2, READ)  # 0.1 V
 present_temperature = Register("present_temperature", 146, 1, READ)  # deg C
 
-REGISTERS: Final[tuple[Register, ...]] = tuple(
-    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
-)
+REGISTERS: Final = by_address(globals().values())
 """What all models have."""
 
 # Not in all of them: some estimate their load, the others measure the current.
@@ -83,8 +81,7 @@ acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # M
 
 STATE_BLOCK_ADDRESS: Final = present_pwm.address
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
-"""All of the state in one piece. The same bytes in all models: the drive is present_pwm, because what
-stands at 126 differs."""
+"""All of the state in one piece, alike in all models: the drive is present_pwm, because what stands at 126 differs."""
 GOAL_BLOCK: Final = (profile_velocity, goal_position)
 
 BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
@@ -96,13 +93,7 @@ TIME_BASED_PROFILE: Final = 1 << 2
 TORQUE_ON_BY_GOAL: Final = 1 << 3
 """Bit of drive_mode: a goal switches the torque on."""
 
-HARDWARE_ERROR_BITS: Final = {
-    0: "voltage",
-    2: "temperature",
-    3: "motor encoder",
-    4: "electrical shock",
-    5: "overload",
-}
+HARDWARE_ERROR_BITS: Final = {0: "voltage", 2: "temperature", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
 FULL_PWM: Final = 885
 VELOCITY_UNIT_COUNTS_S: Final = 0.229 * 4096 / 60.0
@@ -121,55 +112,42 @@ class Model(ServoModel):
 
 
 def _model(
-    name: str,
-    number: int,
-    volts: float,
-    stall_nm: float,
-    stall_a: float,
-    no_load_rpm: float,
-    current_unit_a: float | None,
-    beyond: tuple[Register, ...] = (),
-) -> Model:
-    """``beyond``: what not all have, other than what stands at 38, 102 and 126."""
-    load = (present_load,) if current_unit_a is None else (current_limit, goal_current, present_current)
+    name: str, number: int, volts: float, stall_nm: float, stall_a: float, rpm: float, unit_a: float | None,
+    *own: Register,
+) -> Model:  # fmt: skip
+    """``own``: what not all have, other than what stands at 38, 102 and 126."""
+    own += (present_load,) if unit_a is None else (current_limit, goal_current, present_current)
     return Model(
-        name, number, "little", 4096, volts, stall_nm, no_load_rpm * 2.0 * math.pi / 60.0,
-        own=load + beyond, current_unit_a=current_unit_a, stall_current_a=stall_a,
+        name, number, "little", 4096, volts, stall_nm, rpm * 2.0 * math.pi / 60.0,
+        own=own, current_unit_a=unit_a, stall_current_a=stall_a,
     )  # fmt: skip
 
 
-def _x330(name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float) -> Model:
-    """An XL330 or XC330."""
-    return _model(name, number, volts, stall_nm, stall_a, no_load_rpm, 0.001, (pwm_slope,))
-
-
-XL330_M077 = _x330("xl330-m077", 1190, 5.0, 0.215, 1.47, 383.0)
-XL330_M288 = _x330("xl330-m288", 1200, 5.0, 0.52, 1.47, 103.0)
-XC330_M181 = _x330("xc330-m181", 1230, 5.0, 0.60, 1.8, 129.0)
-XC330_M288 = _x330("xc330-m288", 1240, 5.0, 0.93, 1.8, 81.0)
-XC330_T181 = _x330("xc330-t181", 1210, 12.0, 0.80, 0.88, 113.0)
-XC330_T288 = _x330("xc330-t288", 1220, 12.0, 1.0, 0.88, 71.0)
+XL330_M077 = _model("xl330-m077", 1190, 5.0, 0.215, 1.47, 383.0, 0.001, pwm_slope)
+XL330_M288 = _model("xl330-m288", 1200, 5.0, 0.52, 1.47, 103.0, 0.001, pwm_slope)
+XC330_M181 = _model("xc330-m181", 1230, 5.0, 0.60, 1.8, 129.0, 0.001, pwm_slope)
+XC330_M288 = _model("xc330-m288", 1240, 5.0, 0.93, 1.8, 81.0, 0.001, pwm_slope)
+XC330_T181 = _model("xc330-t181", 1210, 12.0, 0.80, 0.88, 113.0, 0.001, pwm_slope)
+XC330_T288 = _model("xc330-t288", 1220, 12.0, 1.0, 0.88, 71.0, 0.001, pwm_slope)
 XL430_W250 = _model("xl430-w250", 1060, 12.0, 1.5, 1.4, 61.0, None)
 XC430_W150 = _model("xc430-w150", 1070, 12.0, 1.6, 1.4, 106.0, None)
 XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 1.4, 70.0, None)
 XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 2.3, 77.0, 0.00269)
 XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 2.3, 46.0, 0.00269)
-MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, (acceleration_limit,))
+MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, acceleration_limit)
 """An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
 
 X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own)
 """Their indirect registers are fewer, and lie elsewhere in old firmware."""
-CURRENT_UNIT_A: Final = {
-    name: model.current_unit_a for name, model in MODELS.items() if model.current_unit_a is not None
-}
+CURRENT_UNIT_A: Final = {name: unit_a for name, model in MODELS.items() if (unit_a := model.current_unit_a) is not None}
 """Models that measure their current, and in which unit."""
 
 
 def registers(model: Model) -> tuple[Register, ...]:
     """The whole table of a model, by address; the indirect registers left out."""
-    return tuple(sorted(REGISTERS + model.own, key=lambda register: register.address))
+    return by_address(REGISTERS + model.own)
 
 
 def alarms(hardware_error: int) -> tuple[str, ...]:

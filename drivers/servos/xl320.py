@@ -8,7 +8,7 @@ SDK (dynamixel_easy_sdk 4.1). Numbers are little endian. Speeds and loads have t
 import math
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, bit_names
+from drivers.servos.register import Access, Register, ServoModel, bit_names, by_address
 
 READ: Final = Access.READ
 
@@ -49,9 +49,7 @@ moving = Register("moving", 49, 1, READ)
 hardware_error_status = Register("hardware_error_status", 50, 1, READ)  # hardware error bits
 punch = Register("punch", 51, 2)
 
-REGISTERS: Final[tuple[Register, ...]] = tuple(
-    sorted((r for r in list(globals().values()) if isinstance(r, Register)), key=lambda r: r.address)
-)
+REGISTERS: Final = by_address(globals().values())
 
 STATE_BLOCK_ADDRESS: Final = present_position.address
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
@@ -73,16 +71,7 @@ COUNTS_PER_TURN: Final = round(POSITIONS * 360.0 / 300.0)
 SPEED_UNIT_COUNTS_S: Final = 0.111 * COUNTS_PER_TURN / 60.0
 VOLTAGE_UNIT_V: Final = 0.1
 
-XL320: Final = ServoModel(
-    name="xl320",
-    number=350,
-    byte_order="little",
-    counts_per_turn=COUNTS_PER_TURN,
-    rated_voltage_v=7.4,
-    stall_torque_nm=0.39,
-    no_load_speed_rad_s=114.0 * 2.0 * math.pi / 60.0,
-    positions=POSITIONS,
-)
+XL320: Final = ServoModel("xl320", 350, "little", COUNTS_PER_TURN, 7.4, 0.39, 114.0 * 2.0 * math.pi / 60.0, POSITIONS)
 MODELS: Final = {XL320.name: XL320}
 
 

@@ -12,7 +12,6 @@ from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import ByteOrder
-from drivers.servos.series import Lock
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -123,7 +122,7 @@ def test_the_servo_agrees(actual: int, old: int, wanted: int) -> None:
     bus = Bus(VirtualPort(VirtualBus.of(plant), clock), clock)
 
     def position(offset: int) -> int:
-        update(bus, 1, Lock(sts.lock), {sts.homing_offset: offset})
+        update(bus, 1, sts.lock, {sts.homing_offset: offset})
         clock.sleep_until(clock.now() + 0.01)
         return bus.read(1, sts.present_position)
 

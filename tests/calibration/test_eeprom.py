@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.eeprom import SILENCES, TRIES, Change, EepromError, Lock, eeprom, update
+from calibration.eeprom import SILENCES, TRIES, Change, EepromError, eeprom, update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
 from drivers.errors import PortLost, ServoError, ServoSilent
@@ -20,7 +20,7 @@ from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import CYCLES
 
-LOCK = Lock(sts.lock)
+LOCK = sts.lock
 WRITE = 0x03
 EEPROM_END = sts.torque_enable.address
 

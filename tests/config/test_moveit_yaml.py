@@ -1,4 +1,6 @@
-"""The YAML files in config/moveit name what exists, with the limits of the URDF and the robot files."""
+"""The YAML files in config/moveit name what exists, with stated shares of the limits of URDF and robot files."""
+
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -8,31 +10,51 @@ from hal.robot import load_robot_file
 from sim_backend.world import World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controllers, groups, read
 
+VELOCITY_SHARE: Final = 0.9
+ACCELERATION_SHARE: Final = 0.8
+"""What MoveIt plans with, of the limits that the stack keeps: as joint_limits.yaml says."""
+
 
 @pytest.mark.parametrize("name", ["robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses"])
-def test_limits_are_those_of_the_urdf_and_of_every_robot_file(name: str) -> None:
+def test_limits_are_shares_of_the_urdf_s_and_of_every_robot_file_s(name: str) -> None:
     limits = read(MOVEIT / "joint_limits.yaml")
     robot = load_robot_file(CONFIG / f"{name}.yaml")
-    assert limits["joint_limits"] == {
-        joint: {
+    assert list(limits["joint_limits"]) == list(robot.joints)
+    for joint, file in robot.joints.items():
+        assert limits["joint_limits"][joint] == {
             "has_velocity_limits": True,
-            "max_velocity": DESCRIPTION.joints[joint].velocity,
+            "max_velocity": pytest.approx(VELOCITY_SHARE * DESCRIPTION.joints[joint].velocity),
             "has_acceleration_limits": True,
-            "max_acceleration": file.acceleration,
+            "max_acceleration": pytest.approx(ACCELERATION_SHARE * file.acceleration),
             "has_jerk_limits": True,
             "max_jerk": file.jerk,
         }
-        for joint, file in robot.joints.items()
-    }
     assert 0 < limits["default_velocity_scaling_factor"] <= 1
     assert 0 < limits["default_acceleration_scaling_factor"] <= 1
 
 
-def test_limits_are_written_as_floating_point_numbers() -> None:
-    """ROS parameters have types: MoveIt refuses an integer there."""
+def test_numbers_are_written_as_floating_point_numbers() -> None:
+    """ROS parameters have types: MoveIt refuses an integer there, or passes it over."""
     limits = read(MOVEIT / "joint_limits.yaml")
     numbers = [value for joint in limits["joint_limits"].values() for key, value in joint.items() if "max" in key]
+    numbers += [value for name, value in limits.items() if name.startswith("default_")]
+    numbers += [read(MOVEIT / "kinematics.yaml")["arm"]["epsilon"]]
+    ompl = read(MOVEIT / "ompl_planning.yaml")
+    numbers += [ompl[group]["longest_valid_segment_fraction"] for group in groups()]
     assert {type(number) for number in numbers} == {float}
+
+
+def test_paths_are_checked_more_closely_than_links_are_padded() -> None:
+    """The stretched-out hand comes no further from the nearest check than the padding reaches.
+
+    OMPL measures a space and a step in it as the sum over the joints.
+    """
+    limits = read(MOVEIT / "joint_limits.yaml")
+    size = sum(DESCRIPTION.joints[joint].upper - DESCRIPTION.joints[joint].lower for joint in ARM)
+    step = size * read(MOVEIT / "ompl_planning.yaml")["arm"]["longest_valid_segment_fraction"]
+    assert step == pytest.approx(0.0564, abs=1e-4)
+    reach = 0.52  # m, from the shoulder to the finger tips
+    assert step * reach / 2 < limits["default_robot_padding"]  # from its middle to either end
 
 
 def test_moveit_s_controllers_are_ours() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
@@ -238,3 +239,38 @@ def test_the_first_decision_on_a_goal_stands() -> None:
 def test_goals_cannot_be_changed_after_they_were_checked() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         goal(point()).delay_s = 1.0  # type: ignore[misc]
+
+
+ROUNDED = {
+    "acceleration": point(velocities=(0.0, 0.0), accelerations=(12.00000000028, -12.000000001)),
+    "velocity": point(velocities=(4.00000000000014, -3.000000000001)),
+    "position": point((2.0 + 1e-9, -1.0 - 1e-9)),
+}
+
+
+@pytest.mark.parametrize("rounded", ROUNDED.values(), ids=ROUNDED)
+def test_a_planner_s_rounding_at_a_limit_is_no_excess(rounded: GoalPoint) -> None:
+    assert reason(goal(rounded, point(after_s=2.0))) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(12.0000135, "12.00001"), (12.00004, "12.00004"), (12.0002, "12.0002"), (-12.5, "-12.5000")]
+)
+def test_the_reason_shows_the_difference(value: float, shown: str) -> None:
+    text = reason(goal(point(velocities=(0.0, 0.0), accelerations=(value, 0.0)), point(after_s=2.0)))
+    assert text == f"joint1 would accelerate at {shown} at point #0, beyond its limit 12.0000"
+
+
+def from_where(stands: float, position: float) -> str | None:
+    """What is said to a point at ``position`` of joint1, which stands there; its lower limit is -2."""
+    return limits_reason(goal(point((position, 0.0))), JOINTS, LIMITS, [np.array((stands, 0.0))])
+
+
+def test_who_stands_at_a_limit_or_beyond_may_be_sent_from_there_and_no_further() -> None:
+    assert from_where(-2.0008, -2.0008) is from_where(-2.0008, -2.0) is from_where(-2.0008, -2.003) is None
+    assert from_where(-2.0, -2.0008) is None  # commanded to the limit, measured beyond
+    assert from_where(-2.05, -2.05) is from_where(-2.05, -2.01) is None
+    assert "outside its limits" in str(from_where(-2.0008, -2.006))
+    assert "outside its limits" in str(from_where(-2.05, -2.06))
+    assert "outside its limits" in str(from_where(-1.9, -2.0008))
+    assert "outside its limits" in str(from_where(-2.05, 2.001))

@@ -1,5 +1,6 @@
 """What /joint_states and /dynamic_joint_states are made of."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,7 @@ from controller.broadcasters.joint_state_broadcaster import BroadcasterParameter
 from controller.interface import ControllerContext
 from drivers.bus.counters import ServoCounters
 from hal.description import Description, HardwareInfo, Mimic, UrdfJoint
-from hal.types import JointState, ServoHealth
+from hal.types import JointLimits, JointState, ServoHealth
 
 ALL = ("position", "velocity", "effort")
 NAN = float("nan")
@@ -22,11 +23,12 @@ INTERFACES = {
     "lamp": ("voltage",),
 }
 HARDWARE = ("base", "wrist", "right")
+LIMITS = {"base": JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0), "right": JointLimits(-1.0, 4.0, 4.0, 12.0, 120.0)}
 
 
 def broadcaster(**parameters: Any) -> JointStateBroadcaster:
     mimics = {"left": Mimic("right", -2.0, 0.1)}
-    return JointStateBroadcaster("jsb", BroadcasterParameters(**parameters), INTERFACES, mimics, HARDWARE)
+    return JointStateBroadcaster("jsb", BroadcasterParameters(**parameters), INTERFACES, mimics, HARDWARE, LIMITS)
 
 
 def state(stamp_s: float = 7.0) -> JointState:
@@ -192,3 +194,20 @@ def test_nothing_old_is_there_after_the_life_cycle_turned() -> None:
     controller.update(state(), 7.0, 0.05)
     controller.activate(state(), np.empty(0))
     assert controller.state is None
+
+
+@pytest.mark.parametrize(
+    ("measured", "reported"),
+    [
+        ((2.0008, 9.0, -1.004), (2.0, 2.1, -1.0, 9.0)),  # the mimic follows what is reported; a wrist has no limits
+        ((-2.003, 9.0, 4.0), (-2.0, -7.9, 4.0, 9.0)),
+        ((2.005, 9.0, -1.006), (2.005, 2.112, -1.006, 9.0)),  # further out than steps of an encoder and sag
+    ],
+)
+def test_a_joint_that_rests_a_little_beyond_its_limit_is_at_it(
+    measured: tuple[float, ...], reported: tuple[float, ...]
+) -> None:
+    ours = broadcaster()
+    beyond = dataclasses.replace(state(), position=np.array(measured))
+    np.testing.assert_allclose(ours.sample(beyond).position, reported, atol=1e-12)
+    assert ours.values(beyond)[list(ours.interfaces).index("base")][0] == measured[0]

@@ -160,6 +160,22 @@ def test_errors_of_joints_without_ends_count_the_shorter_way_round() -> None:
     assert shorter_way(np.array([6.2, 6.2]), [0]) == pytest.approx((6.2 - math.tau, 6.2))
 
 
+def test_a_joint_without_ends_that_is_held_is_given_way_to_by_the_shorter_way_round() -> None:
+    limits = [JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0), ARM_LIMITS]
+    arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True, [0])
+    held = np.array((3.0, 0.0))
+    arm.activate(JointState(0.0, held - (math.tau, 0.0), np.zeros(2), np.zeros(2)), held)  # one turn apart
+    goal = to(4.0, 0.0, path={"shoulder": 0.2})
+    handle = arm.submit(goal)
+    commands = []
+    for cycle in range(1, 60):
+        state = JointState(cycle * PERIOD_S, held - (math.tau, 0.0), np.zeros(2), np.zeros(2))
+        arm.update(state, cycle * PERIOD_S, PERIOD_S)
+        commands.append(arm.command[0])
+    assert handle.status is GoalStatus.ABORTED
+    assert min(commands) > 2.9 and commands[-1] == pytest.approx(3.0)
+
+
 # Cancel, time-out, topic
 
 

@@ -6,8 +6,6 @@ import pytest
 
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.protocol.v1 import SYNC_WRITE
-from drivers.servos.catalog import series_of
-from drivers.servos.dynamixel import PROTOCOL_2
 from sim_backend.faults import Disturbance
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
@@ -166,8 +164,7 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
     reading = line.cycle()[3]
     assert isinstance(reading, ServoState)
     assert reading.alarms == ("voltage",)
-    names_are_asked_for = series_of(kind.model).protocol is PROTOCOL_2 and not kind.mapped
-    assert line.account(3).alarms == 1 + names_are_asked_for
+    assert line.account(3).alarms == 1
     assert line.missing() == {}
 
 

@@ -24,6 +24,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_wire import Code, InstructionParser
 from sim_backend.instructions import Instruction
+from sim_backend.line import Reply
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 
@@ -175,19 +176,26 @@ def test_the_alert_bit_is_an_alarm_and_no_failure() -> None:
     line.overload(2)
     states = line.bus.read_states(IDS)
     assert [s.alarms for s in states.values() if isinstance(s, ServoState)] == [(), ("overload",), ()]
-    assert [i.servo_id for i in line.sent if i.code == Code.READ] == [2]
+    (asked,) = [i.parameters for i in line.sent if i.parameters[:2] == bytes((x.hardware_error_status.address, 0))]
+    assert asked[4:] == bytes((2,))
     assert line.bus.read(2, x.goal_position) == 2000
     line.bus.write(2, x.led, 1)
-    assert line.bus.counters.of(2).alarms == line.bus.counters.of(2).replies == 4
+    account = line.bus.counters.of(2)
+    assert (account.alarms, account.replies) == (3, 4)  # the reply with the names is no alarm more
 
 
 def test_an_alarm_that_cannot_be_asked_for_is_an_alarm() -> None:
     line = Line()
     line.overload(2)
-    line.servos.faults.corrupt_next(2, 0)
-    bus = line.bus
-    bus.read = lambda servo_id, register: (_ for _ in ()).throw(ServoSilent(servo_id, "gone"))  # type: ignore[method-assign]
-    state = bus.read_states(IDS)[2]
+    receive = line.servos.receive
+
+    def spoiled(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+        if data[8] == x.hardware_error_status.address:
+            line.servos.faults.corrupt_next(2)
+        return receive(data, now_s, baud)
+
+    line.servos.receive = spoiled  # type: ignore[method-assign]
+    state = line.bus.read_states(IDS)[2]
     assert isinstance(state, ServoState)
     assert state.alarms == ("hardware error",)
 

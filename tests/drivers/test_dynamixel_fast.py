@@ -4,16 +4,15 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 
 import pytest
+from fastcrc.crc16 import umts as crc16
 
 from drivers.bus.bus import Bus
-from drivers.bus.fast_read import FAST_TRIES, fast_plan, fast_results
+from drivers.bus.fast_read import FAST_TRIES, fast_plan
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.read_plan import ReadResult
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState, fault
+from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v2 as wire
-from drivers.protocol.crc import crc16
 from drivers.servos import x
-from drivers.servos.dynamixel import PROTOCOL_2, X
+from drivers.servos.dynamixel import X
 from drivers.servos.series import StateBlock
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -47,14 +46,7 @@ def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> 
 
 def whole(data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE) -> object:
     """All states, if the packet is whole."""
-    return fast_plan(PROTOCOL_2, block, dict(zip(ids, units_a, strict=True))).whole(data)
-
-
-def pieces(
-    data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE
-) -> dict[int, ReadResult]:
-    """What can be believed of the packet."""
-    return fast_results(PROTOCOL_2, block, dict(zip(ids, units_a, strict=True)), data)
+    return fast_plan(block, dict(zip(ids, units_a, strict=True))).whole(data)
 
 
 class Line:
@@ -182,42 +174,43 @@ def test_one_silent_servo_hides_nobody(silent: int) -> None:
     account = line.bus.counters.of(silent)
     assert account.corrupt == account.late == account.replies - 1 == 0
     line.silent = set()
-    line.clock.sleep_until(line.clock.now() + 1.0)
+    line.clock.sleep_until(line.clock.now() + OPEN_S)
     assert right(line.cycle())
-    line.clock.sleep_until(line.clock.now() + 1.0)
+    line.clock.sleep_until(line.clock.now() + OPEN_S)
     line.codes()
     assert right(line.cycle())
     assert line.codes() == [Code.FAST_SYNC_READ]
 
 
-def test_no_flipped_bit_passes_and_every_reply_asked_for_ends_in_one_counter() -> None:
+def test_no_flipped_bit_passes_and_every_state_asked_for_ends_in_one_counter() -> None:
     packet = fast_reply()
     for bit in range(len(packet) * 8):
         spoiled = bytearray(packet)
         spoiled[bit // 8] ^= 1 << bit % 8
-        found = pieces(bytes(spoiled), IDS, BLOCK)
-        piece = max(0, bit // 8 - wire.FAST_HEAD_SIZE) // (SIZE + wire.FAST_OVERHEAD)
-        assert list(found) == list(IDS[:piece])
         assert whole(bytes(spoiled), IDS, BLOCK) is None
         line = ready()
         before = {i: account.replies for i, account in line.bus.counters.servos.items()}
         line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
         assert right(line.cycle())
         assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
+        assert line.bus.counters.noise == 1  # nobody knows whose fault it was
         for servo_id, account in line.bus.counters.servos.items():
-            asked = before[servo_id] + 1 + account.retries
-            assert account.replies + account.silent + account.corrupt + account.late == asked
+            assert account.replies == before[servo_id] + 1
+            assert account.silent == account.corrupt == account.late == account.retries == 0
 
 
 @pytest.mark.parametrize("noise", [b"\0", b"\xff\xff\xfd", b"\xff\xff\xfd\x00\xfe", bytes(30)])
-def test_noise_before_the_packet_costs_nothing(noise: bytes) -> None:
+def test_behind_noise_they_are_asked_plainly(noise: bytes) -> None:
     line = ready()
     line.spoil = lambda packet: noise + packet
     assert right(line.cycle())
-    assert line.codes() == [Code.FAST_SYNC_READ]
-    assert line.bus.counters.noise == 1
+    assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
     line.spoil = lambda packet: packet
     assert right(line.cycle())
+    assert line.codes() == [Code.SYNC_READ]  # a broken one may still go on
+    line.clock.sleep_until(line.clock.now() + OPEN_S)
+    assert right(line.cycle())
+    assert line.codes() == [Code.FAST_SYNC_READ]
 
 
 def test_a_late_packet_is_never_the_answer_to_the_next_question() -> None:
@@ -249,26 +242,16 @@ def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCapt
     assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
 
 
-def test_the_whole_and_its_pieces_give_the_same_states() -> None:
+def test_the_whole_packet_has_every_servo_s_state_and_alarm_and_a_refusal_none() -> None:
     for block in X.blocks:
         packet = fast_reply(block.size, error=wire.ALERT)
         units_a = (None, 0.001, None, 0.00269)
         states = whole(packet, IDS, block, units_a)
         assert isinstance(states, dict)
         assert [reading.current_a for reading in states.values()] == [None, 0.004, None, 8 * 0.00269]
-        assert states == pieces(packet, IDS, block, units_a)
+        assert [reading.alarms for reading in states.values()] == [("hardware error",)] * 4
         assert whole(packet + b"\0", IDS, block) is whole(packet, IDS[::-1], block) is None
         assert whole(fast_reply(block.size, error=2), IDS, block) is None
-
-
-def test_alarms_come_with_the_piece() -> None:
-    found = pieces(fast_reply(error=wire.ALERT), IDS, BLOCK)
-    assert [said.alarms for said in found.values() if isinstance(said, ServoState)] == [("hardware error",)] * 4
-
-
-def test_a_refusal_comes_with_the_piece_too() -> None:
-    found = pieces(fast_reply(error=2), IDS, BLOCK)
-    assert found == {i: fault(i, "refused", "it does not know the instruction") for i in IDS}
 
 
 def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:
@@ -277,7 +260,7 @@ def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:
 
 
 def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
-    """Each value the right one; who asks fast again after every fault sees more of them, and counts each."""
+    """Each value the right one, and what a fast read has lost the plain one behind it brings."""
     ids = (1, 2, 3, 4, 5, 6, 7)
     clock = SimulatedClock(5.0)
     servos = VirtualDynamixelBus.of(BenchPlant(ids), dict.fromkeys(ids, x.XL430_W250))
@@ -293,7 +276,8 @@ def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
     assert bus._reader._group.fast.known
     assert missing < 20
     faults = bus.counters.faults()
-    assert faults["silent"] + faults["corrupt"] >= sum(n for (kind, _), n in done.done.items() if kind != "noise")
+    assert faults["silent"] + faults["corrupt"] + faults["noise"] > sum(done.done.values()) / 2
     for servo_id in ids:
         account = bus.counters.of(servo_id)
-        assert account.replies + account.silent + account.corrupt + account.late == 2001 + account.retries
+        ended = account.replies + account.silent + account.corrupt + account.late + account.no_time
+        assert ended == 2001 + account.retries

@@ -6,6 +6,7 @@ from drivers.bus.read_plan import state_plan
 from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.dynamixel import PROTOCOL_2, X
+from drivers.servos.x import hardware_error_status
 from sim_backend.dynamixel_wire import status_packet
 from sim_backend.line import Reply
 from tests.drivers.fault_lines import IDS, KINDS, Line
@@ -19,10 +20,10 @@ def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> 
     line.servos.servo(3).firmware.protection.status |= 1 << 5
     receive = line.servos.receive
 
-    def deaf_to_reads(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
-        return [] if data[7] == wire.READ else receive(data, now_s, baud)
+    def deaf(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+        return [] if data[8] == hardware_error_status.address else receive(data, now_s, baud)
 
-    line.servos.receive = deaf_to_reads  # type: ignore[method-assign]
+    line.servos.receive = deaf  # type: ignore[method-assign]
     begin_s = line.clock.now()
     reading = line.bus.read_states(IDS, begin_s + budget_s)[3]
     assert isinstance(reading, ServoState)

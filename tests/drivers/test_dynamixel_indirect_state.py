@@ -1,19 +1,20 @@
 """The whole state in one read, through indirect registers: its bytes, its proof, and what happens without one."""
 
+import contextlib
 import importlib
 import logging
 import math
 import random
-from collections import Counter
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import indirect as mapping
 from drivers.bus.bus import Bus
+from drivers.bus.late_replies import OPEN_S
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
+from drivers.errors import ServoError, ServoRefused
 from drivers.protocol import v2 as wire
 from drivers.servos import indirect, x, xl320
 from drivers.servos.dynamixel import ALARMED
@@ -206,7 +207,7 @@ def test_nothing_is_a_state_without_both_ends(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("make", [seven, mixed], ids=["fast", "bulk"])
-def test_a_servo_that_was_reset_is_a_fault_then_direct_then_mapped_again(
+def test_a_servo_that_was_reset_is_a_fault_then_direct_and_mapped_again_with_its_torque(
     make: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     for victim in make().ids:
@@ -222,6 +223,10 @@ def test_a_servo_that_was_reset_is_a_fault_then_direct_then_mapped_again(
         assert line.mapped() == set(line.ids) - {victim}
         for _ in range(30):
             assert line.faults() == {}
+        assert line.mapped() == set(line.ids) - {victim}
+        line.bus.torque_on(victim)
+        for _ in range(5):
+            assert line.faults() == {}
         assert line.mapped() == set(line.ids)
         assert [r.levelname for r in caplog.records if f"servo {victim} has lost" in r.message] == ["WARNING"]
         account = line.bus.counters.of(victim)
@@ -234,60 +239,33 @@ def test_all_of_them_at_once() -> None:
     for servo_id in line.ids:
         line.reset(servo_id)
     assert line.faults() == dict.fromkeys(line.ids, "reset")
-    for _ in range(40):
-        assert line.faults() == {}
+    assert line.faults() == {}
+    assert line.mapped() == set()
+    for servo_id in line.ids:
+        line.bus.torque_on(servo_id)
+    assert line.faults() == {}
     assert line.mapped() == set(line.ids)
 
 
-def test_one_that_reboots_by_instruction_is_silent_then_direct_then_mapped_again() -> None:
+def test_one_that_reboots_by_instruction_is_silent_then_direct() -> None:
     line = seven()
     line.port.write(wire.packet(3, Code.REBOOT, b""))
     kinds = [line.faults() for _ in range(60)]
     assert kinds[0] == {3: "silent"}
+    assert {3: "reset"} in kinds
     assert kinds[-1] == {}
-    assert line.mapped() == set(line.ids)
+    assert line.mapped() == set(line.ids) - {3}
 
 
-def test_mapping_again_keeps_the_deadline_and_is_one_transaction_a_cycle() -> None:
+def test_torque_does_not_wait_for_a_map_that_no_longer_takes() -> None:
     line = seven()
-    line.reset(1)
-    line.reset(2)
+    line.reset(5)
     line.cycle()
-    line.clock.sleep_until(line.clock.now() + 1.0)
-    seen = Counter[int]()
-    for _ in range(8):
-        line.port.sent.clear()
-        line.number += 1
-        begin_s = line.clock.now()
-        line.bus.read_states(line.ids, begin_s + 0.012)
-        assert line.clock.now() <= begin_s + 0.012
-        alone = [i.code for i in line.port.sent if i.code in (Code.READ, Code.WRITE)]
-        assert len(alone) <= 1
-        seen.update(alone)
-    assert seen == {Code.WRITE: 2, Code.READ: 4}
-    assert line.mapped() == set(line.ids)
-
-
-def test_without_time_in_the_cycle_it_stays_direct() -> None:
-    line = seven()
-    line.reset(1)
-    line.cycle()
-    line.clock.sleep_until(line.clock.now() + 1.0)
-    for _ in range(10):
-        line.port.sent.clear()
-        line.number += 1
-        line.bus.read_states(line.ids, line.clock.now() + 0.0055)
-        assert not [i for i in line.port.sent if i.code in (Code.READ, Code.WRITE)]
-
-
-def test_one_whose_map_never_holds_has_few_faults() -> None:
-    line = seven()
-    faults = 0
-    for _ in range(2000):
-        if 4 in line.mapped():
-            line.reset(4)
-        faults += 4 in line.faults()
-    assert 5 <= faults <= 12
+    refusing(line, 5, ACCESS)
+    line.bus.torque_on(5)
+    assert line.bus.torque_is_on(5)
+    assert line.faults() == {}
+    assert line.mapped() == set(line.ids) - {5}
 
 
 @pytest.mark.parametrize(("firmware", "faulty"), [(46, 1), (44, 1)], ids=["fast", "plain"])
@@ -466,14 +444,18 @@ def test_thousands_of_cycles_on_a_bad_line_with_servos_that_are_reset(make: Any,
         if chance.random() < 0.02:
             line.servos.faults.delay_next(chance.choice(line.ids))
         states += sum(isinstance(reading, ServoState) for reading in line.cycle().values())
+        if chance.random() < 0.02:
+            with contextlib.suppress(ServoError):
+                line.bus.torque_on(chance.choice(line.ids))
     assert resets > CYCLES * len(line.ids) * 0.001
     assert states > 0.97 * CYCLES * len(line.ids)
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
-    for _ in range(2):  # the last reset may be seen only now
-        for _ in range(30):
-            line.cycle()
-        line.clock.sleep_until(line.clock.now() + mapping.LONGEST_PAUSE_S)
+    line.clock.sleep_until(line.clock.now() + OPEN_S)
+    line.cycle()  # the last reset may be seen only now
+    for servo_id in line.ids:
+        with contextlib.suppress(ServoRefused):  # with an overload there is no torque
+            line.bus.torque_on(servo_id)
     assert line.mapped() == set(line.ids)
 
 
@@ -533,6 +515,7 @@ def test_behind_our_own_echo_too() -> None:
     line.identified()
     line.reset(3)
     assert line.faults() == {3: "reset"}
+    line.bus.torque_on(3)
     for _ in range(40):
         assert line.faults() == {}
     assert line.mapped() == set(line.ids)

@@ -63,7 +63,7 @@ def test_fast_sync_read(ids: set[int], model: ServoModel) -> None:
     group = sdk.GroupSyncRead(tape, sdk.PacketHandler(2.0), *block(model))
     assert all(group.addParam(i) for i in ids)
     group.fastSyncReadTxPacket()
-    assert same(fast_plan(series.protocol, series.blocks[0], dict.fromkeys(ids)).request, tape.sent)
+    assert same(fast_plan(series.blocks[0], dict.fromkeys(ids)).request, tape.sent)
 
 
 @given(lines)

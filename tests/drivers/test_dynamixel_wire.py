@@ -6,13 +6,13 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from fastcrc.crc16 import umts as crc16
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
-from drivers.protocol.crc import crc16
 from drivers.servos import x as x_series
 from drivers.servos.x import XL430_W250
 from sim_backend.clock import SimulatedClock

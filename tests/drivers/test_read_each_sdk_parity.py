@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
-from drivers.protocol.v1 import bulk_read, read
+from drivers.protocol.v1 import READ, bulk_read, packet
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs
 from drivers.servos.register import ServoModel
@@ -107,7 +107,9 @@ def test_states_of_mx_are_asked_for_by_bulk_read(servo_ids: list[int]) -> None:
     bus, tape = bus_of(dict.fromkeys(servo_ids, dxl.MX_28))
     bus.request(servo_ids, math.inf)
     assert tape.sent == (
-        bulk_read(dict.fromkeys(servo_ids, (36, 8))) if len(servo_ids) > 1 else read(servo_ids[0], 36, 8)
+        bulk_read(dict.fromkeys(servo_ids, (36, 8)))
+        if len(servo_ids) > 1
+        else packet(servo_ids[0], READ, bytes((36, 8)))
     )
 
 
@@ -117,4 +119,4 @@ def test_read(sdk: str, servo_id: int, address: int, size: int) -> None:
     module, handler = HANDLERS[sdk]
     tape = Tape()
     assert handler().readTx(tape, servo_id, address, size) == module.COMM_SUCCESS
-    assert tape.sent == read(servo_id, address, size)
+    assert tape.sent == packet(servo_id, READ, bytes((address, size)))

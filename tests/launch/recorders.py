@@ -83,9 +83,9 @@ class ExecuteProcess:
     cmd: list[Any]
     name: str
     output: str
-    sigterm_timeout: str
-    sigkill_timeout: str
-    on_exit: Shutdown
+    sigterm_timeout: str = "5"
+    sigkill_timeout: str = "5"
+    on_exit: Shutdown | None = None
 
 
 @dataclass(kw_only=True)

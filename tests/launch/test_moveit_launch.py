@@ -15,7 +15,7 @@ pytestmark = pytest.mark.ros
 
 
 def test_moveit_stands_above_the_stack(share: Path) -> None:
-    process, move_group, rviz = actions(share / "launch" / MOVEIT, hardware="mujoco")
+    process, move_group, rviz, _ = actions(share / "launch" / MOVEIT, hardware="mujoco")
     assert parse(process.cmd[1:])["hardware"] == "mujoco"
     assert (move_group.package, move_group.executable) == ("moveit_ros_move_group", "move_group")
     assert (rviz.package, rviz.executable) == ("rviz2", "rviz2")
@@ -24,16 +24,29 @@ def test_moveit_stands_above_the_stack(share: Path) -> None:
 
 
 def test_rviz_can_be_left_out(share: Path) -> None:
-    assert [action.package for action in actions(share / "launch" / MOVEIT, rviz="false")[1:]] == [
-        "moveit_ros_move_group"
-    ]
+    _, *others = actions(share / "launch" / MOVEIT, rviz="false", scene="")
+    assert [action.package for action in others] == ["moveit_ros_move_group"]
+
+
+def test_move_group_is_told_what_stands_around_the_arm(share: Path, tmp_path: Path) -> None:
+    def told(**arguments: str) -> list[str]:
+        call: list[str] = actions(share / "launch" / MOVEIT, **arguments)[-1].cmd
+        return call
+
+    service = ["/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
+    file = share / "config" / "moveit" / "planning_scene.yaml"
+    assert told() == ["ros2", "service", "call", *service, file.read_text()]
+    own = tmp_path / "bench.yaml"
+    own.write_text("scene: {is_diff: true}\n")
+    assert told(scene=str(own))[-1] == own.read_text()
 
 
 def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path) -> None:
     manifest = ElementTree.parse(share / "package.xml").getroot()
     known = {"servoloop"} | {element.text for element in manifest.findall("exec_depend")}
-    _, *nodes = actions(share / "launch" / MOVEIT, pick_place="true")
+    _, *nodes = actions(share / "launch" / MOVEIT, pick_place="true", scene="")
     assert {node.package for node in nodes} <= known
+    assert {"ros2service", "moveit_msgs"} <= known  # `ros2 service call` with a message of MoveIt's
     controllers = yaml.safe_load((share / "config" / "moveit" / "moveit_controllers.yaml").read_text())
     planner = yaml.safe_load((share / "config" / "moveit" / "ompl_planning.yaml").read_text())
     assert controllers["moveit_controller_manager"].split("/")[0] in known
@@ -44,14 +57,14 @@ def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path)
 def test_move_group_and_stack_get_the_same_robot(share: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.urdf"
     other.write_text((share / "urdf" / "robot_arm.urdf").read_text() + "<!-- another -->\n")
-    process, move_group, _ = actions(share / "launch" / MOVEIT, urdf=str(other))
+    process, move_group, *_ = actions(share / "launch" / MOVEIT, urdf=str(other))
     assert parse(process.cmd[1:])["urdf"] == other
     assert move_group.parameters[0]["robot_description"] == other.read_text()
 
 
 def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: int, tmp_path: Path) -> None:
     """As launch_ros does it: each dictionary goes into a file, and the file to the node."""
-    _, move_group, _ = actions(share / "launch" / MOVEIT)
+    _, move_group, *_ = actions(share / "launch" / MOVEIT)
     wanted: dict[str, Any] = {}
     arguments = ["--ros-args"]
     for number, parameters in enumerate(move_group.parameters):
@@ -61,7 +74,11 @@ def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: i
         wanted |= flat(parameters)
     assert values_in_a_node(arguments) == wanted
     assert wanted["robot_description"] == (share / "urdf" / "robot_arm.urdf").read_text()
-    assert wanted["robot_description_planning.joint_limits.joint1.max_acceleration"] == 12.0
+    assert wanted["robot_description_planning.joint_limits.joint1.max_acceleration"] == 9.6
+    # the names under which planning scene monitor, OMPL interface and KDL plugin look for them
+    assert wanted["robot_description_planning.default_robot_padding"] == 0.02
+    assert wanted["ompl.arm.longest_valid_segment_fraction"] == 0.002
+    assert wanted["robot_description_kinematics.arm.epsilon"] == 0.001
     assert wanted["moveit_simple_controller_manager.arm_controller.joints"] == [f"joint{i}" for i in range(1, 7)]
 
 

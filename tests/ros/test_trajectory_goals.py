@@ -213,15 +213,3 @@ def test_a_last_velocity_is_refused_when_the_parameter_is_set_to_false(ours: Tra
 def test_a_read_only_parameter(ours: TrajectoryClient) -> None:
     text = "parameter 'interpolation_method' cannot be set because it is read-only"
     assert ours.set("interpolation_method", "splines") == (False, text)
-
-
-DEFAULTS: dict[str, Any] = {
-    **{f"constraints.{joint}.{kind}": 0.0 for joint in JOINTS for kind in ("trajectory", "goal")},
-    "constraints.goal_time": 0.0,
-    "constraints.stopped_velocity_tolerance": 0.01,
-}
-
-
-@pytest.mark.row("jtc-29")
-def test_the_tolerances_that_a_file_without_any_has(ours: TrajectoryClient) -> None:
-    assert dict(zip(DEFAULTS, ours.get(*DEFAULTS), strict=True)) == DEFAULTS

@@ -7,8 +7,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sensor_msgs.msg import JointState
-
 from tests.ros.trajectory_client import (
     CANCELED,
     REACHED,
@@ -16,6 +14,7 @@ from tests.ros.trajectory_client import (
     ZERO,
     TrajectoryClient,
     goal_of,
+    measured,
     point,
     stamp_s,
     trajectory,
@@ -34,26 +33,19 @@ def servos(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         yield client
 
 
-def measured(client: TrajectoryClient) -> list[float]:
-    """Where the arm stands, as MoveIt reads it."""
-    heard: list[JointState] = []
-    listener = client.node.create_subscription(JointState, "/joint_states", heard.append, 10)
-    client.until(lambda: bool(heard))
-    client.node.destroy_subscription(listener)
-    position = dict(zip(heard[-1].name, heard[-1].position, strict=True))
-    return [position[f"joint{number}"] for number in range(1, 7)]
-
-
 def planned(start: list[float], way_rad: float, duration_s: float, count: int) -> Any:
-    """As a planner says it: the start first, at 0, with velocities and accelerations at every point."""
+    """As a planner says it: the start first, at 0, with velocities and accelerations at every point.
+
+    Only the wrist turns, for the arm begins beside the stand: any other joint could drive it against that.
+    """
     points = []
     for index in range(count):
         u = index / (count - 1)
         there = way_rad * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
         speed = way_rad * 30.0 * u**2 * (1.0 - u) ** 2 / duration_s
         change = way_rad * 60.0 * u * (1.0 - 3.0 * u + 2.0 * u**2) / duration_s**2
-        positions = [position + there for position in start]
-        points.append(point(positions, u * duration_s, [speed] * 6, [change] * 6))
+        positions = [*start[:5], start[5] + there]
+        points.append(point(positions, u * duration_s, [*ZERO[:5], speed], [*ZERO[:5], change]))
     return trajectory(*points)
 
 
@@ -76,7 +68,7 @@ def test_the_result_comes_within_moveits_patience(
     servos.cycles(2)
     took_s = stamp_s(sent.feedback[-1]) - stamp_s(sent.feedback[0]) + PERIOD_S
     assert took_s <= 1.1 * duration_s + 0.5
-    there = [position + way_rad for position in start]
+    there = [*start[:5], start[5] + way_rad]
     assert list(servos.states[-1].output.positions) == pytest.approx(there, abs=1e-6)
     servos.until(lambda: list(servos.states[-1].feedback.positions) == pytest.approx(there, abs=0.03))
 
@@ -97,15 +89,17 @@ def test_a_start_that_is_a_little_off_is_accepted_without_a_step(
 
 
 @pytest.mark.row("moveit-cancel", "golden-cancel")
-def test_a_cancel_is_answered_while_the_arm_still_brakes(servos: TrajectoryClient) -> None:
+def test_a_cancel_is_accepted_at_once_and_its_result_comes_when_the_arm_rests(servos: TrajectoryClient) -> None:
     before = servos.now()
     sent = servos.send(goal_of(planned(measured(servos), 1.0, 2.0, 8)))
-    servos.until(lambda: servos.states[-1].reference.velocities[0] > 0.5)
+    servos.until(lambda: servos.states[-1].reference.velocities[5] > 0.5)
     asked = len(servos.states)
     assert servos.cancel(sent) == 1
+    assert len(servos.states) - asked <= 2
     assert servos.outcome(sent) == (CANCELED, 0, "")
-    assert len(servos.states) - asked <= 5
-    servos.until(lambda: servos.states[-1].reference.velocities[0] == 0.0)
+    assert len(servos.states) - asked <= 1.0 / PERIOD_S
+    there = measured(servos)
     servos.cycles(3)
-    path = [state.output.positions[0] for state in servos.states[before:]]
+    assert measured(servos) == pytest.approx(there, abs=DEVIATION_RAD / 2.0)
+    path = [state.output.positions[5] for state in servos.states[before:]]
     assert path == sorted(path) and path[-1] == path[-3]

@@ -189,3 +189,15 @@ def test_a_continuous_joint_sets_out_the_shorter_way(plain: TrajectoryClient) ->
     path = [state.output.positions[5] for state in states]
     assert path == sorted(path)
     assert path[-1] == pytest.approx(math.tau - 2.3, abs=1e-6)
+
+
+DEFAULTS: dict[str, Any] = {
+    **{f"constraints.{joint}.{kind}": 0.0 for joint in JOINTS for kind in ("trajectory", "goal")},
+    "constraints.goal_time": 0.0,
+    "constraints.stopped_velocity_tolerance": 0.01,
+}
+
+
+@pytest.mark.row("jtc-29")
+def test_the_tolerances_that_a_file_without_any_has(plain: TrajectoryClient) -> None:
+    assert dict(zip(DEFAULTS, plain.get(*DEFAULTS), strict=True)) == DEFAULTS

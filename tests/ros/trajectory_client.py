@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -222,3 +223,13 @@ class TrajectoryClient:
         self.executor.shutdown()
         self.action.destroy()  # a node that is destroyed leaves its action clients standing
         self.node.destroy_node()
+
+
+def measured(client: TrajectoryClient) -> list[float]:
+    """Where the arm stands, as MoveIt reads it."""
+    heard: list[JointState] = []
+    listener = client.node.create_subscription(JointState, "/joint_states", heard.append, 10)
+    client.until(lambda: bool(heard))
+    client.node.destroy_subscription(listener)
+    position = dict(zip(heard[-1].name, heard[-1].position, strict=True))
+    return [position[joint] for joint in JOINTS]

@@ -95,7 +95,7 @@ def test_an_mx_reads_within_the_turn() -> None:
 def test_the_status_return_level_says_what_is_answered(model: str, level: int) -> None:
     bench = Bench(model)
     bench.servo.memory.put(dxl.status_return_level, level)
-    ping, read = wire.packet(1, 1, b""), wire.read(1, 36, 8)
+    ping, read = wire.packet(1, 1, b""), wire.packet(1, 2, bytes((36, 8)))
     write = wire.packet(1, 3, bytes((dxl.led.address, 1)))
     assert [bool(bench.ask(packet)) for packet in (ping, read, write)] == [True, level >= 1, level == 2]
     assert bench.servo.memory.get(dxl.led) == 1

@@ -8,8 +8,7 @@ import pytest
 
 from drivers.bus.sdk_adapter import SdkAdapter
 from drivers.port.line import Line
-from drivers.protocol.crc import crc16
-from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, packet, span
+from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, crc16, packet, span
 from drivers.servos import x
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sim_backend.picture import VISIBLE_GROUPS, Recorder, _cast, render
+from sim_backend.picture import Recorder, View
+from sim_backend.rays import VISIBLE_GROUPS, cast, visible
 from sim_backend.world import World
 
 
@@ -17,7 +18,7 @@ def test_rays_hit_what_mujoco_says_they_hit():
         origin = np.array(eye)
         rays = random.normal([0.2, 0.0, 0.12], [0.12, 0.12, 0.1], (600, 3)) - origin
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        geom, distance, normal = _cast(model, data, origin, rays)
+        geom, distance, normal = cast(model, data, origin, rays, visible(model))
         for i, ray in enumerate(rays):
             its_geom, its_normal = np.zeros(1, dtype=np.int32), np.zeros(3)
             its_distance = mujoco.mj_ray(model, data, origin, ray, groups, True, -1, its_geom, its_normal)
@@ -29,18 +30,29 @@ def test_rays_hit_what_mujoco_says_they_hit():
 
 def test_the_picture_shows_the_cube_and_the_bins():
     world = World()
-    image = render(world.model, world.data, width=120, height=90).astype(int)
+    image = View(world.model, world.data, width=120, height=90).picture(world.data).astype(int)
     assert image.shape == (90, 120, 3)
     red, green, blue = image[..., 0], image[..., 1], image[..., 2]
     for share in (red > 2 * (green + 5), green > red + 25, blue > red + 40, (red > blue + 80) & (green > blue + 50)):
         assert share.mean() > 0.001
 
 
+def test_a_picture_is_that_of_its_pose_whatever_was_drawn_before():
+    """Also what the arm no longer hides, and where its shadow was."""
+    worlds = [World(initial_position=[turn, 0.3, -0.6, -0.8, -0.9, 0.4, 0.02]) for turn in (-0.6, 0.0, 0.7)]
+    view = View(worlds[0].model, worlds[0].data, width=120, height=90)
+    pictures = [view.picture(world.data) for world in worlds]
+    for world, picture in zip(worlds, pictures, strict=True):
+        alone = View(world.model, world.data, width=120, height=90).picture(world.data)
+        np.testing.assert_array_equal(picture, alone)
+    assert (pictures[0] != pictures[1]).any() and (pictures[1] != pictures[2]).any()
+
+
 def test_only_known_shapes_are_drawn():
     world = World()
     world.model.geom_type[world.model.geom("cube").id] = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
     with pytest.raises(ValueError, match="planes, boxes and cylinders"):
-        render(world.model, world.data, width=60, height=45, smooth=False)
+        View(world.model, world.data, width=60, height=45, smooth=False).picture(world.data)
 
 
 def test_the_recorder_leaves_rests_out_and_its_memory_is_bounded():

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.bus.diagnose import BAUD_RATES, TRIES, diagnose
 from drivers.bus.types import Reading, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.port.latency import latency_advice
@@ -14,6 +13,7 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, xl320
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
+from hal.diagnose import BAUD_RATES, TRIES, diagnose
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus

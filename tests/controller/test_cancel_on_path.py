@@ -1,0 +1,99 @@
+"""A cancel brakes along the path, whatever its shape: a plan around an obstacle is left by nobody."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from controller.action_goals import GoalStatus
+from controller.motion import Kinematics, motion_to
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.stop_path import stop_along
+from hal.types import FloatArray, JointLimits
+from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters
+from tests.controller.moveit_plans import Curve, curved, off_line, off_path, plan, straight
+
+LIMITS = (ARM_LIMITS, ARM_LIMITS)
+PATHS = {
+    "straight": straight((0.0, 0.0), (1.8, -0.9)),
+    "curved": curved((0.0, 0.0), (1.5, 0.2), (0.0, 1.2)),
+    "there and back": curved((0.0, 0.0), (0.3, 0.0), (1.4, -1.4)),
+}
+MOMENTS = [0.05 + 0.1 * n for n in range(10)]
+"""As shares of a plan's duration."""
+
+
+def sent(bench: Bench, points: Sequence[GoalPoint]) -> GoalHandle:
+    return bench.send(TrajectoryGoal(ARM, tuple(points)))
+
+
+def driven(points: Sequence[GoalPoint], method: str) -> FloatArray:
+    """The commands of a plan that nobody cancels, (k, 2)."""
+    bench = Bench(arm_parameters(interpolation_method=method)).up()
+    handle = sent(bench, points)
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.path()[-1][:2] == pytest.approx(points[-1].positions, abs=1e-6)
+    return bench.path()[:, :2]
+
+
+@pytest.mark.parametrize("method", ["ruckig", "splines"])
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("curve", PATHS.values(), ids=PATHS)
+def test_a_plan_up_to_the_limits_is_driven_and_a_cancel_stays_on_it(curve: Curve, scale: float, method: str) -> None:
+    points = plan(curve, LIMITS, scale)
+    whole = driven(points, method)
+    # Plans know no jerk limits: what ruckig makes of one cuts its sharpest bends.
+    assert off_path(whole, points) < (0.02 if scale == 1.0 else 0.005)
+    for moment in MOMENTS:
+        bench = Bench(arm_parameters(interpolation_method=method)).up()
+        handle = sent(bench, points)
+        bench.cycle(max(round(moment * points[-1].time_from_start_s / PERIOD_S), 1))
+        bench.arm.cancel(handle)
+        cycles = bench.cycles_until(lambda handle=handle: handle.done)
+        assert handle.status in (GoalStatus.CANCELED, GoalStatus.SUCCEEDED)
+        assert cycles * PERIOD_S < 1.5
+        assert off_line(bench.path()[:, :2], whole) < 0.01
+        at_rest = bench.path()[-1]
+        bench.cycle(10)
+        assert np.abs(bench.path()[-10:] - at_rest).max() < 1e-3, "told while the arm still moved"
+
+
+def test_a_new_plan_from_where_a_canceled_one_ended_is_taken() -> None:
+    bench = Bench().up()
+    for moment in MOMENTS * 2:
+        points = plan(curved((0.0, 0.0), (1.0, 0.5), (0.3, 0.4)), LIMITS)
+        handle = sent(bench, points)
+        bench.cycle(max(round(moment * points[-1].time_from_start_s / PERIOD_S), 1))
+        bench.arm.cancel(handle)
+        bench.cycles_until(lambda handle=handle: handle.done)
+        here = bench.loop.hardware.read().position[:2]
+        home = plan(straight(tuple(here), (0.0, 0.0)), LIMITS)
+        handle = sent(bench, home)
+        bench.cycles_until(lambda handle=handle: handle.done)
+        assert handle.status is GoalStatus.SUCCEEDED
+
+
+def test_a_joint_that_was_sent_to_its_limit_and_rests_beyond_is_no_dead_end() -> None:
+    bench = Bench().up()
+    handle = sent(bench, plan(straight((0.0, 0.0), (-2.0, 0.0)), LIMITS))
+    bench.cycles_until(lambda: handle.done)
+    bench.hardware._position[0] = -2.0008
+    bench.cycle()
+    points = plan(straight((-2.0008, 0.0), (0.0, 0.0)), LIMITS)
+    handle = sent(bench, points)
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.path()[:, 0].min() >= -2.0
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 0.5, 1.0])
+@pytest.mark.parametrize("share", [0.0, 1e-6, 0.3, 0.999999, 1.0])
+@pytest.mark.parametrize("acceleration", [12.0, np.inf])
+def test_a_stop_on_a_path_never_raises(rate: float, share: float, acceleration: float) -> None:
+    limits = [JointLimits(-2.0, 2.0, 4.0, acceleration, 120.0)] * 2
+    path = motion_to(Kinematics.at_rest(np.zeros(2)), Kinematics.at_rest(np.array((1.0, 0.5))), LIMITS, 1.0)
+    stop = stop_along(path, share * path.duration_s, rate, limits)
+    if stop is not None and stop is not path:
+        assert stop.sample(0.0).position == pytest.approx(path.sample(share * path.duration_s).position, abs=1e-6)
+        assert stop.sample(stop.duration_s).velocity == pytest.approx(np.zeros(2), abs=1e-6)

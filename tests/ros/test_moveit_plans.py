@@ -1,0 +1,101 @@
+"""Plans as MoveIt makes them, over the real action and virtual servos: driven, canceled anywhere, blocked."""
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from controller.trajectory.goal import GoalPoint
+from hal.types import FloatArray, JointLimits
+from tests.controller.moveit_plans import Curve, curved, off_line, plan, straight
+from tests.ros.trajectory_client import (
+    ABORTED,
+    CANCELED,
+    REACHED,
+    SUCCEEDED,
+    Sent,
+    TrajectoryClient,
+    goal_of,
+    measured,
+    point,
+    trajectory,
+)
+from tests.ros.trajectory_stacks import PERIOD_S, client_of
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
+"""Velocity and acceleration of config/moveit/joint_limits.yaml."""
+READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
+LEFT, RIGHT = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55), (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55)
+BOWS = {
+    "straight": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "with a turn of the wrist": (0.0, 0.0, 0.0, 0.0, 0.0, -1.2),
+    "over an obstacle": (0.0, 0.25, 0.0, 0.0, 0.1, 0.0),
+}
+START_RAD = 0.01
+"""MoveIt's allowed_start_tolerance."""
+
+
+@pytest.fixture(scope="module")
+def servos(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrajectoryClient]:
+    with client_of(tmp_path_factory.mktemp("moveit")) as client:
+        yield client
+
+
+def message(points: Sequence[GoalPoint]) -> Any:
+    return trajectory(
+        *(point(one.positions, one.time_from_start_s, one.velocities, one.accelerations) for one in points)
+    )
+
+
+def driven(client: TrajectoryClient, curve: Curve, scale: float = 1.0) -> FloatArray:
+    """The commands (k, 6) of a plan that must arrive, once the arm rests."""
+    first = len(client.states)
+    status, code, text = client.outcome(client.send(goal_of(message(plan(curve, LIMITS, scale)))))
+    assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED), text
+    client.cycles(4)  # it has arrived within the tolerance, and comes nearer
+    return commands(client, first)
+
+
+def commands(client: TrajectoryClient, first: int) -> FloatArray:
+    return np.array([state.output.positions for state in client.states[first:]])
+
+
+def test_a_joint_that_is_blocked_aborts_within_a_second_and_is_named(servos: TrajectoryClient) -> None:
+    start = tuple(measured(servos))  # beside the stand
+    sent = servos.send(goal_of(message(plan(straight(start, (0.6, *start[1:])), LIMITS))))
+    status, code, text = servos.outcome(sent)
+    assert (status, code) == (ABORTED, -4)
+    assert re.fullmatch(r"Aborted due to path tolerance violation: joint1 is off by 0\.\d+, allowed is 0\.3000", text)
+    held = [any(abs(off) > 0.05 for off in message.error.positions) for message in sent.feedback]
+    assert sum(held) * PERIOD_S < 1.0
+
+
+def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rests(servos: TrajectoryClient) -> None:
+    for pose in (READY, RIGHT):
+        driven(servos, straight(tuple(measured(servos)), pose), 0.5)
+    for bow in BOWS.values():
+        whole = driven(servos, curved(tuple(measured(servos)), LEFT, bow))
+        driven(servos, straight(tuple(measured(servos)), RIGHT))
+        for moment in (0.05 + 0.1 * n for n in range(10)):
+            points = plan(curved(tuple(measured(servos)), LEFT, bow), LIMITS)
+            first = len(servos.states)
+            sent = servos.send(goal_of(message(points)))
+            canceled_on(servos, sent, moment * points[-1].time_from_start_s)
+            here = tuple(measured(servos))
+            assert off_line(commands(servos, first), whole) < 0.01
+            servos.cycles(4)
+            assert tuple(measured(servos)) == pytest.approx(here, abs=START_RAD / 2.0), "told while the arm still moved"
+            driven(servos, straight(tuple(measured(servos)), RIGHT))
+
+
+def canceled_on(client: TrajectoryClient, sent: Sent, after_s: float) -> None:
+    """Cancel a goal when it has gone on for so long; it may have arrived by then."""
+    client.until(lambda: len(sent.feedback) >= max(round(after_s / PERIOD_S), 1))
+    client.cancel(sent)
+    assert client.outcome(sent)[:2] in ((CANCELED, 0), (SUCCEEDED, 0))
