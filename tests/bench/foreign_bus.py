@@ -94,9 +94,10 @@ def main() -> None:
     print("ready", flush=True)
     data = b""
     while True:
-        data += os.read(master, 4096)
+        heard = os.read(master, 4096)
+        data += heard
         if manner == "echo":
-            os.write(master, data)
+            os.write(master, heard)
         while len(data) > 7 or (data and not x and len(data) > 5):
             size = packet_size(data, x)
             if len(data) < size:
