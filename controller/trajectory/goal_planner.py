@@ -13,7 +13,7 @@ import numpy as np
 from controller.motion import Kinematics, MotionError, Path, motion_to, plan_stop
 from controller.trajectory.goal import Allowed, GoalPoint, TrajectoryGoal, limits_reason, reason_to_reject
 from controller.trajectory.integration import integrated
-from controller.trajectory.paths import Joined, Task, jerk_limited_path, smooth_lead, spline_lead, spline_path
+from controller.trajectory.paths import Joined, Task, begun_at, jerk_limited_path, smooth_lead, spline_lead, spline_path
 from controller.trajectory.steps import StepPlan
 from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointLimits
@@ -47,7 +47,9 @@ class GoalPlanner:
             raise GoalRejected(reason)
         try:
             waypoints = waypoints_of(goal, self.joints, self._rest(goal.joints, reference))
-            waypoints = at_most(waypoints, self.limits)
+            if len(goal.points) > 1:
+                waypoints = begun_at(waypoints, reference.position)
+            waypoints = at_most(ahead(waypoints), self.limits)
             if self.endless:
                 waypoints = waypoints.by_shortest_turn(reference.position, self.endless)
             plan = prepare(self.method, Task(reference, waypoints, self.limits, self.joints))
@@ -74,10 +76,9 @@ class GoalPlanner:
 
 
 def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> Waypoints:
-    """The part of the goal that lies ahead. A joint that the goal does not name stays at ``rest`` (n,).
+    """The goal's points. A joint that the goal does not name stays at ``rest`` (n,).
 
-    Points whose time has passed are left out, but never the last one. The last one is held, so it is
-    reached at rest whatever velocity the goal gives it.
+    The last point is held, so it is reached at rest whatever velocity the goal gives it.
     """
     columns = [joints.index(name) for name in goal.joints]
     count = len(goal.points)
@@ -93,29 +94,27 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
     times_s = np.array([point.time_from_start_s for point in goal.points]) + goal.starts_s
     has_velocity = np.array([bool(point.velocities) for point in goal.points])
     has_acceleration = has_velocity & np.array([bool(point.accelerations) for point in goal.points])
-    every = Waypoints(times_s, position, velocity, acceleration, has_velocity, has_acceleration)
-    ahead = first_ahead(times_s, 0.0)
-    return Waypoints(*(getattr(every, field.name)[ahead:] for field in fields(every)))
+    return Waypoints(times_s, position, velocity, acceleration, has_velocity, has_acceleration)
+
+
+def ahead(waypoints: Waypoints) -> Waypoints:
+    """The points whose time has not passed; always the last one."""
+    first = first_ahead(waypoints.times_s, 0.0)
+    return Waypoints(*(getattr(waypoints, field.name)[first:] for field in fields(waypoints)))
 
 
 def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
-    """The same points, what is beyond a limit by as little as was allowed taken to it.
-
-    A first point beyond takes the way behind it along, ever less: cut off one by one, points would stand, then leap.
-    """
+    """The same points, what is beyond a limit by as little as was allowed taken to it."""
     lower, upper, velocity, acceleration = np.array(
         [(limit.lower, limit.upper, limit.velocity, limit.acceleration) for limit in limits]
     ).T
-    times_s, position = waypoints.times_s, waypoints.position
-    left = (times_s[-1] - times_s) / max(times_s[-1] - times_s[0], 1e-9)
-    beyond = np.clip(position[0], lower, upper) - position[0]
-    speed, push = waypoints.velocity.copy(), waypoints.acceleration.copy()
-    speed[0, beyond != 0.0] = push[0, beyond != 0.0] = 0.0
+    position = np.clip(waypoints.position, lower, upper)
+    inside = position == waypoints.position  # at a limit a joint stands
     return replace(
         waypoints,
-        position=np.clip(position + np.outer(left, beyond), lower, upper),
-        velocity=np.clip(speed, -velocity, velocity),
-        acceleration=np.clip(push, -acceleration, acceleration),
+        position=position,
+        velocity=np.where(inside, np.clip(waypoints.velocity, -velocity, velocity), 0.0),
+        acceleration=np.where(inside, np.clip(waypoints.acceleration, -acceleration, acceleration), 0.0),
     )
 
 

@@ -1,6 +1,6 @@
 """Paths through several points, and the way to a point of a path from where the joints have moved to meanwhile."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,11 @@ from hal.types import FloatArray, JointLimits
 FEW: Final = 50
 """Up to so many points are tried with ruckig, which passes each of them exactly."""
 
+BEGINNING_S: Final = 0.3
+"""Within this time a path is on its plan, wherever it began."""
+NEAR: Final = 0.05
+"""rad or m: as far from the commanded position may lie what is measured, by sag, play and following error."""
+
 
 @dataclass(frozen=True, slots=True)
 class Task:
@@ -23,6 +28,27 @@ class Task:
     waypoints: Waypoints
     limits: tuple[JointLimits, ...]
     names: tuple[str, ...]
+
+
+def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
+    """The same points but for the first ones, which lead from ``here`` (n,) onto the plan.
+
+    Planners begin at what is measured, a little beside what is commanded. A step between the two would cost the
+    whole path its time: bends are as smooth everywhere as the sharpest must be.
+    """
+    times_s, position = waypoints.times_s, waypoints.position
+    lasts_s = min(BEGINNING_S, float(times_s[-1]))
+    if times_s[0] > 0.0 or lasts_s <= 0.0:
+        return waypoints
+    begins = np.array([np.interp(0.0, times_s, column) for column in position.T])
+    offset = np.where(np.abs(here - begins) <= NEAR, here - begins, 0.0)
+    u = np.clip(times_s / lasts_s, 0.0, 1.0)[:, None]
+    return replace(
+        waypoints,
+        position=position + offset * (1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)),
+        velocity=waypoints.velocity - offset * 30.0 * (u * (1.0 - u)) ** 2 / lasts_s,
+        acceleration=waypoints.acceleration - offset * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / lasts_s**2,
+    )
 
 
 def spline_path(task: Task) -> tuple[Path, FloatArray]:

@@ -1,6 +1,7 @@
 """A cancel brakes along the path, whatever its shape: a plan around an obstacle is left by nobody."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from controller.action_goals import GoalStatus
 from controller.motion import Kinematics, motion_to
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.paths import BEGINNING_S
 from controller.trajectory.stop_path import stop_along
 from hal.types import FloatArray, JointLimits
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters
@@ -57,6 +59,21 @@ def test_a_plan_up_to_the_limits_is_driven_and_a_cancel_stays_on_it(curve: Curve
         at_rest = bench.path()[-1]
         bench.cycle(10)
         assert np.abs(bench.path()[-10:] - at_rest).max() < 1e-3, "told while the arm still moved"
+
+
+@pytest.mark.parametrize("method", ["ruckig", "splines"])
+@pytest.mark.parametrize(
+    "curve", [straight((0.015, -0.015), (1.8, -0.9)), curved((0.015, 0.0), (0.3, 0.0), (1.4, -1.4))]
+)
+def test_a_plan_that_begins_where_a_sagging_arm_is_measured_takes_no_longer(curve: Curve, method: str) -> None:
+    bent = plan(curve, LIMITS)
+    beside = [0.0, 0.0] - np.array(bent[0].positions)
+    fitting = [replace(bent[0], positions=(0.0, 0.0)), *bent[1:]]
+    path, without = driven(bent, method), driven(plan(lambda along: curve(along) + beside[:, None], LIMITS), method)
+    assert len(path) <= len(without) + 2
+    assert off_path(path[round(BEGINNING_S / PERIOD_S) + 4 :], bent) < 0.02
+    assert np.abs(np.diff(path, axis=0)).max() <= 1.02 * np.abs(np.diff(without, axis=0)).max()
+    assert len(driven(fitting, method)) >= len(path), "the first point alone is no better"
 
 
 def test_a_new_plan_from_where_a_canceled_one_ended_is_taken() -> None:
