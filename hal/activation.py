@@ -101,7 +101,8 @@ class Activation:
     def _torque_on(self, joint: Joint) -> None:
         """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
 
-        That takes time, in which limp joints may move: those that have no torque yet are measured once more.
+        That takes time, in which limp joints may move: they are measured once more. Of those that their goals have
+        switched on already the goals stay: what gives way a little must not give way again with every lost packet.
         """
         later = self._joints[self._joints.index(joint) :]
         for _ in range(ATTEMPTS - 1):
@@ -110,7 +111,7 @@ class Activation:
                 return
             except (ServoSilent, ServoCorrupt):
                 self._confirm_goal(joint)
-                self._take_goals(later)
+                self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
                 self._setup.limit_torque(joint)
                 self._hold_goals()
         self._setup.torque_on(joint)

@@ -11,7 +11,7 @@ from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.servo_setup import ServoSetup
-from hal.servo_states import WITHHELD_AFTER, ServoStates
+from hal.servo_states import ServoStates
 from hal.types import JointCommand, JointState
 
 INTERPOLATION_MARGIN = 1.05
@@ -74,7 +74,7 @@ class ServoHardware:
         """Switch the torque on with every goal at its measured position: see ``Activation``."""
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
-        self._states.forget_faults()
+        self._states.faults.forget()
         self._goals = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
         self.state = LifecycleState.ACTIVE
         self.read()
@@ -109,14 +109,13 @@ class ServoHardware:
     def write(self, command: JointCommand) -> None:
         """Send one packet a bus with a goal for each of its servos; the command has passed the safety gate.
 
-        A servo that was missing for longer than a lost reply gets none before it has shown that it still drives its
-        motor: one that was reset would take a goal for the order to switch its torque on.
+        A servo that may be limp gets none: it would take it for the order to switch its torque on.
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, command.values, strict=True):
-            if self._states.missing.get(joint.name, 0) >= WITHHELD_AFTER:
+            if joint.name in self._states.faults.withheld:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
             held = self._goals[joint.name]

@@ -2,9 +2,11 @@
 
 import gc
 import json
+import logging
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -18,8 +20,11 @@ from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
-from servoloop.bench_goals import stand_still, who_answers
+from drivers.servos.register import ServoModel
+from servoloop.bench_goals import present_goals, who_answers
 from servoloop.realtime import on_one_processor
+
+LOG = logging.getLogger("servoloop")
 
 BUDGET_S: Final = 0.04
 """What a cycle may spend for each servo beside twice its bytes' time on the wire, retries included. An adapter's
@@ -62,22 +67,49 @@ def parse_ids(text: str) -> list[int]:
     return found
 
 
-def bench_bus(port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int) -> Figures:
-    """Open the port, run and close it. Raises DriverError where nobody answers, or only servos with another
-    table than ``model``."""
+def bench_bus(
+    port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int, *, hold: bool = False
+) -> Figures:
+    """Open the port, run and close it. Limp servos are only read, unless ``hold`` switches them on for the run.
+
+    Raises DriverError where nobody answers, or only servos with another table than ``model``.
+    """
     if model not in MODELS:
         raise DriverError(f"unknown model {model}: known are {', '.join(sorted(MODELS))}")
     clock = MonotonicClock()
     models = dict.fromkeys(servo_ids, MODELS[model])
     bus = Bus(SerialPort(port, baud, clock), clock, models)
     try:
-        goals = stand_still(bus, servo_ids, MODELS[model])
-        with on_one_processor():
+        with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
     except ValueError as error:  # of the bus, before any goal goes out: more servos than a packet holds
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
+
+
+@contextmanager
+def standing_still(
+    bus: Bus, servo_ids: Sequence[int], model: ServoModel, *, hold: bool
+) -> Iterator[dict[int, ServoGoal]]:
+    """Give the goals that servos may be told again and again; behind it all have the torque that they had before."""
+    found = present_goals(bus, servo_ids, model)
+    limp = sorted(found.limp)
+    if limp and not hold:
+        LOG.warning(
+            "%s: servos %s have no torque, and a goal would switch it on: they are only read, and a cycle has fewer "
+            "bytes. --hold holds them where they stand, and lets go of them in the end",
+            bus.name, ", ".join(map(str, limp)),
+        )  # fmt: skip
+    goals = found.held | (found.limp if hold else {})
+    try:
+        if goals:
+            bus.write_goals(goals)
+        bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
+        yield goals
+    finally:
+        for error in bus.torque_off(limp) if hold else ():
+            LOG.error("%s: %s. Its torque may still be on", bus.name, error)
 
 
 def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:

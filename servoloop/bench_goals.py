@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
@@ -35,20 +36,31 @@ class Mute(ServoError):
     """It gives its state together with others, and answers no question that it is asked by itself."""
 
 
-def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
-    """Give each servo the goal that it has already, and return these goals.
+@dataclass(frozen=True, slots=True)
+class PresentGoals:
+    """Goals by ID that move nobody: of servos that hold them already, and where limp ones stand.
+
+    To a limp servo of most makes a goal is the order to switch its torque on.
+    """
+
+    held: dict[int, ServoGoal] = field(default_factory=dict)
+    limp: dict[int, ServoGoal] = field(default_factory=dict)
+
+
+def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
+    """Find the goal that each servo has already. Nothing is written.
 
     What is a goal to one model may be a setting to another: who has another table, is in another mode, stands where
-    no goal can be or answers only later is read and gets none. Raises DriverError where nobody answers, ServoRefused
-    where all have another table.
+    no goal can be or answers only later has none. Raises DriverError where nobody answers, ServoRefused where all
+    have another table.
     """
     states = who_answers(bus, servo_ids)
-    goals: dict[int, ServoGoal] = {}
+    goals = PresentGoals()
     strangers: list[ServoRefused] = []
     mute: list[Mute] = []
     for servo_id, state in states.items():
         try:
-            goal = _goal(bus, servo_id, model, state, patient=not mute)
+            _find_goal(bus, servo_id, model, state, goals, patient=not mute)
         except ServoRefused as error:
             strangers.append(error)
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
@@ -56,17 +68,12 @@ def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[i
             mute.append(error)
         except ServoError as error:
             LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-        else:
-            goals |= {servo_id: goal} if goal else {}
     if len(strangers) == len(states):
         raise strangers[0]
     if len(mute) == len(states):  # a simulator, for no servo is so: the user's word is taken
-        goals = {servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()}
+        goals.limp.update({servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()})
     for one in mute if len(mute) < len(states) else ():
         LOG.warning("%s: %s. It is read and gets no goal", bus.name, one)
-    if goals:
-        bus.write_goals(goals)
-    bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
     return goals
 
 
@@ -89,8 +96,10 @@ def _why_nobody(bus: Bus, servo_ids: Sequence[int]) -> str:
     return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 
 
-def _goal(bus: Bus, servo_id: int, model: ServoModel, state: ServoState, *, patient: bool) -> ServoGoal | None:
-    """None for one that must not have any. Raises ServoRefused for one with another table, ServoError otherwise.
+def _find_goal(
+    bus: Bus, servo_id: int, model: ServoModel, state: ServoState, goals: PresentGoals, *, patient: bool
+) -> None:
+    """One servo's goal into ``goals``, if it may have any. Raises ServoRefused for one with another table.
 
     ``patient``: no other has been mute yet. Where one has, all may be, and a second look at each would take long.
     """
@@ -105,13 +114,14 @@ def _goal(bus: Bus, servo_id: int, model: ServoModel, state: ServoState, *, pati
         if number != model.number and not _has_the_table(bus, servo_id, model, number):
             raise
         if not _is_fit(bus, servo_id, model, number, error):
-            return None
+            return
+    holds = bus.torque_is_on(servo_id)
     # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
-    counts = bus.goal(servo_id) if bus.torque_is_on(servo_id) else state.position_counts
+    counts = bus.goal(servo_id) if holds else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
         LOG.warning("%s: servo %d stands at %d, where no goal can be. It gets none", bus.name, servo_id, counts)
-        return None
-    return ServoGoal(counts)
+        return
+    (goals.held if holds else goals.limp)[servo_id] = ServoGoal(counts)
 
 
 def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:

@@ -229,12 +229,16 @@ def bus(
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
     baud: Annotated[int, typer.Option(min=1, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
     cycles: Annotated[int, typer.Option(min=1, help="How many cycles to measure.")] = 1000,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="Servos without torque get it for as long as this runs.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="One line of JSON instead of a table.")] = False,
 ) -> None:
     """Read the full state of every servo and write a goal to each, as fast as the line allows.
 
-    Nothing moves: the goals are those that the servos hold, or where they stand if their torque is off. But the
-    servos' goal speed and acceleration become 0, which is as fast as they can. Faults are counted, not fatal; it ends
+    Nothing moves: the goals are those that the servos hold. A goal switches a limp servo on: such are only read,
+    unless --hold holds them where they stand; in the end they are limp again. Of those that get goals, goal speed
+    and acceleration become 0, which is as fast as they can. Faults are counted, not fatal; it ends
     with 1 where nobody answers, where all servos have another table than the model, and where the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
@@ -242,7 +246,7 @@ def bus(
 
     from servoloop import bench_bus
 
-    figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles)
+    figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles, hold=hold)
     if json:
         typer.echo(bench_bus.as_json(figures))
     else:

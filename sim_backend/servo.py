@@ -36,6 +36,8 @@ class VirtualServo:
         self.model = model
         self.memory = self.MEMORY(model, servo_id)
         self.firmware = self.FIRMWARE(self.memory, model, motor or MotorConstants.of(model))
+        self.goal_write_energises = True
+        """Whether an order to move is one to drive the motor, in position mode."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -110,6 +112,9 @@ class VirtualServo:
         if self.memory.get(sts.torque_enable) == SET_MIDDLE:
             self.memory.put(sts.torque_enable, torque)
             self.set_middle()
+        moves = self._covers(address, data, sts.goal_position) and self.memory.get(sts.operating_mode) == 0
+        if moves and self.goal_write_energises:
+            self.memory.put(sts.torque_enable, 1)
         self.firmware.load_goal()
         if self._covers(address, data, sts.goal_position):
             self.firmware.goal_written()

@@ -55,6 +55,7 @@ class Bus:
         self._port = port
         self._clock = clock
         self._position_p = dict(position_p or {})
+        self._limits: dict[int, int] = {}
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
@@ -85,8 +86,6 @@ class Bus:
     def read_together(self) -> bool:
         """Whether one packet asks all servos for their states; otherwise each is asked by itself."""
         return self._servos.read_together
-
-    # A cycle.
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         """Ask for the states; ``receive`` waits for them until ``deadline_s`` on the bus's clock.
@@ -143,8 +142,6 @@ class Bus:
                 named[servo_id] = state._replace(alarms=source[1](bits) or state.alarms)
         return named
 
-    # Set-up.
-
     def identify(self, servo_id: int, model: ServoModel) -> None:
         """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
         check_model_number(self._single, servo_id, model)
@@ -176,9 +173,15 @@ class Bus:
         return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
-        """Whether these servos drive their motors, as far as they answer by the deadline: one attempt."""
+        """Whether these servos drive their motors with the torque limit that they were given: a servo that was reset
+        has another. As far as they answer by the deadline: one attempt."""
         switches = {i: self._servos.series(i).torque_enable for i in servo_ids}
-        return {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
+        on = {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
+        limits = {i: limit for i in on if i in self._limits and (limit := self._servos.series(i).torque_limit)}
+        held = self._reader.registers(limits, deadline_s) if limits else {}
+        return {
+            i: driven and held.get(i) == self._limits.get(i) for i, driven in on.items() if i in held or i not in limits
+        }
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor. The caller has written the goal before.
@@ -212,8 +215,9 @@ class Bus:
         series = self._servos.series(servo_id)
         wanted, lasting = round(share * series.full_torque), series.max_torque
         if series.torque_limit is not None:
-            # What lasts stays the upper bound: beyond it a Dynamixel would refuse.
-            self._write_surely(servo_id, series.torque_limit, min(wanted, self._read_surely(servo_id, lasting)))
+            # What lasts is the upper bound, and what a reset servo has: one less tells the two apart.
+            self._limits[servo_id] = min(wanted, max(self._read_surely(servo_id, lasting) - 1, 0))
+            self._write_surely(servo_id, series.torque_limit, self._limits[servo_id])
         elif share < 1.0:
             raise ServoRefused(
                 servo_id,

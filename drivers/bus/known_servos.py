@@ -58,8 +58,6 @@ class KnownServos:
             self._models[servo_id] = model
             self._forget_plans()
 
-    # How states are asked for.
-
     def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
         """The blocks that the servo may be asked for, the first if nothing speaks against it."""
         return self._mapped.get(servo_id) or self.series(servo_id).blocks
@@ -102,8 +100,6 @@ class KnownServos:
     def _forget_plans(self) -> None:
         for kept in (self._plans, self._fast, self._writes):
             kept.clear()
-
-    # How goals and the torque switch are told.
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
         """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""

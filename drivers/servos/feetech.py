@@ -51,8 +51,10 @@ def _state(
     _scale: None, status: int, position: int, velocity: int, load: int, voltage: int, temperature: int
 ) -> ServoState:
     """A cycle calls this for each servo: a tuple is made of what was looked up."""
-    if (position | velocity) & _SIGN:
-        position, velocity = signed(position, _SIGN), signed(velocity, _SIGN)
+    if position & _SIGN:
+        position = _SIGN - position
+    if velocity & _SIGN:
+        velocity = _SIGN - velocity
     fields = (
         position, velocity, _LOADS[load & 0x7FF], _VOLTAGES_V[voltage], _TEMPERATURES_C[temperature], _ALARMS[status],
         None,

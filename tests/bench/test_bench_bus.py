@@ -28,7 +28,9 @@ def device() -> Iterator[str]:
 
 
 def test_one_line_of_json(device: str) -> None:
-    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--ids", "1-7", "--cycles", "50", "--json"])
+    result = CliRunner().invoke(
+        app, ["bench", "bus", "--port", device, "--ids", "1-7", "--cycles", "50", "--hold", "--json"]
+    )
     assert result.exit_code == 0
     (line,) = result.stdout.splitlines()
     figures = json.loads(line)
@@ -39,7 +41,7 @@ def test_one_line_of_json(device: str) -> None:
 
 
 def test_a_table_for_people(device: str) -> None:
-    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--cycles", "20"])
+    result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--cycles", "20", "--hold"])
     assert result.exit_code == 0
     assert "p50_us" in result.stdout
 
@@ -57,9 +59,9 @@ def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypat
         meanwhile.append(os.sched_getaffinity(0))
         write_goals(bus, goals)
 
-    bench_bus(device, [1], "sts3215", 1_000_000, 1)
+    bench_bus(device, [1], "sts3215", 1_000_000, 1, hold=True)
     monkeypatch.setattr(Bus, "write_goals", watched)
-    bench_bus(device, [1], "sts3215", 1_000_000, 10)
+    bench_bus(device, [1], "sts3215", 1_000_000, 10, hold=True)
     measured = meanwhile[1:]  # the first goals are those that hold the servos, before the run
     assert len(measured) == 10
     assert all(processors == measured[0] and len(processors) == 1 for processors in measured)
@@ -79,7 +81,7 @@ def test_another_table_than_is_there_is_refused(device: str, model: str) -> None
 
 def test_more_servos_than_a_packet_holds_are_refused_before_the_run() -> None:
     with simulator("1-32") as device, pytest.raises(DriverError, match="a packet holds 31 goals, not 32"):
-        bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10)
+        bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10, hold=True)
 
 
 def test_a_rate_that_no_adapter_has_is_refused(device: str) -> None:

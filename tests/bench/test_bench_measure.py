@@ -1,6 +1,7 @@
 """What ``servoloop bench bus`` writes to servos, and what it makes of their line, on simulated time."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -16,8 +17,8 @@ from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS
 from drivers.servos.indirect import block_for
 from drivers.servos.register import ServoModel
-from servoloop.bench_bus import Figures, measure
-from servoloop.bench_goals import stand_still
+from servoloop.bench_bus import Figures, measure, standing_still
+from servoloop.bench_goals import present_goals
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -44,6 +45,15 @@ def measured(port: VirtualPort, cycles: int = 1000) -> Figures:
     clock = port._clock
     bus = Bus(port, clock)
     return measure(bus, clock, IDS, GOALS, cycles)
+
+
+def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
+    """Goals for all who may have one, limp or not."""
+    found = present_goals(bus, servo_ids, model)
+    goals = found.held | found.limp
+    bus.write_goals(goals)
+    bus.read_states(servo_ids)
+    return goals
 
 
 def servos() -> VirtualBus:
@@ -281,7 +291,7 @@ def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
     plant, clock = BenchPlant(IDS), SimulatedClock(0.0)
     line = VirtualBus.of(plant)
     bus = Bus(VirtualPort(line, clock), clock)
-    bus.write_goals(GOALS)
+    bus.write_goals({i: GOALS[i] for i in (1, 2)})
     for servo_id in (1, 2):
         bus.torque_on(servo_id)
     plant.load_nm[0] = plant.load_nm[2] = 0.8
@@ -307,3 +317,37 @@ def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
     assert block is not None
     question = dynamixel_wire.fast_sync_read(IDS, block.address, block.size)
     assert set(port.sent[before::2]) == {question}  # and the goals between them
+
+
+# Torque
+
+
+def with_torque(line: VirtualBus) -> set[int]:
+    return {servo.servo_id for servo in line.servos if servo.memory.get(sts.torque_enable)}
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_limp_servos_are_only_read_unless_they_are_to_be_held(hold: bool, caplog: pytest.LogCaptureFixture) -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    port = WatchedPort(line, clock)
+    bus = Bus(port, clock)
+    bus.write_goals({3: ServoGoal(2048)})
+    bus.torque_on(3)
+    del port.sent
+    with standing_still(bus, IDS, sts.STS3215, hold=hold) as goals:
+        assert set(goals) == (set(IDS) if hold else {3})
+        measure(bus, clock, IDS, goals, 5)
+        assert with_torque(line) == set(goals)
+    assert with_torque(line) == {3}
+    assert ("servos 1, 2, 4, 5, 6, 7 have no torque" in caplog.text) is not hold
+    assert goals_sent(port)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, DriverError])
+def test_limp_servos_are_limp_again_whatever_ends_the_run(error: type[BaseException]) -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    bus = Bus(VirtualPort(line, clock), clock)
+    with pytest.raises(error), standing_still(bus, IDS, sts.STS3215, hold=True):
+        assert with_torque(line) == set(IDS)
+        raise error
+    assert not with_torque(line)

@@ -27,7 +27,7 @@ def device(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 
 
 def measure(device: str, model: str, ids: str) -> dict[str, float]:
-    options = ["--port", device, "--ids", ids, "--model", model, "--cycles", str(CYCLES), "--json"]
+    options = ["--port", device, "--ids", ids, "--model", model, "--cycles", str(CYCLES), "--hold", "--json"]
     result = CliRunner().invoke(app, ["bench", "bus", *options])
     assert result.exit_code == 0, result.output
     figures = json.loads(result.stdout.splitlines()[-1])

@@ -87,11 +87,15 @@ class Bench:
         counts: Sequence[int] = (2048, 2000, 1500),
         joints: Sequence[Joint] = JOINTS,
         clock: SimulatedClock | None = None,
+        *,
+        goal_write_energises: bool = True,
     ) -> None:
         self.clock = clock or SimulatedClock(1000.0)
         self.plant = BenchPlant([joint.servo_id for joint in joints])
         self.place(counts)
         self.servos = VirtualBus.of(self.plant)
+        for servo in self.servos.servos:
+            servo.goal_write_energises = goal_write_energises
         self.opened = 0
         self.watch_next_port: Callable[[int, Instruction], None] = lambda number, instruction: None
         self.port = self._new_port()

@@ -64,11 +64,24 @@ def test_an_arm_that_a_former_program_left_under_torque_is_not_dropped_when_acti
 
 def test_joints_that_sink_while_a_torque_switch_is_repeated_are_measured_again() -> None:
     """The joint in question and those behind it are limp still; a goal from before would make them leap back."""
-    bench = Bench(counts=BEFORE).configured()
+    bench = Bench(counts=BEFORE, goal_write_energises=False).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 1950, 1450)))
     bench.hardware.activate()
     assert bench.torque() == list(IDS)
     assert [bench.held(i, sts.goal_position) for i in IDS] == [2048, 1950, 1450]
+
+
+def test_joints_that_their_goals_have_switched_on_keep_them_while_another_is_told_again() -> None:
+    """They hold a load: to make where they give way to their goal would let them sink with every packet."""
+    bench = Bench(counts=BEFORE).configured()
+
+    def lean() -> None:
+        bench.plant.load_nm[:] = [-1.0, -1.0, -1.0]
+
+    on_first_torque_of(2, bench, lean)
+    bench.hardware.activate()
+    assert bench.measured(7) < BEFORE[2]
+    assert [bench.held(i, sts.goal_position) for i in IDS] == list(BEFORE)
 
 
 def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() -> None:
@@ -85,7 +98,7 @@ def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() ->
 
 
 def test_a_joint_that_sank_out_of_its_limits_meanwhile_gets_no_torque() -> None:
-    bench = Bench(counts=BEFORE).configured()
+    bench = Bench(counts=BEFORE, goal_write_energises=False).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 2000, 500)))
     with pytest.raises(ActivationError, match=r"finger \(servo 7\) stands at .* outside its limits"):
         bench.hardware.activate()

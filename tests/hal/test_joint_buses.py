@@ -138,7 +138,9 @@ def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, a
         assert bench.hardware.state is LifecycleState.ACTIVE
 
 
-def test_a_servo_silent_while_activating_leaves_no_torque_on_either_line() -> None:
+def test_a_servo_silent_while_activating_leaves_no_torque_that_can_be_switched_off(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     bench = Ports()
     bench.hardware.configure()
     seen: list[int] = []
@@ -151,7 +153,9 @@ def test_a_servo_silent_while_activating_leaves_no_torque_on_either_line() -> No
     bench.ports["arm"].before_write = silence
     with pytest.raises(DriverError, match=r"servo 2: does not answer.*\(elbow, bus arm\)"):
         bench.hardware.activate()
-    assert seen and bench.torque() == NONE
+    # The one that nobody can reach any more has been switched on by its goal, and holds where it stands.
+    assert seen and bench.torque() == {"arm": [2], "hand": []}
+    assert "torque may still be on: elbow (bus arm): servo 2" in caplog.text
 
 
 def test_a_silent_servo_is_named_with_its_bus_and_hides_nobody() -> None:

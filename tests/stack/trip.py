@@ -18,6 +18,7 @@ from controller.loop import ControlLoop
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.component_set import ComponentSet
+from hal.servo_faults import ServoFaults
 from tests.stack.rig import ARM, BINS, PICK, READY, RecordingPort, StackRig
 
 ROOT = Path(__file__).parents[2]
@@ -124,6 +125,7 @@ def reply_to_joint_states(rig: StackRig) -> list[str]:
     """The files from the first bytes of a cycle's replies to the values that a node publishes on /joint_states."""
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
+    others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that
     trip = TripRecorder(since=RecordingPort.read, muted=others)
     with trip.recording():
         broadcaster.sample(rig.loop.step())
