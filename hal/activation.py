@@ -79,7 +79,18 @@ class Activation:
                 f"not activated: {self._called(joint)} stands at {position:.4f}, outside "
                 f"its limits {lower:.4f} to {upper:.4f}. Move it by hand, or correct zero_counts"
             )
+        if not lower <= position <= upper:
+            self._check_own_limits(joint, state.position_counts)
         return state.position_counts
+
+    def _check_own_limits(self, joint: Joint, counts: int) -> None:
+        """Within the joint's limits the set-up has seen to it. Beyond its own a servo drives to them at once."""
+        limits = self._setup.position_limits(joint)
+        if limits is not None and not limits[0] <= counts <= limits[1]:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} stands at {counts} counts, outside the servo's own limits "
+                f"{limits[0]} to {limits[1]}, and would drive there at once. Move it by hand, or widen them"
+            )
 
     def _hold_goals(self) -> None:
         """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""

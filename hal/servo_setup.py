@@ -56,6 +56,10 @@ class ServoSetup:
         """The goal that the servo holds, in counts."""
         return self._ask(joint, lambda bus: bus.goal(joint.servo_id))
 
+    def position_limits(self, joint: Joint) -> tuple[int, int] | None:
+        """The servo's own position limits in counts; None where it has none."""
+        return self._ask(joint, lambda bus: bus.position_limits(joint.servo_id))
+
     def torque_is_on(self, joint: Joint) -> bool:
         """Whether the servo drives its motor."""
         return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))

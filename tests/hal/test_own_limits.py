@@ -11,11 +11,13 @@ from drivers.errors import DriverError, ServoRefused
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x
 from drivers.servos.register import Register, ServoModel
+from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.servo_setup import check_reach
 from hal.types import JointLimits
 from tests.drivers.fault_lines import KINDS, Line
+from tests.hal.bench import IDS, JOINTS, Bench
 
 LIMITED = (
     (sts.STS3215, sts.min_position, sts.max_position),
@@ -82,3 +84,22 @@ def test_a_servo_without_limits_of_its_own_is_taken() -> None:
         line.servos.servo(1).memory.put(register, 0)
     joint = Joint("j", 1, sts.STS3215, JointLimits(-3.1, 3.1, 3.0, 5.0, 50.0))
     ServoHardware("arm", [joint], lambda: line.bus, line.clock).configure()
+
+
+@pytest.mark.parametrize("beside", [0, 3])
+def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside: int) -> None:
+    """A joint may begin a little outside its limits. Its servo would cut the goal at its own, and drive there."""
+    lowest, highest = JOINTS[0].counts_range()
+    bench = Bench(counts=(highest + 20, 2000, 1500))
+    limited = bench.servos.servo(1).memory
+    limited.put(sts.min_position, lowest)
+    limited.put(sts.max_position, highest + 20 - beside)
+    bench.configured()
+    if not beside:
+        bench.hardware.activate()
+        assert bench.torque() == list(IDS)
+        return
+    with pytest.raises(ActivationError, match=rf"shoulder \(servo 1\) stands at {highest + 20} counts.*own limits"):
+        bench.hardware.activate()
+    assert bench.torque() == []
+    assert bench.measured(1) == highest + 20
