@@ -15,9 +15,9 @@ from drivers.servos import sts
 from drivers.servos.register import Register
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.generic.memory import Memory
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_memory import Memory
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
