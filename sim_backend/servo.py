@@ -99,6 +99,7 @@ class VirtualServo(PacketServo):
         self.memory.write(address, data)
         self.firmware.note_write(address, len(data))
         if self.memory.get(sts.operating_mode) != mode:
+            self.firmware.forget_turns()
             for register in (sts.torque_enable, sts.acceleration, sts.goal_velocity):
                 self.memory.put(register, 0)
         if touches(address, len(data), sts.torque_enable) and self.memory.get(sts.torque_enable) == SET_MIDDLE:
