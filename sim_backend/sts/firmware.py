@@ -67,12 +67,12 @@ class StsFirmware:
         states["window_ms"] = max(1, 1000 // max(1, get(sts.velocity_unit)))
         states["lowest_counts_s"] = get(sts.hts) * kernel.SPEED_UNIT
         states["highest_counts_s"] = get(sts.max_velocity) * kernel.SPEED_UNIT
-        kernel.start(states, self.voltage_v)
+        kernel.look(states, self.voltage_v)
 
     def observe(self, angle_rad: float) -> None:
-        """Take the shaft's angle as it is, at rest: the first look after power-on."""
+        """Take the shaft's angle as it is, at rest: the first look after power-on, or a shaft put there by hand."""
         self._states["lagged_rad"] = angle_rad
-        kernel.start(self._states, self.voltage_v)
+        kernel.look(self._states, self.voltage_v)
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """``dt_s`` of the loop on the shaft's true state; returns the torque on the shaft, N m."""

@@ -428,13 +428,15 @@ def measure(s: Record, voltage_v: float) -> None:
 
 
 @compiled
-def start(states: States, voltage_v: float) -> None:
-    """The first look after power-on: no turn is counted yet, the motor is free."""
+def look(states: States, voltage_v: float) -> None:
+    """See a shaft that was put where it is at once, with filters that have settled. Limp, it is in its first turn."""
     s: Record = states[0]
-    s.recount = 1
+    s.recount = not s.on
     sense(s)
-    s.window_position, s.window_age_ms = s.position, 0
-    follow_shaft(s)
+    s.position = s.reading + s.turns * TURN
+    s.window_position, s.window_age_ms, s.window_counts = s.position, 0, 0
+    if not s.on:
+        follow_shaft(s)
     measure(s, voltage_v)
     report(s)
 

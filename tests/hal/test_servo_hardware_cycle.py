@@ -357,8 +357,8 @@ def test_while_inactive_each_silence_is_told_in_the_log(caplog: pytest.LogCaptur
 def test_alarms_are_part_of_a_joints_health() -> None:
     bench = Bench().active()
     bench.servos.servo(2).memory.put(sts.max_temperature, 1)
-    bench.servos.servo(2).firmware.load_settings()
-    state = bench.wait()
+    bench.wait()
+    state = bench.wait()  # heat is told after 51 ms
     assert state.health["elbow"].alarms == ("temperature",)
     assert state.health["shoulder"].alarms == ()
 
