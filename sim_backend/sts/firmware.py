@@ -59,6 +59,7 @@ class StsFirmware:
         self.supply_current_a = 0.0
         """What the motor takes from the supply."""
         self.restart()
+        self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
 
     def restart(self) -> None:
         """Power-on: all state from the registers, the motor free."""

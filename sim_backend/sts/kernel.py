@@ -1,8 +1,8 @@
 """One millisecond of an STS servo, in the servo's own integers, as machine code.
 
-One function for each part of the firmware; what they compute stands in docs/simulation.md, with its source. Units: u of
-drive (1/1000 of full), counts (1/4096 turn), ms; the profile counts in 1/10000 count and 1/10000 count per ms. Positive
-drive turns the shaft towards smaller counts. Registers stand by address, as in Feetech's table.
+One function for each part of the firmware. A section is a row of the table in docs/simulation.md, which has the
+sources. Units: u of drive (1/1000 of full), counts (1/4096 turn), ms; the profile counts in 1/10000 count and 1/10000
+count per ms. Positive drive turns the shaft towards smaller counts. Registers stand by address, as in Feetech's table.
 
 All of it is one file because numba looks only at a function's own file when it decides whether what it keeps is stale.
 """

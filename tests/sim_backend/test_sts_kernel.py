@@ -1,6 +1,7 @@
 """The compiled millisecond of an STS servo against the same servo written slowly and plainly (``plain_sts``)."""
 
 from dataclasses import dataclass
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,8 @@ REGISTER_VALUES = st.fixed_dictionaries(
         "punch": byte(), "i_limit": byte(), "dead_above": byte(), "dead_below": byte(),
         "current_limit": st.integers(0, 500), "resolution": st.integers(1, 4), "min_position": st.integers(0, 4095),
         "max_position": st.integers(0, 4095), "protective": byte(), "protection_10ms": st.integers(0, 60),
-        "overload": st.integers(0, 100), "speed_p": byte(), "speed_i": byte(), "overcurrent_10ms": st.integers(0, 60),
+        "overload": st.one_of(st.integers(0, 30), st.integers(0, 100)), "speed_p": byte(), "speed_i": byte(),
+        "overcurrent_10ms": st.integers(0, 60),
         "acceleration": st.integers(0, 100), "torque_limit": st.integers(0, 1100), "quiet_counts": st.integers(0, 9),
         "d_ms": st.integers(0, 40), "acceleration_factor": st.integers(0, 3), "max_temperature": st.integers(20, 70),
         "max_voltage": st.integers(100, 140), "min_voltage": st.integers(40, 130),
@@ -56,7 +58,7 @@ REGISTER_VALUES = st.fixed_dictionaries(
 
 @dataclass(frozen=True)
 class Event:
-    """What happens to the servo: a goal, another torque switch, a load, a voltage."""
+    """What happens to the servo: a goal, another torque switch, a load, a voltage; forced turning, counts/s."""
 
     at_ms: int
     kind: str
@@ -69,9 +71,11 @@ EVENTS = st.lists(
         st.builds(Event, st.integers(0, 1999), st.just("torque"), st.sampled_from([0, 1, 2, 3])),
         st.builds(Event, st.integers(0, 1999), st.just("load"), st.integers(-3000, 3000)),
         st.builds(Event, st.integers(0, 1999), st.just("voltage"), st.integers(70, 150)),
-        st.builds(Event, st.integers(0, 1999), st.just("hold"), st.just(0)),
+        st.builds(Event, st.integers(0, 1999), st.just("heat"), st.integers(15, 75)),
+        st.builds(Event, st.integers(0, 999), st.just("turn"), st.sampled_from([-400, -150, -90, 0, 60, 130, 300])),
+        st.builds(Event, st.integers(1500, 1999), st.just("free"), st.just(0)),
     ),
-    max_size=8,
+    max_size=10,
     unique_by=lambda event: event.at_ms,
 )
 GOALS = {0: "goal", 3: "goal", 1: "speed", 2: "pwm"}
@@ -91,7 +95,8 @@ class Pair:
             STS3215_12V.resistance_ohm,
         )  # fmt: skip
         self.angle, self.velocity = angle_rad, 0.0
-        self.load_nm, self.voltage_v, self.held = 0.0, 12.0, False
+        self.load_nm, self.voltage_v = 0.0, 12.0
+        self.forced_rad_s: float | None = None
 
     def put(self, name: str, value: int) -> None:
         self.servo.memory.put(REGISTERS[name], value)
@@ -104,8 +109,12 @@ class Pair:
             self.load_nm = event.value / 1000
         elif event.kind == "voltage":
             self.voltage_v = event.value / 10
-        elif event.kind == "hold":
-            self.held = not self.held
+        elif event.kind == "heat":
+            self.servo.firmware.temperature_c = float(event.value)
+        elif event.kind == "turn":
+            self.forced_rad_s = event.value * 2 * pi / 4096
+        elif event.kind == "free":
+            self.forced_rad_s = None
         elif event.kind == "torque":
             self.servo.write(sts.torque_enable.address, bytes((event.value,)))
             self.plain.settings.torque = event.value
@@ -124,7 +133,9 @@ class Pair:
         plain_torque = self.plain.step(self.angle, self.velocity, self.voltage_v, temperature)
         assert torque == pytest.approx(plain_torque, abs=1e-9)
         force = torque + self.load_nm - FRICTION * np.sign(self.velocity)
-        self.velocity = 0.0 if self.held else max(-30.0, min(30.0, self.velocity + force / INERTIA * DT_S))
+        self.velocity = max(-30.0, min(30.0, self.velocity + force / INERTIA * DT_S))
+        if self.forced_rad_s is not None:
+            self.velocity = self.forced_rad_s
         self.angle += self.velocity * DT_S
 
     def compare(self) -> None:
