@@ -20,6 +20,7 @@ from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
 from sim_backend.scs_servo import VirtualScsServo
 from sim_backend.servo import VirtualServo
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
 
@@ -50,13 +51,15 @@ class VirtualBus(ServoLine[PacketServo]):
         *,
         supply: Supply | None = None,
         paced: bool = True,
+        variant: StsVariant = AS_REIMPLEMENTED,
     ) -> "VirtualBus":
         """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
 
-        All are set up to 1 Mbit/s and no return delay. Without ``supply``, one of the lowest rated voltage feeds them.
+        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant``. Without ``supply``, one
+        of the lowest rated voltage feeds them.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
-        servos = [servo_of(own, servo_id) for servo_id, own in models.items()]
+        servos = [servo_of(own, servo_id, variant) for servo_id, own in models.items()]
         return cls(
             Rig(servos, plant, supply or Supply(min(servo.model.rated_voltage_v for servo in servos))), paced=paced
         )
@@ -108,15 +111,15 @@ class VirtualBus(ServoLine[PacketServo]):
         return replies + self._in_turn(others, at_s, byte_s, 0.0)
 
 
-def servo_of(model: ServoModel, servo_id: int) -> PacketServo:
-    """A new servo of ``model``, with the table and the habits of its series."""
+def servo_of(model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED) -> PacketServo:
+    """A new servo of ``model``, with the table and the habits of its series; of an STS also the firmware's variant."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.put(dynamixel1.baud_rate, 1)
         servo.memory.put(dynamixel1.return_delay, 0)
         return servo
     alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
-    return (VirtualScsServo if alone else VirtualServo)(model, servo_id)
+    return VirtualScsServo(model, servo_id) if alone else VirtualServo(model, servo_id, variant=variant)
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:

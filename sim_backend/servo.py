@@ -12,7 +12,7 @@ from sim_backend.instructions import Instruction
 from sim_backend.line import BITS_PER_BYTE
 from sim_backend.motor import MotorConstants, sts_motor
 from sim_backend.packet_servo import PacketServo
-from sim_backend.sts.firmware import StsFirmware, StsVariant, sts_states, touches
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states, touches
 from sim_backend.sts.memory import MIDDLE_SPAN, StsMemory
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.sts_wire import BROADCAST, Code
@@ -35,7 +35,7 @@ class VirtualServo(PacketServo):
         model: ServoModel,
         servo_id: int,
         motor: MotorConstants | None = None,
-        variant: StsVariant = StsVariant(),  # noqa: B008 - frozen
+        variant: StsVariant = AS_REIMPLEMENTED,
     ) -> None:
         """``motor``: if not the usual one of ``model``."""
         super().__init__(model)

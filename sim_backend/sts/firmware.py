@@ -32,6 +32,10 @@ class StsVariant:
     """A goal is lost if another write follows within the same millisecond and leaves the goal alone."""
 
 
+AS_REIMPLEMENTED: Final = StsVariant()
+"""What the reimplemented firmware does."""
+
+
 def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
     """The record of one servo, cold and without power."""
     return new_states(

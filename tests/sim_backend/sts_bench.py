@@ -7,11 +7,10 @@ from drivers.servos.register import Register, ServoModel
 from sim_backend.plant import BenchPlant
 from sim_backend.rig import Rig, Supply
 from sim_backend.servo import VirtualServo
-from sim_backend.sts.firmware import StsVariant
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
 
 DT_S = 0.001
 COUNTS_PER_RAD = 4096 / (2 * pi)
-FACTS = StsVariant()
 
 
 class StsBench:
@@ -22,7 +21,7 @@ class StsBench:
         load_nm: float = 0.0,
         *,
         model: ServoModel = sts.STS3215,
-        variant: StsVariant = FACTS,
+        variant: StsVariant = AS_REIMPLEMENTED,
         timestep_s: float = DT_S,
         supply: Supply | None = None,
     ) -> None:

@@ -7,6 +7,7 @@ from sim_backend.bus import Reply, VirtualBus
 from sim_backend.plant import BenchPlant, Coupling, WorldPlant
 from sim_backend.rig import Rig
 from sim_backend.servo import VirtualServo
+from sim_backend.sts.firmware import StsVariant
 from sim_backend.sts_wire import Code, checksum, status_packet
 
 BYTE_S = 1e-5
@@ -198,6 +199,26 @@ def test_a_packet_in_two_portions_is_answered_after_the_second() -> None:
     assert bus.receive(ping[:4], 0.0) == []
     (reply,) = bus.receive(ping[4:], 0.001)
     assert reply.due_s == pytest.approx(0.001 + 8 * BYTE_S + DELAY_S)
+
+
+@pytest.mark.parametrize(
+    ("variant", "torque", "moves"),
+    [
+        (StsVariant(), (1, 1), True),
+        (StsVariant(goal_write_energises=False), (0, 1), False),
+        (StsVariant(goal_write_energises=False, torque_on_takes_goal=True), (0, 1), True),
+    ],
+)
+def test_a_line_of_servos_with_other_firmware(variant: StsVariant, torque: tuple[int, int], moves: bool) -> None:
+    bus = VirtualBus.of(BenchPlant([1]), variant=variant)
+    bus.receive(packet(1, Code.WRITE, b"\x2a\x00\x09"), 0.0)
+    bus.advance(0.5)
+    assert bus.servo(1).read(40, 1)[0] == torque[0]
+    bus.receive(packet(1, Code.WRITE, b"\x28\x01"), 0.5)
+    bus.advance(1.5)
+    assert bus.servo(1).read(40, 1)[0] == torque[1]
+    position = int.from_bytes(bus.servo(1).read(56, 2), "little")
+    assert position == pytest.approx(0x900 if moves else 2048, abs=3)
 
 
 def test_physics_follows_the_callers_time() -> None:

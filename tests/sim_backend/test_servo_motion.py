@@ -63,6 +63,19 @@ def test_the_integral_grows_only_at_standstill_and_lifts_the_sag() -> None:
     assert 2048 - bench[sts.present_position] >= 30
 
 
+def test_the_integral_stops_growing_at_its_limit_and_turns_back_at_once() -> None:
+    bench = StsBench()
+    for register, value in ((sts.position_p, 0), (sts.position_d, 0), (sts.position_i, 100), (sts.integral_limit, 10)):
+        bench[register] = value
+    _free(bench)
+    bench.go(2148)
+    bench.held_at(2048, 1.0)
+    assert bench[sts.present_load] == -(40 + 16)
+    bench.go(1948)
+    bench.held_at(2048, 0.05)
+    assert bench[sts.present_load] == 40 + 16
+
+
 def test_the_torque_limit_cuts_the_drive_and_max_torque_does_not() -> None:
     bench = StsBench()
     bench[sts.max_torque] = 100
