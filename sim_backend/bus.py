@@ -1,11 +1,9 @@
 """Virtual servos on one wire, Feetech's and Dynamixels of protocol 1.0: bytes and a time in, bytes and times out.
 
-From the protocol manuals: no reply to a broadcast; a sync read and a bulk read are answered in the
-order in which they name the servos, and in a bulk read each waits for the reply before its own: one
-that is silent hides those after it. Assumed: the turns of a sync read are slots, so a silent servo leaves a gap as
-long as its reply would have been, and those after it answer all the same; a broadcast ping, which
-the manual advises against, is answered one after the other by rising ID (clients in use rely on
-that).
+STS servos answer as docs/simulation.md says: a sync read and a broadcast ping each at its own time, without listening
+to each other; a broadcast read all at once. From the manuals of the others: no reply to a broadcast; a bulk read is
+answered in the order in which it names the servos, and each waits for the reply before its own: one that is silent
+hides those after it. Assumed of them: a broadcast ping is answered one after the other by rising ID.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,23 +15,33 @@ from drivers.servos.register import ServoModel
 from sim_backend.dynamixel1_servo import VirtualAxServo, VirtualMxServo
 from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
+from sim_backend.packet_servo import PacketServo
 from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
 from sim_backend.scs_servo import VirtualScsServo
 from sim_backend.servo import VirtualServo
-from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
+from sim_backend.sts.state import TABLE_SIZE
+from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
 
 __all__ = ["Reply", "VirtualBus"]
 
 _ID_AT = 2
+_SLOT_PAUSE = 3
+"""Bytes' times between two answers to a sync read."""
+_PING_SLOT = 9
+"""Bytes' times in an STS servo's slot of a broadcast ping, which is the one of its ID."""
+_LONGEST_ENTRY = 125
+"""Bytes for each servo in a sync write; with more the instruction is dropped."""
 
 
-class VirtualBus(ServoLine[VirtualServo]):
+class VirtualBus(ServoLine[PacketServo]):
     """A line of servos with one kind of packet. Times are the caller's clock; the rig's begins with the first call."""
 
-    def __init__(self, rig: Rig[VirtualServo], *, paced: bool = True) -> None:
+    def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
         """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
-        super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
+        others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
+        super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
 
     @classmethod
     def of(
@@ -43,66 +51,78 @@ class VirtualBus(ServoLine[VirtualServo]):
         *,
         supply: Supply | None = None,
         paced: bool = True,
+        variant: StsVariant = AS_REIMPLEMENTED,
     ) -> "VirtualBus":
         """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
 
-        All are set up to 1 Mbit/s and no return delay. Without ``supply``, one of 12 V feeds STS servos and one of
-        the lowest rated voltage the others.
+        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant``. Without ``supply``, one
+        of the lowest rated voltage feeds them.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
-        servos = [servo_of(own, servo_id) for servo_id, own in models.items()]
-        return cls(Rig(servos, plant, supply or _supply(servos)), paced=paced)
+        servos = [servo_of(own, servo_id, variant) for servo_id, own in models.items()]
+        return cls(
+            Rig(servos, plant, supply or Supply(min(servo.model.rated_voltage_v for servo in servos))), paced=paced
+        )
 
-    def _obey(
-        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[VirtualServo]
-    ) -> list[Reply]:
+    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
         """Let ``servos`` do one instruction; whatever comes back, in order."""
-        parameters = instruction.parameters
-        if instruction.code == Code.SYNC_WRITE:
-            _sync_write(parameters, servos)
-            return []
+        parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
+        meant = servos if broadcast else named(instruction.servo_id, servos)
         if instruction.code == Code.SYNC_READ:
-            knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ]
-            slot_s = (STATUS_OVERHEAD + sum(parameters[1:2])) * byte_s
-            return self._in_turn(_sync_read(parameters, knowing) if knowing else [], at_s, byte_s, slot_s)
+            return self._sync_read(parameters, at_s, byte_s, meant)
         if instruction.code == Code.BULK_READ:
-            knowing = [servo for servo in servos if servo.GROUP_READ == Code.BULK_READ]
-            return self._in_turn(_bulk_read(parameters, knowing), at_s, byte_s, 0.0)
-        broadcast = instruction.servo_id == BROADCAST
-        turns = self._answers(instruction, servos if broadcast else named(instruction.servo_id, servos))
-        if broadcast and instruction.code != Code.PING:
+            knowing = [servo for servo in meant if servo.GROUP_READ == Code.BULK_READ]
+            if knowing:
+                return self._in_turn(_bulk_read(parameters, knowing), at_s, byte_s, 0.0)
+        if instruction.code == Code.SYNC_WRITE:
+            _sync_write(parameters, meant)
+        if not broadcast:
+            return self._in_turn(self._answers(instruction, meant), at_s, byte_s, 0.0)
+        return self._broadcast(instruction, at_s, byte_s, meant)
+
+    def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
+        """Address, size, and then the IDs: a time for each of them, whether anybody is there or not."""
+        if len(parameters) < 2:
             return []
-        return self._in_turn(turns, at_s, byte_s, 0.0)
+        address, size = parameters[:2]
+        slot_s, replies = (STATUS_OVERHEAD + size + _SLOT_PAUSE) * byte_s, []
+        knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE]
+        for place, servo_id in enumerate(parameters[2:]):
+            packets = [servo.read_status(address, size) for servo in named(servo_id, knowing)]
+            if packets:
+                replies.append(self._reply(packets, at_s + max(byte_s, place * slot_s), byte_s))
+        return replies
+
+    def _broadcast(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
+    ) -> list[Reply]:
+        """What comes back from an instruction to all: of most of them nothing."""
+        own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
+        others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
+        turns = self._answers(instruction, own_time)
+        if instruction.code == Code.READ:
+            return self._in_turn(turns, at_s, byte_s, 0.0)
+        if instruction.code != Code.PING:
+            return []
+        replies = [
+            self._reply(packets, at_s + max(1, _PING_SLOT * packets[0][_ID_AT]) * byte_s, byte_s)
+            for _, packets in turns
+        ]
+        return replies + self._in_turn(others, at_s, byte_s, 0.0)
 
 
-def servo_of(model: ServoModel, servo_id: int) -> VirtualServo:
-    """A new servo of ``model``, with the table and the habits of its series."""
+def servo_of(model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED) -> PacketServo:
+    """A new servo of ``model``, with the table and the habits of its series; of an STS also the firmware's variant."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.put(dynamixel1.baud_rate, 1)
         servo.memory.put(dynamixel1.return_delay, 0)
         return servo
     alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
-    return (VirtualScsServo if alone else VirtualServo)(model, servo_id)
+    return VirtualScsServo(model, servo_id) if alone else VirtualServo(model, servo_id, variant=variant)
 
 
-def _supply(servos: Sequence[VirtualServo]) -> Supply:
-    """What servos of these kinds are fed with."""
-    others = [servo.model.rated_voltage_v for servo in servos if type(servo) is not VirtualServo]
-    return Supply(min(others)) if others else Supply()
-
-
-def _sync_read(parameters: bytes, servos: Sequence[VirtualServo]) -> list[Turn]:
-    """Address, size, and then the IDs: a turn for each of them, whether anybody is there or not."""
-    turns = []
-    for servo_id in parameters[2:]:
-        asked = named(servo_id, servos)
-        delay_s = max((servo.return_delay_s for servo in asked), default=0.0)
-        turns.append((delay_s, [servo.read_status(*parameters[:2]) for servo in asked]))
-    return turns
-
-
-def _bulk_read(parameters: bytes, servos: Sequence[VirtualServo]) -> list[Turn]:
+def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
     """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain."""
     turns: list[Turn] = []
     for at in range(1, len(parameters) - 2, 3):
@@ -114,11 +134,13 @@ def _bulk_read(parameters: bytes, servos: Sequence[VirtualServo]) -> list[Turn]:
     return turns
 
 
-def _sync_write(parameters: bytes, servos: Sequence[VirtualServo]) -> None:
-    """Address, size, and then an ID and ``size`` bytes for each servo; half an entry is ignored."""
-    if len(parameters) < 2:
+def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
+    """Address, size, and then an ID and ``size`` bytes for each; an STS takes half an entry as far as it goes."""
+    if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return
     address, size = parameters[:2]
-    for at in range(2, len(parameters) - size, size + 1):
+    for at in range(2, len(parameters), size + 1):
+        data = parameters[at + 1 : at + 1 + size]
         for servo in named(parameters[at], servos):
-            servo.write(address, parameters[at + 1 : at + 1 + size])
+            if data and (len(data) == size or isinstance(servo, VirtualServo)):
+                servo.write(address, data)

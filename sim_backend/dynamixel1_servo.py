@@ -1,4 +1,4 @@
-"""Virtual AX and MX of protocol 1.0: their tables below the same firmware as the STS servo's.
+"""Virtual AX and MX of protocol 1.0: their tables below the firmware that they share with the SCS.
 
 From the e-manual: the tables and their factory values, the units, the modes that the angle limits
 choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
@@ -8,17 +8,16 @@ switch is written; a packet with a wrong checksum is not answered; a goal outsid
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar, Final
 
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.firmware import MULTI_TURN_PHASE, Firmware
+from sim_backend.generic.firmware import MULTI_TURN_PHASE, GenericFirmware
+from sim_backend.generic.memory import Memory
+from sim_backend.generic.servo import GenericServo
 from sim_backend.instructions import Instruction
 from sim_backend.motor import MotorConstants
-from sim_backend.servo import VirtualServo
-from sim_backend.sts_memory import Memory
 from sim_backend.sts_wire import Code, status_packet
 
 INSTRUCTION_ERROR: Final = 1 << 6
@@ -175,7 +174,7 @@ class MxMemory(Dynamixel1Memory):
         return super()._told(register)
 
 
-class Dynamixel1Firmware(Firmware):
+class Dynamixel1Firmware(GenericFirmware):
     """The control loop, on the model's own counts."""
 
     def load_settings(self) -> None:
@@ -183,19 +182,17 @@ class Dynamixel1Firmware(Firmware):
         self._gain *= sts.STS3215.counts_per_turn / self._turn
 
 
-class VirtualAxServo(VirtualServo):
+class VirtualAxServo(GenericServo):
     """An AX below the wire: no group read."""
 
-    MEMORY: ClassVar[type[Memory]] = AxMemory
-    FIRMWARE = Dynamixel1Firmware
+    MEMORY: ClassVar[type[Dynamixel1Memory]] = AxMemory
     GROUP_READ: ClassVar[Code | None] = None
     REBOOTS = False
 
     def __init__(self, model: dxl.Model, servo_id: int) -> None:
-        super().__init__(model, servo_id, replace(MotorConstants.of(model), stall_current_a=model.stall_current_a))
-
-    def set_middle(self) -> None:
-        """There is no offset to choose."""
+        memory = self.MEMORY(model, servo_id)
+        motor = MotorConstants.of(model, model.stall_current_a)
+        super().__init__(model, memory, Dynamixel1Firmware(memory, model, motor))
 
     def answer(self, instruction: Instruction) -> bytes | None:
         known = {Code.PING, Code.READ, Code.WRITE, Code.REG_WRITE, Code.ACTION, Code.RESET}

@@ -11,14 +11,13 @@ reboot. Assumed:
 - the position counts on beyond a turn, and goal_position is the present one after power-on.
 """
 
-from dataclasses import replace
 from typing import Final
 
 from drivers.servos import x
-from sim_backend.firmware import Firmware, Memory
-from sim_backend.motion_profile import UNLIMITED
+from sim_backend.generic.firmware import GenericFirmware, Memory
+from sim_backend.generic.motion_profile import UNLIMITED
+from sim_backend.generic.protection import Limits, Protection
 from sim_backend.motor import MotorConstants
-from sim_backend.protection import Limits, Protection
 
 LOOP_S: Final = 0.001
 SHOWN_FILTER_S: Final = 0.015
@@ -31,7 +30,7 @@ OVERLOAD: Final = 1 << 5
 
 def motor_of(model: x.Model) -> MotorConstants:
     """The motor of an X series model; heat as in the STS3215 (assumed)."""
-    return replace(MotorConstants.of(model), stall_current_a=model.stall_current_a)
+    return MotorConstants.of(model, model.stall_current_a)
 
 
 class XProtection(Protection):
@@ -56,7 +55,7 @@ class XProtection(Protection):
         self.released = bool(self.status & self._acts_on)
 
 
-class XFirmware(Firmware):
+class XFirmware(GenericFirmware):
     """The control loop of one X series servo."""
 
     def __init__(self, memory: Memory, model: x.Model) -> None:

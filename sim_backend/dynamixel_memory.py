@@ -10,7 +10,7 @@ from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.dynamixel_indirect import cells, pointers, resolved, runs, windows_of
 from sim_backend.dynamixel_models import FACTORY, factory_of
-from sim_backend.sts_memory import saturated
+from sim_backend.generic.memory import saturated
 
 SIZE: Final = 662
 EEPROM_END: Final = x.torque_enable.address

@@ -138,10 +138,15 @@ class ServoLine(ABC, Generic[AnyServo]):
             if not packets:
                 at_s += slot_s
                 continue
-            at_s += max(map(len, packets)) * byte_s + (delay_s if self.paced else 0.0)
-            data = self.faults.pass_reply(packets[0][self._id_at], _overlaid(packets))
-            replies.append(Reply(at_s, data))
+            reply = self._reply(packets, at_s + (delay_s if self.paced else 0.0), byte_s)
+            replies.append(reply)
+            at_s = reply.due_s
         return replies
+
+    def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> Reply:
+        """What comes out of the wire when these packets are sent at once."""
+        data = self.faults.pass_reply(packets[0][self._id_at], _overlaid(packets))
+        return Reply(begin_s + max(map(len, packets)) * byte_s, data)
 
     def _answers(self, instruction: Instruction, servos: Sequence[AnyServo]) -> list[Turn]:
         """All do the instruction; answers with the same ID in them come at the same time."""

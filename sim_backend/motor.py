@@ -1,42 +1,63 @@
 """The brushed motor behind the gears, seen at the output shaft: torque, current, heat. SI units.
 
-From the datasheet (STS3215-C018, 12 V): stall torque, no-load speed, stall current 2.7 A.
-From a published bench test (+15 K in ten minutes at 1.5 kg on a 10 cm arm, half the stall torque):
-thermal resistance and time constant, roughly. Gear friction and the rotor's inertia are the
-plant's, because a physics engine handles them better than a torque can; ``ROTOR_INERTIA_KG_M2`` is
-what the plant should have at least, or the back-EMF is too stiff for steps of a millisecond.
+Gear friction and the rotor's inertia are the plant's, because a physics engine handles them better than a torque
+can. docs/simulation.md says where each number comes from.
 """
 
 from dataclasses import dataclass
 from typing import Final
 
+from drivers.servos import sts
 from drivers.servos.register import ServoModel
 
-ROTOR_INERTIA_KG_M2: Final = 0.012
-"""Of the rotor, at the output shaft: 1:345 squared times an assumed 1e-7 kg m2 of rotor."""
+ROTOR_INERTIA_KG_M2: Final = 0.0154
+"""Of an STS3215's rotor and gears at the output shaft: 3.25 N m of full drive (BAM's kt and resistance) start the shaft
+at 211 rad/s2 (the reimplemented firmware's step responses, recorded on hardware without load)."""
+GEAR_FRICTION_NM: Final = 0.052
+"""Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""
+GEAR_DAMPING_NM_S: Final = 0.03
+"""Viscous friction that leaves 45 rpm of the 12 V motor's full drive, as its data sheet says."""
+STALL_CURRENT_A: Final = 2.7
+"""Of the STS3215 at 12 V; of other Feetech servos for want of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorConstants:
-    """What one motor with its gears does. Ambient temperature included, because it sits there."""
+    """What one motor with its gears does. Ambient temperature included, because it sits there.
 
-    stall_torque_nm: float
-    no_load_speed_rad_s: float
-    rated_voltage_v: float
-    stall_current_a: float = 2.7
+    Heat: +15 K in ten minutes at half the stall torque, in a published test of an STS3215; one heat capacity.
+    """
+
+    torque_constant_nm_a: float
+    back_emf_v_s: float
+    resistance_ohm: float
     thermal_resistance_k_w: float = 2.5
     thermal_time_s: float = 400.0
     ambient_c: float = 27.0
 
     @classmethod
-    def of(cls, model: ServoModel) -> "MotorConstants":
-        """The constants of a servo model at its rated voltage."""
-        return cls(model.stall_torque_nm, model.no_load_speed_rad_s, model.rated_voltage_v)
+    def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":
+        """What a data sheet says: torque and current at stall, speed without load, all at the rated voltage."""
+        voltage_v = model.rated_voltage_v
+        return cls(
+            model.stall_torque_nm / stall_current_a,
+            voltage_v / model.no_load_speed_rad_s,
+            voltage_v / stall_current_a,
+        )
 
-    @property
-    def resistance_ohm(self) -> float:
-        """Of the winding: all that limits the current at stall."""
-        return self.rated_voltage_v / self.stall_current_a
+
+# Data sheet's torque and current at stall; back-EMF such that full drive, friction taken off, turns at its 45 rpm.
+STS3215_12V: Final = MotorConstants(2.94 / 2.7, 2.3, 12.0 / 2.7)
+# BAM's, identified on hardware; with ROTOR_INERTIA_KG_M2 and 0.052 N m s of damping they have the time constant of
+# 26 ms and the 5.4 rad/s without load of the recorded step responses.
+STS3215_7V4: Final = MotorConstants(1.21, 1.21, 2.68)
+
+_IDENTIFIED: Final = {sts.STS3215: STS3215_12V, sts.STS3215_C001: STS3215_7V4}
+
+
+def sts_motor(model: ServoModel) -> MotorConstants:
+    """The motor of an STS servo: identified where anybody has, else as its data sheet says."""
+    return _IDENTIFIED.get(model) or MotorConstants.of(model)
 
 
 class Thermometer:

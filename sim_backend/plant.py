@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.motor import ROTOR_INERTIA_KG_M2
+from sim_backend.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ class WorldPlant:
 
 
 class BenchPlant:
-    """Servos on a bench, each with its own load: inertia, a constant torque, friction. No joints.
+    """Servos on a bench, each with its own load: inertia, a constant torque, friction of both kinds. No joints.
 
     ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands.
     """
@@ -134,8 +134,9 @@ class BenchPlant:
         servo_ids: Sequence[int],
         *,
         timestep_s: float = 0.001,
-        inertia_kg_m2: float = 2.0 * ROTOR_INERTIA_KG_M2,
-        friction_nm: float = 0.06,
+        inertia_kg_m2: float = ROTOR_INERTIA_KG_M2,
+        friction_nm: float = GEAR_FRICTION_NM,
+        damping_nm_s: float = GEAR_DAMPING_NM_S,
     ) -> None:
         self.couplings = tuple(Coupling(i, f"shaft{i}") for i in servo_ids)
         self.timestep_s = timestep_s
@@ -144,6 +145,7 @@ class BenchPlant:
         self._velocities = [0.0] * len(servo_ids)
         self._inertia = inertia_kg_m2
         self._friction = friction_nm
+        self._damping = damping_nm_s
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the shafts to these angles (rad), at rest."""
@@ -160,7 +162,8 @@ class BenchPlant:
         per_nm = self.timestep_s / self._inertia
         friction = self._friction * per_nm
         for i, torque in enumerate(torques):
-            velocity = self._velocities[i] + (torque + self.load_nm[i]) * per_nm
+            velocity = self._velocities[i]
+            velocity += (torque + self.load_nm[i] - self._damping * velocity) * per_nm
             # Friction takes speed away but never turns it round.
             velocity = copysign(max(0.0, abs(velocity) - friction), velocity)
             self._velocities[i] = velocity

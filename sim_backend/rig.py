@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from sim_backend.firmware import Firmware
 from sim_backend.plant import Plant
 
 
@@ -16,6 +15,17 @@ class Supply:
     resistance_ohm: float = 0.1
 
 
+class Fed(Protocol):
+    """What a rig needs of a servo's firmware."""
+
+    voltage_v: float
+
+    @property
+    def supply_current_a(self) -> float: ...
+
+    def observe(self, angle_rad: float) -> None: ...
+
+
 class Stepped(Protocol):
     """What a rig needs of a servo."""
 
@@ -23,7 +33,7 @@ class Stepped(Protocol):
     def servo_id(self) -> int: ...
 
     @property
-    def firmware(self) -> Firmware: ...
+    def firmware(self) -> Fed: ...
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
 

@@ -9,9 +9,10 @@ from typing import ClassVar, Final
 from drivers.servos import scs, sts
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
-from sim_backend.firmware import Firmware
-from sim_backend.servo import VirtualServo
-from sim_backend.sts_memory import Memory
+from sim_backend.generic.firmware import GenericFirmware
+from sim_backend.generic.memory import Memory
+from sim_backend.generic.servo import GenericServo
+from sim_backend.motor import MotorConstants
 from sim_backend.sts_wire import Code
 
 _ABSENT: Final = {
@@ -75,7 +76,7 @@ class ScsMemory(Memory):
         super().put(own, value)
 
 
-class ScsFirmware(Firmware):
+class ScsFirmware(GenericFirmware):
     """The control loop, on coarser counts that do not wrap: they end where the potentiometer ends."""
 
     def load_settings(self) -> None:
@@ -84,12 +85,11 @@ class ScsFirmware(Firmware):
         self._gain *= sts.STS3215.counts_per_turn / self._turn
 
 
-class VirtualScsServo(VirtualServo):
+class VirtualScsServo(GenericServo):
     """An SCS servo below the wire: no sync read, no homing offset, readings that end where the sensor does."""
 
-    MEMORY = ScsMemory
-    FIRMWARE = ScsFirmware
     GROUP_READ: ClassVar[Code | None] = None
 
-    def set_middle(self) -> None:
-        """There is no offset to choose."""
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        memory = ScsMemory(model, servo_id)
+        super().__init__(model, memory, ScsFirmware(memory, model, MotorConstants.of(model)))

@@ -1,155 +1,119 @@
-"""One virtual servo: the control table, the firmware, and what the instructions do to them.
+"""One virtual STS servo: the control table, the firmware, and what the instructions do to them.
 
-An STS servo; those with other tables on the same packets derive from it.
-
-Assumed where Feetech's manual is silent: a write of the ID or the baud is answered as the servo was
-called; instructions that are malformed or unknown are not answered; a rebooting servo is deaf.
+Servos with other tables on the same packets are in ``scs_servo`` and ``dynamixel1_servo``. docs/simulation.md says
+what is known of an STS servo, and from where. Assumed besides: a read that is malformed is not answered.
 """
 
 from typing import ClassVar, Final
 
 from drivers.servos import sts
-from drivers.servos.register import Register, ServoModel
-from sim_backend.firmware import Firmware
+from drivers.servos.register import ServoModel
 from sim_backend.instructions import Instruction
-from sim_backend.motor import MotorConstants
-from sim_backend.sts_memory import Memory
-from sim_backend.sts_wire import Code, status_packet
+from sim_backend.line import BITS_PER_BYTE
+from sim_backend.motor import MotorConstants, sts_motor
+from sim_backend.packet_servo import PacketServo
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states, touches
+from sim_backend.sts.memory import MIDDLE_SPAN, StsMemory
+from sim_backend.sts.state import TABLE_SIZE
+from sim_backend.sts_wire import BROADCAST, Code
 
 SET_MIDDLE: Final = 128
 """Written to the torque switch: call the present position the middle, 2048."""
+MIDDLE: Final = 2048
 REBOOT_S: Final = 0.8
 """How long a reboot takes, says the protocol manual."""
+RETURN_DELAY_UNIT_S: Final = 2e-6
 
 
-class VirtualServo:
-    """A servo below the wire. The bus hands it instructions and steps it."""
+class VirtualServo(PacketServo):
+    """An STS servo below the wire."""
 
-    MEMORY: ClassVar[type[Memory]] = Memory
-    FIRMWARE: ClassVar[type[Firmware]] = Firmware
     GROUP_READ: ClassVar[Code | None] = Code.SYNC_READ
-    """The instruction that asks it together with others."""
-    REBOOTS: ClassVar[bool] = True
-    """Whether it knows that instruction."""
 
-    def __init__(self, model: ServoModel, servo_id: int, motor: MotorConstants | None = None) -> None:
-        self.model = model
-        self.memory = self.MEMORY(model, servo_id)
-        self.firmware = self.FIRMWARE(self.memory, model, motor or MotorConstants.of(model))
-        self.goal_write_energises = True
-        """Whether an order to move is one to drive the motor, in position mode."""
-        self._registered: tuple[int, bytes] | None = None
-        self._deaf_s = 0.0
-
-    @property
-    def servo_id(self) -> int:
-        """The ID that it answers to now."""
-        return self.memory.servo_id
-
-    @property
-    def baud(self) -> int:
-        """The bits per second that it listens and talks at."""
-        return self.memory.baud
+    def __init__(
+        self,
+        model: ServoModel,
+        servo_id: int,
+        motor: MotorConstants | None = None,
+        variant: StsVariant = AS_REIMPLEMENTED,
+    ) -> None:
+        """``motor``: if not the usual one of ``model``."""
+        super().__init__(model)
+        states = sts_states(motor or sts_motor(model), variant)
+        self.memory: StsMemory = StsMemory(model, servo_id, states)
+        self.firmware: StsFirmware = StsFirmware(self.memory, states, model.rated_voltage_v, variant)
 
     @property
     def return_delay_s(self) -> float:
-        """From an instruction to the reply: 2 us a unit, and 2 us at the least."""
-        return 2e-6 * max(1, self.memory.get(sts.return_delay))
-
-    @property
-    def deaf(self) -> bool:
-        """Whether it is rebooting."""
-        return self._deaf_s > 0.0
-
-    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
-        """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""
-        if self._deaf_s > 0.0:
-            self._deaf_s -= dt_s
-        return self.firmware.step(dt_s, angle_rad, velocity_rad_s)
+        """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
+        return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
 
     def answer(self, instruction: Instruction) -> bytes | None:
         """Do what one instruction says; the reply, if this servo makes one to it."""
-        servo_id, answers = self.servo_id, self.memory.answers
-        parameters = instruction.parameters
-        match instruction.code:
-            case Code.PING:
-                return self._status(servo_id)
-            case Code.READ if len(parameters) == 2:
-                return self._status(servo_id, self.read(*parameters)) if answers else None
+        parameters, answers = instruction.parameters, self.memory.answers
+        named = self.servo_id if instruction.servo_id == BROADCAST else instruction.servo_id
+        if instruction.code == Code.PING:
+            return self._status(named)
+        if instruction.code == Code.READ:
+            if len(parameters) != 2 or parameters[0] >= TABLE_SIZE:
+                return None
+            # All answer a broadcast at once, with the ID that it was sent to.
+            return self._status(instruction.servo_id, self.read(*parameters))
+        if instruction.code == Code.REBOOT:
+            self.power_cycle()
+            self._deaf_s = REBOOT_S
+            return None
+        self._obey(instruction.code, parameters)
+        return self._status(named) if answers == 2 else None
+
+    def _obey(self, code: int, parameters: bytes) -> None:
+        """Do what is answered by an empty status, whether it is known or not."""
+        match code:
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])
             case Code.REG_WRITE if len(parameters) >= 2:
                 self._registered = (parameters[0], parameters[1:])
                 self.memory.put(sts.async_write_flag, 1)
-            case Code.ACTION:
-                self._act()
+            case Code.ACTION if self._registered is not None:
+                registered, self._registered = self._registered, None
+                self.memory.put(sts.async_write_flag, 0)
+                self.write(*registered)
             case Code.RESET:
-                self.memory.restore_factory()
-                self.firmware.load_settings()
-            case Code.REBOOT if self.REBOOTS:
+                self.memory.restore_defaults()
                 self.power_cycle()
-                self._deaf_s = REBOOT_S
-                return None
-            case _:
-                return None
-        return self._status(servo_id) if answers == 2 else None
+            case Code.SAVE_DEFAULTS:
+                self.memory.save_defaults()
+            case Code.FORGET_TURNS:
+                self.firmware.forget_turns()
+                self.memory.put(sts.torque_enable, 0)
+            case Code.SET_MIDDLE if len(parameters) == 2:
+                self.call_this_angle(int.from_bytes(parameters, "little"))
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes of the table from ``address``, the state as of now."""
-        self.firmware.publish()
-        return self.memory.read(address, size)
-
-    def read_status(self, address: int, size: int) -> bytes:
-        """The status packet with ``size`` bytes from ``address``."""
-        return self._status(self.servo_id, self.read(address, size))
+        """``size`` bytes of the table from ``address``, as the last millisecond left them."""
+        return self.memory.read(address, TABLE_SIZE if address == size == 0 else size)
 
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""
-        torque = self.memory.get(sts.torque_enable)
+        mode = self.memory.get(sts.operating_mode)
         self.memory.write(address, data)
-        if address < self.memory.EEPROM_END:
-            self.firmware.load_settings()
-        if self.memory.get(sts.torque_enable) == SET_MIDDLE:
-            self.memory.put(sts.torque_enable, torque)
-            self.set_middle()
-        moves = self._covers(address, data, sts.goal_position) and self.memory.get(sts.operating_mode) == 0
-        if moves and self.goal_write_energises:
-            self.memory.put(sts.torque_enable, 1)
-        self.firmware.load_goal()
-        if self._covers(address, data, sts.goal_position):
-            self.firmware.goal_written()
-        if self._covers(address, data, sts.torque_enable):
-            self.firmware.torque_written()
+        self.firmware.note_write(address, len(data))
+        if self.memory.get(sts.operating_mode) != mode:
+            self.firmware.forget_turns()
+            for register in (sts.torque_enable, sts.acceleration, sts.goal_velocity):
+                self.memory.put(register, 0)
+        if touches(address, len(data), sts.torque_enable) and self.memory.get(sts.torque_enable) == SET_MIDDLE:
+            self.call_this_angle(MIDDLE)
 
-    def set_middle(self) -> None:
-        """Choose the homing offset so that the servo now stands at the middle of its range.
-
-        Saved whatever the lock says, as Feetech's own calibration never opens it; the goal follows,
-        so that a servo under torque stays where it is (both assumed).
-        """
-        middle = self.model.counts_per_turn // 2
-        self.memory.save(sts.homing_offset, self.firmware.raw_count - middle)
-        self.memory.put(sts.goal_position, middle)
-        self.firmware.load_settings()
-        self.firmware.profile.restart(float(middle))
+    def call_this_angle(self, count: int) -> None:
+        """Choose the homing offset so that the shaft is now at ``count``, saved whatever the lock says; torque off."""
+        offset = (self.firmware.raw_count - count + MIDDLE) % self.model.counts_per_turn - MIDDLE
+        self.memory.save(sts.homing_offset, max(-MIDDLE_SPAN, offset))
+        self.firmware.forget_turns()
+        self.memory.put(sts.torque_enable, 0)
 
     def power_cycle(self) -> None:
         """Power off and on again: what was not saved is gone, the motor is free."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()
-
-    def _act(self) -> None:
-        if self._registered is not None:
-            address, data = self._registered
-            self._registered = None
-            self.memory.put(sts.async_write_flag, 0)
-            self.write(address, data)
-
-    def _status(self, servo_id: int, data: bytes = b"") -> bytes:
-        return status_packet(servo_id, self.firmware.protection.status, data)
-
-    def _covers(self, address: int, data: bytes, register: Register) -> bool:
-        """Whether a write of ``data`` at ``address`` touches ``register``."""
-        own = self.memory.own(register)
-        return own is not None and address < own.address + own.size and own.address < address + len(data)

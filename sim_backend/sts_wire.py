@@ -26,6 +26,9 @@ class Code(IntEnum):
     ACTION = 0x05
     RESET = 0x06  # EEPROM back to factory values, the ID excepted
     REBOOT = 0x08  # never answered
+    SAVE_DEFAULTS = 0x09  # STS: the present table is what RESET brings back
+    FORGET_TURNS = 0x0A  # STS
+    SET_MIDDLE = 0x0B  # STS: the present angle is what two bytes say
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     BULK_READ = 0x92
@@ -68,3 +71,48 @@ class InstructionParser(Parser):
             start = len(self._buffer) - self._buffer.endswith(b"\xff")
         del self._buffer[:start]
         return len(self._buffer) >= len(HEADER)
+
+
+class StsParser(Parser):
+    """What an STS servo makes of the stream: two FF bytes begin a packet wherever they are, even inside another.
+
+    It has no time-out: a half packet lasts until the rest comes, or two FF bytes.
+    """
+
+    LONGEST = 130
+    """The largest length that is believed: more than 128 parameters are not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._body: bytearray | None = None
+        self._last = 0
+
+    def reset(self) -> None:
+        """A pause changes nothing."""
+
+    def _next_packet(self) -> Instruction | None:
+        buffer = self._buffer
+        for place, value in enumerate(buffer):
+            packet = self._take(value)
+            if packet is not None:
+                del buffer[: place + 1]
+                return packet
+        buffer.clear()
+        return None
+
+    def _take(self, value: int) -> Instruction | None:
+        """One byte more; the instruction that it completes, if the checksum says so."""
+        body, last = self._body, self._last
+        self._last = value
+        complete = body is not None and len(body) >= 2 and len(body) == body[1] + 1
+        if value == last == 0xFF and not complete:
+            self._body = bytearray()
+            return None
+        if body is None:
+            return None
+        body.append(value)
+        if complete or (len(body) == 2 and not 2 <= value <= self.LONGEST):
+            self._body, self._last = None, 0
+        if complete and checksum(body[:-1]) == value:
+            return Instruction(body[0], body[2], bytes(body[3:-1]))
+        return None

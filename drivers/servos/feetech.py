@@ -5,6 +5,7 @@ answers sync reads; an SCS has high bytes first (protocol 1) and each must be as
 """
 
 from collections.abc import Callable
+from functools import partial
 from struct import Struct
 from typing import Final
 
@@ -38,17 +39,24 @@ SCS_PROTOCOL: Final = WireProtocol(
 # Every answer that a narrow register can give, looked up instead of calculated.
 _ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
 _LOADS: Final = tuple(signed(raw, 1 << 10) * sts.TORQUE_UNIT for raw in range(1 << 11))
+_STS_LOADS: Final = tuple(0.0 - load for load in _LOADS)  # what it shows is positive towards smaller counts
 _VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
 _TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
 _SIGN: Final = 1 << 15
 _MAGNITUDE: Final = _SIGN - 1
 _new: Final = tuple.__new__
 assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
-assert sts.present_load.sign_bit == scs.present_load.sign_bit == 10
 
 
 def _state(
-    _scale: None, status: int, position: int, velocity: int, load: int, voltage: int, temperature: int
+    loads: tuple[float, ...],
+    _: None,
+    status: int,
+    position: int,
+    velocity: int,
+    load: int,
+    voltage: int,
+    temperature: int,
 ) -> ServoState:
     """A cycle calls this for each servo: a tuple is made of what was looked up."""
     if position & _SIGN:
@@ -56,7 +64,7 @@ def _state(
     if velocity & _SIGN:
         velocity = _SIGN - velocity
     fields = (
-        position, velocity, _LOADS[load & 0x7FF], _VOLTAGES_V[voltage], _TEMPERATURES_C[temperature], _ALARMS[status],
+        position, velocity, loads[load & 0x7FF], _VOLTAGES_V[voltage], _TEMPERATURES_C[temperature], _ALARMS[status],
         None,
     )  # fmt: skip
     return _new(ServoState, fields)
@@ -99,7 +107,7 @@ STS: Final = Series(
     goal_block=sts.GOAL_BLOCK,
     # All end within the table. Their length bytes differ in two bits at least: no single flipped bit turns one into
     # another.
-    blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), _state),
+    blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), partial(_state, _STS_LOADS)),
     goal_fields="BHHH",
     goal_of=lambda model: _sts_goal,
     servo_id=sts.servo_id,
@@ -141,7 +149,7 @@ SCS: Final = Series(
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
     # The memory table ends at 66, Feetech's header of the series at 70.
-    blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), _state),
+    blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), partial(_state, _LOADS)),
     goal_fields="HHH",
     goal_of=_scs_goal_of,
     servo_id=scs.servo_id,

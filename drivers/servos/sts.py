@@ -73,14 +73,14 @@ moving = Register("moving", 66, 1, READ)
 present_target = Register("present_target", 67, 2, READ, sign_bit=15)  # counts; newer firmware
 present_current = Register("present_current", 69, 2, READ, sign_bit=15)  # 6.5 mA
 
-# Factory values. Feetech calls them read-only; LeRobot writes 85.
-moving_threshold = Register("moving_threshold", 80, 1, READ)
-dts = Register("dts", 81, 1, READ)  # ms
-velocity_unit = Register("velocity_unit", 82, 1, READ)
-hts = Register("hts", 83, 1, READ)  # 20.83 ns
-max_velocity = Register("max_velocity", 84, 1, READ)  # 0.732 turns a minute
-max_acceleration = Register("max_acceleration", 85, 1, READ)  # 100 counts/s^2
-acceleration_multiplier = Register("acceleration_multiplier", 86, 1, READ)  # where acceleration is 0
+# Factory values. Feetech calls them read-only; the firmware takes and keeps what is written, and LeRobot writes 85.
+moving_threshold = Register("moving_threshold", 80, 1, persistent=True)
+dts = Register("dts", 81, 1, persistent=True)  # ms
+velocity_unit = Register("velocity_unit", 82, 1, persistent=True)
+hts = Register("hts", 83, 1, persistent=True)  # 20.83 ns
+max_velocity = Register("max_velocity", 84, 1, persistent=True)  # 0.732 turns a minute
+max_acceleration = Register("max_acceleration", 85, 1, persistent=True)  # 100 counts/s^2
+acceleration_multiplier = Register("acceleration_multiplier", 86, 1, persistent=True)  # where acceleration is 0
 
 REGISTERS: Final = by_address(globals().values())
 

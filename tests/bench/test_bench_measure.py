@@ -122,7 +122,8 @@ def test_a_slow_line_is_no_silent_one() -> None:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
     figures = measured(VirtualPort(line, SimulatedClock(0.0), baud=38_400), 50)
     assert figures.faults["silent"] == 0
-    assert 1.0 <= figures.ratio < 1.1
+    # Of 177 bytes' times; the first servo waits for one, each of the next for three more than the answer before it.
+    assert 1.0 <= figures.ratio <= 1.0 + 19 / 177
 
 
 def test_where_nobody_answers_it_says_at_which_rate_they_do() -> None:
@@ -291,9 +292,8 @@ def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
     plant, clock = BenchPlant(IDS), SimulatedClock(0.0)
     line = VirtualBus.of(plant)
     bus = Bus(VirtualPort(line, clock), clock)
-    bus.write_goals({i: GOALS[i] for i in (1, 2)})
-    for servo_id in (1, 2):
-        bus.torque_on(servo_id)
+    bus.write_goals({1: GOALS[1], 2: GOALS[2]})  # which switches their torque on; the third stays limp
+    clock.sleep_until(0.1)
     plant.load_nm[0] = plant.load_nm[2] = 0.8
     clock.sleep_until(1.0)
     goals = stand_still(bus, IDS, sts.STS3215)
@@ -348,6 +348,7 @@ def test_limp_servos_are_limp_again_whatever_ends_the_run(error: type[BaseExcept
     line, clock = servos(), SimulatedClock(0.0)
     bus = Bus(VirtualPort(line, clock), clock)
     with pytest.raises(error), standing_still(bus, IDS, sts.STS3215, hold=True):
+        line.advance(clock.now() + 0.01)
         assert with_torque(line) == set(IDS)
         raise error
     assert not with_torque(line)

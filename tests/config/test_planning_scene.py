@@ -16,7 +16,8 @@ NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_pl
 POSES: Final = {**NODE["poses"], **{f"bin {name}": pose for name, pose in NODE["bins"].items()}}
 JOINTS: Final = (*ARM, "hand_right_joint", "hand_left_joint")
 GIVES_WAY_RAD_PER_NM: Final = 30 * 2 * np.pi / 4096
-"""An STS3215 gives way by 20 to 30 of its counts at 1 N m, as published (sim_backend/firmware.py)."""
+"""An STS3215 gave way by 20 to 30 of its counts at 1 N m, with friction's help, on a published bench. The virtual one,
+that no friction helps, gives way by 42 (docs/simulation.md)."""
 
 Numbers = tuple[float, ...]
 

@@ -41,11 +41,12 @@ class Table:
     counts_s: Callable[[ServoModel], float]
     """In one unit of velocity."""
     full_load: int
+    """Negative where the servo shows its drive so."""
     order: ByteOrder = "little"
 
 
 TABLES: dict[str, Table] = {
-    "Feetech STS": Table(0.01, 0.008, 2048, sts.present_position, sts.max_voltage, lambda model: 1.0, 1000),
+    "Feetech STS": Table(0.01, 0.008, 2048, sts.present_position, sts.max_voltage, lambda model: 1.0, -1000),
     "Feetech SCS": Table(0.02, 0.016, 512, scs.present_position, scs.max_voltage, lambda model: 1.0, 1000, "big"),
     "Dynamixel protocol 1.0": Table(
         0.02, 0.016, 512, dxl.present_position, dxl.max_voltage_limit,

@@ -15,6 +15,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from sim_backend.servo import VirtualServo
 from sim_backend.sts_wire import Code
 
 IDS = (1, 2)
@@ -39,6 +40,10 @@ class Bench:
         return {i: state for i, state in states.items() if isinstance(state, ServoState)}
 
 
+_KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
+"""What an STS keeps though its memory table does not name it or calls it read only: it refuses 0 to 3, 56 to 77."""
+
+
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     """All registers of a Feetech or of a Dynamixel of protocol 1.0, and the instruction that asks several at once."""
     if isinstance(model, dxl.Model):
@@ -59,13 +64,18 @@ def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: S
     listed = {place: r for r in table for place in range(r.address, r.address + r.size)}
     kept = []
     for place in (place for place in range(128) if listed.get(place) not in (dxl.lock, dxl.servo_id)):
+        if not servo.memory.read(place, 1):
+            break  # an STS has a table that ends
         before = servo.memory.read(place, 1)[0]
-        servo.memory.write(place, bytes((before ^ 1,)))
+        servo.memory.write(place, bytes((before ^ 2,)))
         if servo.memory.read(place, 1)[0] != before:
             kept.append(place)
         servo.memory.write(place, bytes((before,)))
     written = [place for place, r in sorted(listed.items()) if r.access is Access.READ_WRITE]
-    assert kept == [place for place in written if listed[place] not in (dxl.lock, dxl.servo_id)]
+    unlisted = _KEPT_BESIDES if isinstance(servo, VirtualServo) else ()
+    assert [place for place in kept if place not in unlisted] == [
+        place for place in written if listed[place] not in (dxl.lock, dxl.servo_id)
+    ]
 
 
 @every_model

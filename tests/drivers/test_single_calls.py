@@ -15,6 +15,7 @@ from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.plant import BenchPlant
+from sim_backend.servo import VirtualServo
 from tests.drivers.ports import WatchedPort
 
 LATE_S = 0.045
@@ -63,6 +64,15 @@ class Bench:
 
     def held(self, register: Register) -> int:
         return self.servos.servo(1).memory.get(register)
+
+    def alarm(self) -> None:
+        """The servo's next answers say that its voltage is wrong."""
+        servo = self.servos.servo(1)
+        if isinstance(servo, VirtualServo):
+            servo.memory.put(sts.min_voltage, 200)
+            self.clock.sleep_until(self.clock.now() + 0.002)
+        else:
+            servo.firmware.protection.status |= 1
 
     def late(self, register: Register) -> None:
         """A read whose answer comes too late."""
@@ -174,7 +184,7 @@ def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
     bench = Bench(case)
     account = bench.bus.counters.of(1)
     bench.bus.write(1, case.torque, 0)
-    bench.servos.servo(1).firmware.protection.status |= 1 << 5
+    bench.alarm()
     bench.bus.read(1, case.torque)
     assert (account.replies, account.alarms) == (2, 1)
     bench.servos.faults.corrupt_next(1)

@@ -17,6 +17,8 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from sim_backend.servo import VirtualServo
+from sim_backend.sts.firmware import StsVariant
 from sim_backend.sts_wire import InstructionParser
 
 PERIOD_S = 0.05
@@ -92,10 +94,8 @@ class Bench:
     ) -> None:
         self.clock = clock or SimulatedClock(1000.0)
         self.plant = BenchPlant([joint.servo_id for joint in joints])
+        self.servos = VirtualBus.of(self.plant, variant=StsVariant(goal_write_energises=goal_write_energises))
         self.place(counts)
-        self.servos = VirtualBus.of(self.plant)
-        for servo in self.servos.servos:
-            servo.goal_write_energises = goal_write_energises
         self.opened = 0
         self.watch_next_port: Callable[[int, Instruction], None] = lambda number, instruction: None
         self.port = self._new_port()
@@ -113,7 +113,11 @@ class Bench:
 
     def place(self, counts: Sequence[int]) -> None:
         """Turn the shafts by hand; whoever asks then is told so."""
-        self.plant.place([(c + 0.5) * 2.0 * math.pi / 4096 for c in counts])
+        angles = [(c + 0.5) * 2.0 * math.pi / 4096 for c in counts]
+        self.plant.place(angles)
+        for servo, angle in zip(self.servos.servos, angles, strict=True):
+            if isinstance(servo, VirtualServo):
+                servo.firmware.observe(angle)  # whose sensor would take some milliseconds to follow a leap
         self.clock.sleep_until(self.clock.now() + self.plant.timestep_s)  # servos measure step by step
 
     def configured(self) -> "Bench":

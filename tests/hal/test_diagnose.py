@@ -216,7 +216,6 @@ def test_an_alarmed_servo_is_no_fault_of_the_line() -> None:
     line = Line()
     for servo in line.servos.servos:
         servo.memory.put(sts.min_voltage, 130)
-        servo.firmware.load_settings()
     line.clock.sleep_until(51.0)
     assert line.said() == {}
     readings = line.bus.read_states(IDS)

@@ -249,7 +249,7 @@ def test_without_commands_it_stays(arm: Arm) -> None:
     arm.hardware.write(JointCommand(begin, PERIOD_S))
     for _ in range(20):
         state = arm.pause()
-    np.testing.assert_allclose(state.position, begin, atol=0.05)
+    np.testing.assert_allclose(state.position, begin, atol=0.06)  # a soft servo gives way under 0.8 N m
 
 
 def test_deactivated_without_relaxing_it_holds(arm: Arm) -> None:
@@ -259,7 +259,7 @@ def test_deactivated_without_relaxing_it_holds(arm: Arm) -> None:
     arm.hardware.deactivate(relax=False)
     for _ in range(20):
         state = arm.pause()
-    np.testing.assert_allclose(state.position, before, atol=0.05)
+    np.testing.assert_allclose(state.position, before, atol=0.06)
 
 
 def test_it_can_be_switched_on_again_where_it_was_left(arm: Arm) -> None:

@@ -93,7 +93,6 @@ def test_without_interpolation_a_servo_is_let_loose_within_one_period_of_its_goa
     bench = Bench().active()
     bench.hardware.interpolate = False
     bench.servos.servo(1).memory.put(sts.torque_enable, 0)  # or it would not stay where it is placed
-    bench.servos.servo(1).firmware.load_goal()
     bench.place((2048 + lag_counts, 2000, 1500))
     bench.hardware.read()
     assert bench.measured(1) == 2048 + lag_counts
@@ -118,7 +117,7 @@ def test_voltage_and_temperature_are_those_of_the_joints_own_servo() -> None:
     told = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
     servos = [servo_of(sts.STS3215, servo_id) for servo_id in told]
     for servo in servos:
-        servo.firmware.thermometer.temperature_c = told[servo.servo_id][1]
+        servo.firmware.temperature_c = told[servo.servo_id][1]
     supplies = [Supply(voltage_v, resistance_ohm=0.0) for voltage_v, _ in told.values()]
     bench = Bench()
     bench.servos = VirtualBus(Rig(servos, bench.plant, supplies))

@@ -7,10 +7,12 @@ from sim_backend.bus import Reply, VirtualBus
 from sim_backend.plant import BenchPlant, Coupling, WorldPlant
 from sim_backend.rig import Rig
 from sim_backend.servo import VirtualServo
+from sim_backend.sts.firmware import StsVariant
 from sim_backend.sts_wire import Code, checksum, status_packet
 
 BYTE_S = 1e-5
-DELAY_S = 2e-6
+DELAY_S = BYTE_S
+"""A servo answers when the line was silent for as long."""
 
 
 def packet(servo_id: int, code: int, parameters: bytes = b"") -> bytes:
@@ -45,25 +47,26 @@ def test_the_return_delay_is_in_units_of_two_microseconds() -> None:
     bus = bus_of(1)
     bus.servo(1).write(sts.return_delay.address, b"\xfa")
     (reply,) = bus.receive(packet(1, Code.PING), 0.0)
-    assert reply.due_s == pytest.approx(12 * BYTE_S + 500e-6)
+    assert reply.due_s == pytest.approx(12 * BYTE_S + DELAY_S + 500e-6)
 
 
-def test_a_sync_read_is_answered_in_its_order_one_after_the_other() -> None:
+def test_a_sync_read_is_answered_in_its_order_each_at_its_own_time() -> None:
     replies = bus_of(1, 2, 3).receive(READ_POSITIONS, 0.0)
     assert ids(replies) == [3, 1, 2]
-    first = len(READ_POSITIONS) * BYTE_S
-    turn = DELAY_S + 8 * BYTE_S
-    assert [r.due_s for r in replies] == pytest.approx([first + n * turn for n in (1, 2, 3)])
+    asked_s, size = len(READ_POSITIONS) * BYTE_S, 8
+    begins = (asked_s + DELAY_S, asked_s + (size + 3) * BYTE_S, asked_s + 2 * (size + 3) * BYTE_S)
+    assert [r.due_s for r in replies] == pytest.approx([begin_s + size * BYTE_S for begin_s in begins])
 
 
 def test_a_silent_servo_leaves_a_gap_and_hides_nobody() -> None:
     bus = bus_of(1, 2, 3)
+    whole = bus.receive(READ_POSITIONS, 0.0)
     bus.faults.silence(1)
-    replies = bus.receive(READ_POSITIONS, 0.0)
+    replies = bus.receive(READ_POSITIONS, 1.0)
     assert ids(replies) == [3, 2]
-    assert replies[1].due_s - replies[0].due_s == pytest.approx(DELAY_S + 16 * BYTE_S)
+    assert replies[1].due_s == pytest.approx(1.0 + whole[2].due_s)
     bus.faults.restore(1)
-    assert ids(bus.receive(READ_POSITIONS, 1.0)) == [3, 1, 2]
+    assert ids(bus.receive(READ_POSITIONS, 2.0)) == [3, 1, 2]
 
 
 def test_a_silenced_servo_hears_nothing_either() -> None:
@@ -89,6 +92,48 @@ def test_a_sync_write_reaches_those_it_names_and_is_not_answered() -> None:
     assert [bus.servo(i).read(41, 1) for i in (1, 2, 3)] == [b"\x07", b"\0", b"\x09"]
 
 
+def test_half_an_entry_of_a_sync_write_is_written_as_far_as_it_goes() -> None:
+    bus = bus_of(1)
+    bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x2e\x02\x01\x07"), 0.0)
+    assert bus.servo(1).read(46, 2) == b"\x07\0"
+
+
+def test_a_sync_write_with_too_much_for_a_servo_is_dropped() -> None:
+    bus = bus_of(1)
+    bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x7e\x01" + bytes(100)), 0.0)
+    bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x7e\x01\x07"), 0.1)
+    assert bus.servo(1).read(41, 1) == b"\0"
+
+
+def test_the_last_of_two_entries_for_one_servo_counts() -> None:
+    bus = bus_of(1)
+    bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x01\x01\x07\x01\x09"), 0.0)
+    assert bus.servo(1).read(41, 1) == b"\x09"
+
+
+def test_group_instructions_to_one_id_reach_that_one() -> None:
+    bus = bus_of(1, 2)
+    assert ids(bus.receive(packet(2, Code.SYNC_WRITE, b"\x29\x01\x01\x07\x02\x09"), 0.0)) == [2]
+    assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\0", b"\x09"]
+    (reply,) = bus.receive(packet(2, Code.SYNC_READ, b"\x29\x01\x01\x02"), 1.0)
+    assert reply.data == status_packet(2, 0, b"\x09")
+    assert reply.due_s == pytest.approx(1.0 + (10 + 10 + 7) * BYTE_S)  # the instruction, one slot, the answer
+
+
+def test_a_read_to_all_is_answered_by_all_at_once() -> None:
+    bus = bus_of(1, 2)
+    (reply,) = bus.receive(packet(0xFE, Code.READ, b"\x03\x02"), 0.0)
+    assert reply.data == status_packet(0xFE, 0, bus.servo(1).read(3, 2))
+
+
+def test_two_ff_bytes_begin_a_packet_even_inside_another() -> None:
+    bus = bus_of(1)
+    goal = packet(1, Code.WRITE, b"\x2a\xff\xff\0\0")
+    assert bus.receive(goal, 0.0) == []
+    assert ids(bus.receive(packet(1, Code.PING), 0.1)) == [1]
+    assert bus.servo(1).read(42, 2) == b"\0\0"
+
+
 @pytest.mark.parametrize("parameters", [b"", b"\x29", b"\x29\x01", b"\x29\x05\x01"])
 def test_empty_sync_instructions_do_nothing(parameters: bytes) -> None:
     bus = bus_of(2)
@@ -110,8 +155,10 @@ def test_a_broadcast_action_starts_all_registered_writes() -> None:
     assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\x07", b"\x07"]
 
 
-def test_a_broadcast_ping_is_answered_by_rising_id() -> None:
-    assert ids(bus_of(5, 2, 3).receive(packet(0xFE, Code.PING), 0.0)) == [2, 3, 5]
+def test_a_broadcast_ping_is_answered_by_each_in_the_slot_of_its_id() -> None:
+    replies = bus_of(5, 2, 3).receive(packet(0xFE, Code.PING), 0.0)
+    assert ids(replies) == [2, 3, 5]
+    assert [r.due_s for r in replies] == pytest.approx([(6 + 9 * n + 6) * BYTE_S for n in (2, 3, 5)])
 
 
 def test_another_baud_is_not_understood_and_a_new_one_holds_after_its_reply() -> None:
@@ -120,7 +167,7 @@ def test_another_baud_is_not_understood_and_a_new_one_holds_after_its_reply() ->
     assert len(bus.receive(packet(1, Code.WRITE, b"\x06\x04"), 1.0)) == 1
     assert bus.receive(packet(1, Code.PING), 2.0) == []
     (reply,) = bus.receive(packet(1, Code.PING), 3.0, 115_200)
-    assert reply.due_s == pytest.approx(3.0 + 120 / 115_200 + DELAY_S)
+    assert reply.due_s == pytest.approx(3.0 + 130 / 115_200)
 
 
 def test_two_servos_with_one_id_spoil_each_others_replies() -> None:
@@ -134,10 +181,16 @@ def test_two_servos_with_one_id_spoil_each_others_replies() -> None:
     assert checksum(reply.data[2:-1]) != reply.data[-1]
 
 
-def test_a_half_packet_is_forgotten_after_a_pause() -> None:
+def test_a_half_packet_is_forgotten_with_the_next_header() -> None:
     bus = bus_of(1)
-    assert bus.receive(b"\xff\xff\x01\xf0\x03", 0.0) == []
+    assert bus.receive(b"\xff\xff\x01\x70\x03", 0.0) == []
     assert ids(bus.receive(packet(1, Code.PING), 1.0)) == [1]
+
+
+def test_the_rest_of_a_half_packet_may_come_whenever_it_likes() -> None:
+    bus, ping = bus_of(1), packet(1, Code.PING)
+    assert bus.receive(ping[:4], 0.0) == []
+    assert ids(bus.receive(ping[4:], 5.0)) == [1]
 
 
 def test_a_packet_in_two_portions_is_answered_after_the_second() -> None:
@@ -148,9 +201,29 @@ def test_a_packet_in_two_portions_is_answered_after_the_second() -> None:
     assert reply.due_s == pytest.approx(0.001 + 8 * BYTE_S + DELAY_S)
 
 
+@pytest.mark.parametrize(
+    ("variant", "torque", "moves"),
+    [
+        (StsVariant(), (1, 1), True),
+        (StsVariant(goal_write_energises=False), (0, 1), False),
+        (StsVariant(goal_write_energises=False, torque_on_takes_goal=True), (0, 1), True),
+    ],
+)
+def test_a_line_of_servos_with_other_firmware(variant: StsVariant, torque: tuple[int, int], moves: bool) -> None:
+    bus = VirtualBus.of(BenchPlant([1]), variant=variant)
+    bus.receive(packet(1, Code.WRITE, b"\x2a\x00\x09"), 0.0)
+    bus.advance(0.5)
+    assert bus.servo(1).read(40, 1)[0] == torque[0]
+    bus.receive(packet(1, Code.WRITE, b"\x28\x01"), 0.5)
+    bus.advance(1.5)
+    assert bus.servo(1).read(40, 1)[0] == torque[1]
+    position = int.from_bytes(bus.servo(1).read(56, 2), "little")
+    assert position == pytest.approx(0x900 if moves else 2048, abs=3)
+
+
 def test_physics_follows_the_callers_time() -> None:
     bus = bus_of(1)
-    bus.servo(1).write(sts.torque_enable.address, b"\x01")
+    bus.servo(1).write(sts.goal_position.address, b"\0\x04")
     bus.advance(100.0)
     before = bus.servo(1).read(56, 2)
     bus.advance(100.3)

@@ -18,7 +18,7 @@ every_model = pytest.mark.parametrize("model", dxl.MODELS)
 class Bench:
     def __init__(self, model: str) -> None:
         self.clock = SimulatedClock(10.0)
-        self.plant = BenchPlant(IDS)
+        self.plant = BenchPlant(IDS, inertia_kg_m2=0.024, friction_nm=0.06, damping_nm_s=0.0)
         self.servos = VirtualBus.of(self.plant, dxl.MODELS[model])
         self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, dxl.MODELS[model]))
         self.servo = self.servos.servo(1)

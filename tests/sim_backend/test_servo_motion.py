@@ -1,264 +1,400 @@
-"""How a virtual servo moves its shaft: profile, loop, motor, protection. Simulated time only."""
-
-from math import pi
+"""How a virtual STS servo moves its shaft: loops, profile, motor, torque switch. Simulated time only."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.motion_profile import UNLIMITED, MotionProfile
-from sim_backend.motor import MotorConstants, Thermometer
-from sim_backend.plant import BenchPlant
-from sim_backend.rig import Rig
-from sim_backend.servo import VirtualServo
-
-DT_S = 0.001
-COUNTS_PER_RAD = 4096 / (2 * pi)
+from sim_backend.sts.firmware import StsVariant
+from tests.sim_backend.sts_bench import COUNTS_PER_RAD, StsBench
 
 
-class Bench:
-    """One servo with a load, and the registers by name."""
-
-    def __init__(self, load_nm: float = 0.0) -> None:
-        self.plant = BenchPlant([1])
-        self.plant.load_nm = [load_nm]
-        self.servo = VirtualServo(sts.STS3215, 1)
-        self.rig = Rig([self.servo], self.plant)
-
-    def __setitem__(self, register: Register, value: int) -> None:
-        self.servo.write(register.address, register.encode(value, "little"))
-
-    def __getitem__(self, register: Register) -> int:
-        return register.decode(self.servo.read(register.address, register.size), "little")
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / DT_S)):
-            self.rig.step()
-
-    def hold(self) -> None:
-        self[sts.goal_position] = self[sts.present_position]
-        self[sts.torque_enable] = 1
+def _free(bench: StsBench) -> None:
+    """Without a limit of acceleration."""
+    bench[sts.acceleration_multiplier] = 0
+    bench.run(0.001)
 
 
-def _profile(speed: float, acceleration: float) -> MotionProfile:
-    profile = MotionProfile()
-    profile.speed, profile.acceleration = speed, acceleration
-    return profile
+# Position mode
 
 
-@settings(deadline=None)
-@given(
-    goal=st.integers(-4095, 4095),
-    speed=st.integers(50, 3000),
-    acceleration=st.integers(1, 254).map(lambda units: units * 100),
-)
-def test_the_profile_takes_the_time_of_feetechs_formula(goal: int, speed: int, acceleration: int) -> None:
-    profile = _profile(speed, acceleration)
-    profile.goal = goal
-    ramp_s, distance = speed / acceleration, abs(goal)
-    # Feetech's examples give |distance| / V + V / A; too short a way never reaches V.
-    expected_s = distance / speed + ramp_s
-    if distance < speed * ramp_s:
-        expected_s = 2.0 * (distance / acceleration) ** 0.5
-    elapsed_s, fastest, last = 0.0, 0.0, 0.0
-    while not profile.done and elapsed_s < expected_s + 1.0:
-        profile.step(DT_S)
-        elapsed_s += DT_S
-        fastest = max(fastest, abs(profile.velocity))
-        assert abs(profile.velocity - last) <= acceleration * DT_S + 1e-6
-        last = profile.velocity
-    assert profile.position == goal
-    assert fastest <= speed + 1e-9
-    assert elapsed_s == pytest.approx(expected_s, abs=0.004 + 2.0 * DT_S)
+def test_the_stiffness_is_that_of_the_real_law() -> None:
+    """8 u a count at P = 32, behind a dead zone of 1 count and with 16 u of help (section 3)."""
+    bench = StsBench()
+    bench[sts.position_d] = 0
+    bench.go(2048)
+    bench.held_at(2038, 0.1)
+    assert bench[sts.present_load] == -(9 * 8 + 16)
+    bench.held_at(2058, 0.1)
+    assert abs(bench[sts.present_load] - (9 * 8 + 16)) <= 8  # a falling count ends exactly, a rising one short
 
 
-@settings(deadline=None)
-@given(st.lists(st.integers(0, 4095), min_size=1, max_size=6), st.integers(1, 254))
-def test_changing_goals_never_break_the_limits(goals: list[int], units: int) -> None:
-    profile = _profile(1000.0, units * 100.0)
-    velocity = 0.0
-    for goal in goals:
-        profile.goal = goal
-        for _ in range(50):
-            profile.step(DT_S)
-            assert abs(profile.velocity) <= 1000.0 + 1e-9
-            assert abs(profile.velocity - velocity) <= units * 100.0 * DT_S + 1e-6
-            velocity = profile.velocity
+@pytest.mark.parametrize("way", [1, -1])
+def test_load_has_its_sign_bit_set_while_it_pushes_to_larger_counts(way: int) -> None:
+    bench = StsBench()
+    bench.go(2048 + 300 * way)
+    bench.held_at(2048, 0.3)
+    assert bench[sts.present_load] == -970 * way
+    assert bool(bench.servo.read(61, 1)[0] & 4) == (way > 0)
 
 
-def test_without_acceleration_the_profile_is_a_ramp() -> None:
-    profile = _profile(1000.0, UNLIMITED)
-    profile.goal = 100.0
-    for _ in range(100):
-        profile.step(DT_S)
-    assert profile.position == 100.0
-    profile.step(DT_S)
-    assert profile.done
+def test_current_is_a_magnitude() -> None:
+    bench = StsBench()
+    for goal in (2348, 1748):
+        bench.go(goal)
+        bench.held_at(2048, 0.6)
+        assert bench[sts.present_current] == pytest.approx(2.7 * 0.97 / 0.0065, rel=0.01)
 
 
-def test_the_shaft_follows_the_profile_and_reports_it() -> None:
-    bench = Bench()
-    bench.hold()
+def test_a_load_of_one_newton_metre_sags_by_forty_counts() -> None:
+    bench = StsBench(load_nm=-1.0)
+    bench.go(2048)
+    bench.run(2.0)
+    assert 39 <= 2048 - bench[sts.present_position] <= 43
+
+
+def test_the_integral_grows_only_at_standstill_and_lifts_the_sag() -> None:
+    bench = StsBench(load_nm=-1.0)
+    bench[sts.position_i] = 5
+    bench.go(2048)
+    bench.run(4.0)
+    assert 2048 - bench[sts.present_position] <= 3
+    bench[sts.position_i] = 0
+    bench.run(1.0)
+    assert 2048 - bench[sts.present_position] >= 30
+
+
+def test_the_integral_stops_growing_at_its_limit_and_turns_back_at_once() -> None:
+    bench = StsBench()
+    for register, value in ((sts.position_p, 0), (sts.position_d, 0), (sts.position_i, 100), (sts.integral_limit, 10)):
+        bench[register] = value
+    _free(bench)
+    bench.go(2148)
+    bench.held_at(2048, 1.0)
+    assert bench[sts.present_load] == -(40 + 16)
+    bench.go(1948)
+    bench.held_at(2048, 0.05)
+    assert bench[sts.present_load] == 40 + 16
+
+
+def test_the_torque_limit_cuts_the_drive_and_max_torque_does_not() -> None:
+    bench = StsBench()
+    bench[sts.max_torque] = 100
+    bench[sts.torque_limit] = 300
+    bench.go(3000)
+    bench.held_at(2048, 0.5)
+    assert bench[sts.present_load] == -300
+
+
+def test_the_profile_keeps_speed_and_acceleration_and_reports_itself() -> None:
+    bench = StsBench()
     bench[sts.acceleration] = 50
     bench[sts.goal_velocity] = 1000
-    bench[sts.goal_position] = 3048
-    bench.run(0.6)
-    assert bench[sts.present_velocity] == pytest.approx(1000, abs=120)
-    assert bench[sts.moving] == 1
-    bench.run(1.0)  # 1000 / 1000 + 1000 / 5000 s, and a little to settle
-    assert bench[sts.present_position] == pytest.approx(3048, abs=3)
-    assert bench[sts.moving] == 0
-    assert abs(bench[sts.present_velocity]) < 20
-
-
-def test_a_steady_motion_lags_by_some_milliseconds() -> None:
-    bench = Bench()
-    bench.hold()
-    speed = round(2.0 * COUNTS_PER_RAD)
-    bench[sts.goal_velocity] = speed
-    bench[sts.goal_position] = 4000
+    bench.go(3048)
+    bench.run(0.1)
+    assert int.from_bytes(bench.servo.read(71, 2), "little") == pytest.approx(550, abs=10)  # from 50 on
     bench.run(0.5)
-    firmware = bench.servo.firmware
-    lag_s = (firmware.profile.position - firmware.position) / speed
-    assert 0.010 < lag_s < 0.020
+    assert int.from_bytes(bench.servo.read(71, 2), "little") == 1000
+    assert bench[sts.present_velocity] == pytest.approx(1000, abs=100)
+    assert bench[sts.present_velocity] % 50 == 0
+    assert bench[sts.present_target] > bench[sts.present_position]
+    assert bench[sts.moving] == 1
+    bench.run(1.0)
+    assert bench[sts.present_target] == 3048
+    assert bench[sts.present_position] == pytest.approx(3048, abs=4)
+    assert (bench[sts.moving], bench[sts.present_velocity]) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("registers", "counts_s2"),
+    [({}, 10_000), ({sts.max_acceleration: 254}, 25_400), ({sts.acceleration: 20}, 2_000)],
+)
+def test_no_acceleration_is_that_of_85_times_86(registers: dict[Register, int], counts_s2: int) -> None:
+    bench = StsBench()
+    for register, value in registers.items():
+        bench[register] = value
+    bench.run(0.001)
+    bench.go(3048)
+    bench.run(0.1)
+    assert int.from_bytes(bench.servo.read(71, 2), "little") == pytest.approx(50 + counts_s2 * 0.1, rel=0.05)
+
+
+@pytest.mark.parametrize(("asked", "kept"), [(99, 99), (100, 100), (101, 100), (254, 100)])
+def test_an_acceleration_above_register_85_is_cut_and_reads_back_so(asked: int, kept: int) -> None:
+    bench = StsBench()
+    bench[sts.acceleration] = asked
+    assert bench[sts.acceleration] == kept
+
+
+@pytest.mark.parametrize(("asked", "kept"), [(0, 7500), (9000, 7500), (1, 50), (-400, 400)])
+def test_speeds_are_kept_within_the_factory_limits_and_zero_is_the_highest(asked: int, kept: int) -> None:
+    bench = StsBench()
+    _free(bench)
+    bench[sts.goal_velocity] = asked
+    bench.run(0.001)
+    bench.go(2548)
+    assert int.from_bytes(bench.servo.read(71, 2), "little") == kept
+
+
+def test_speed_zero_stands_still_without_its_phase_bit() -> None:
+    bench = StsBench()
+    bench[sts.phase] = 4
+    bench.go(3000)
+    bench.run(0.5)
+    assert bench[sts.present_position] == pytest.approx(2048, abs=2)
+
+
+def test_speeds_count_in_fifties_without_their_phase_bit() -> None:
+    bench = StsBench()
+    bench[sts.phase] = 8
+    bench[sts.goal_velocity] = 10
+    bench.run(0.001)
+    bench.go(3000)
+    bench.run(0.5)
+    assert bench.servo.firmware.setpoint == pytest.approx(2048 + 250, abs=20)
+    assert bench[sts.present_velocity] == pytest.approx(10, abs=2)
+
+
+def test_a_new_goal_on_the_way_brakes_first_and_comes_back() -> None:
+    bench = StsBench()
+    bench[sts.acceleration] = 20
+    bench[sts.goal_velocity] = 1000
+    bench.go(3500)
+    bench.run(1.0)
+    turning = bench.servo.firmware.setpoint
+    bench.go(2100)
+    bench.run(0.2)
+    assert bench.servo.firmware.setpoint > turning
+    bench.run(3.0)
+    assert bench.servo.firmware.setpoint == 2100
 
 
 @pytest.mark.parametrize(("goal", "reached"), [(100, 1000), (4000, 3000), (2500, 2500)])
-def test_the_position_limits_clamp_the_goal(goal: int, reached: int) -> None:
-    bench = Bench()
+def test_the_position_limits_clamp_the_goal_but_not_its_register(goal: int, reached: int) -> None:
+    bench = StsBench()
     bench[sts.min_position] = 1000
     bench[sts.max_position] = 3000
-    bench.hold()
-    bench[sts.goal_position] = goal
+    bench.run(0.001)
+    bench.go(goal)
     bench.run(2.0)
     assert bench[sts.present_position] == pytest.approx(reached, abs=3)
+    assert bench[sts.goal_position] == goal
 
 
-def test_the_homing_offset_moves_the_frame_not_the_shaft() -> None:
-    bench = Bench()
+def test_equal_limits_are_none_and_goals_go_beyond_a_turn() -> None:
+    bench = StsBench()
+    bench[sts.max_position] = 0
+    bench[sts.phase] = 12 | 16
+    bench.run(0.001)
+    bench.go(-3000)
+    bench.run(4.0)
+    assert bench[sts.present_position] == pytest.approx(-3000, abs=4)
+
+
+def test_the_resolution_multiplies_the_goal() -> None:
+    bench = StsBench()
+    bench[sts.angular_resolution] = 3
+    bench.run(0.001)
+    bench.go(800)
+    bench.run(2.0)
+    assert bench[sts.present_position] == pytest.approx(2400, abs=3)
+
+
+def test_a_shaft_that_is_pushed_over_the_seam_comes_back_the_way_it_went() -> None:
+    bench = StsBench()
+    bench.turn_to(4000)
+    bench.run(0.1)
+    bench.go(4000)
+    for count in range(4000, 4200):
+        bench.held_at(count, 0.005)
+    assert bench[sts.present_position] == pytest.approx(4199 - 4096, abs=2)
+    bench.run(1.0)
+    assert bench.plant.angles()[0] * COUNTS_PER_RAD == pytest.approx(4001, abs=4)
+
+
+def test_the_homing_offset_acts_at_once_and_the_profile_goes_to_the_old_number() -> None:
+    bench = StsBench()
     bench[sts.homing_offset] = -300
+    bench.run(0.001)
     assert bench[sts.present_position] == 2348
-    bench.hold()
-    bench.run(0.5)
-    assert bench.plant.angles()[0] == pytest.approx(2048.5 / COUNTS_PER_RAD, abs=0.005)
+    bench.go(2348)
+    bench.run(0.1)
+    bench[sts.homing_offset] = 0
+    bench.run(0.002)
+    assert bench[sts.present_position] == pytest.approx(2048, abs=2)
+    bench.run(1.0)
+    assert bench[sts.present_position] == pytest.approx(2348, abs=3)
+
+
+# The torque switch
 
 
 def test_without_torque_nothing_moves_against_gravity() -> None:
-    bench = Bench(load_nm=-0.3)
-    bench.servo.goal_write_energises = False
-    bench[sts.goal_position] = 3000
-    highest = bench.plant.angles()[0]
-    for _ in range(300):
-        bench.rig.step()
-        angle = bench.plant.angles()[0]
-        assert angle <= highest
-        highest = angle
-    assert highest < 3.0
-    assert bench[sts.present_load] == 0
-
-
-def test_gear_friction_holds_a_small_load() -> None:
-    bench = Bench(load_nm=0.05)
-    bench.run(0.5)
-    assert bench.plant.velocities() == [0.0]
-
-
-def test_torque_on_goes_for_the_goal_even_a_stale_one() -> None:
-    bench = Bench()
-    bench[sts.torque_enable] = 1
-    bench.run(0.2)
-    assert bench[sts.present_position] < 2000
-
-
-def test_the_torque_limit_limits() -> None:
-    bench = Bench(load_nm=-1.0)
-    bench.hold()
+    bench = StsBench(load_nm=-0.3)
     bench.run(0.3)
-    assert bench[sts.present_position] == pytest.approx(2048, abs=20)
-    bench[sts.torque_limit] = 200
-    bench.run(0.3)
-    assert bench[sts.present_position] < 2000
-    assert bench[sts.present_load] == 200
+    assert bench[sts.present_position] < 1900
+    assert (bench[sts.present_load], bench[sts.moving]) == (0, 0)
 
 
-def test_a_load_shows_in_load_current_and_voltage() -> None:
-    bench = Bench(load_nm=-1.5)
-    bench.hold()
-    bench.run(0.5)
-    assert bench[sts.present_load] == pytest.approx(510, abs=60)
-    assert bench[sts.present_current] * 6.5e-3 == pytest.approx(2.7 / 2, abs=0.15)
-    assert bench[sts.present_voltage] in {119, 120}
+def test_damping_brakes_a_falling_load_without_drive() -> None:
+    free, damped = StsBench(load_nm=-0.3), StsBench(load_nm=-0.3)
+    damped[sts.torque_enable] = 2
+    for bench in (free, damped):
+        bench.run(0.5)
+        assert bench[sts.present_load] == 0
+    assert abs(damped.plant.velocities()[0]) < 0.2 * abs(free.plant.velocities()[0])
 
 
-def _stalled(bench: Bench) -> None:
-    """Push against something that does not give way."""
-    bench.hold()
-    bench.plant.load_nm = [-20.0]
-    bench.plant.place([2048.5 / COUNTS_PER_RAD])
-    bench[sts.goal_position] = 2400
-    for _ in range(2500):
-        bench.plant.place([2048.5 / COUNTS_PER_RAD])
-        bench.rig.step()
-
-
-def test_overload_drops_to_protective_torque_and_latches() -> None:
-    bench = Bench()
-    _stalled(bench)
-    assert bench[sts.status] == 1 << 5
-    assert bench[sts.present_load] == 200
-    assert bench.servo.read_status(0, 0)[4] == 1 << 5
-    bench[sts.goal_position] = 2400  # the same direction again: still latched
-    assert bench[sts.status] == 1 << 5
-
-
-def test_a_goal_away_from_the_obstacle_ends_an_overload() -> None:
-    bench = Bench()
-    _stalled(bench)
-    bench[sts.goal_position] = 2040
-    assert bench[sts.status] == 0
-
-
-def test_a_write_to_the_torque_switch_ends_an_overload() -> None:
-    bench = Bench()
-    _stalled(bench)
-    bench[sts.torque_enable] = 0
-    assert bench[sts.status] == 0
-
-
-def test_overload_does_not_act_when_the_unloading_condition_leaves_it_out() -> None:
-    bench = Bench()
-    bench[sts.unloading_condition] = 0
-    _stalled(bench)
-    assert bench[sts.status] == 1 << 5
-    assert bench[sts.present_load] == 1000
-
-
-def test_too_low_a_voltage_is_reported() -> None:
-    bench = Bench()
-    bench[sts.min_voltage] = 125
-    bench.run(0.02)
-    assert bench[sts.status] == 1 << 0
-
-
-def test_heat_releases_the_motor() -> None:
-    bench = Bench(load_nm=-0.3)
-    bench.hold()
-    bench[sts.max_temperature] = 20
+@pytest.mark.parametrize(
+    ("mode", "register", "value"),
+    [(0, sts.goal_position, 2500), (3, sts.goal_position, 100), (1, sts.goal_velocity, 500), (2, sts.goal_time, 300)],
+)
+def test_a_write_of_the_modes_goal_switches_torque_on(mode: int, register: Register, value: int) -> None:
+    bench = StsBench()
+    bench[sts.operating_mode] = mode
     bench.run(0.1)
-    assert bench[sts.status] == 1 << 2
+    before = bench.plant.angles()[0]
+    bench[register] = value
+    bench.run(0.2)
+    assert bench[sts.torque_enable] == 1
+    assert bench.plant.angles()[0] != before
+
+
+def test_where_goals_do_not_energise_a_limp_servo_stays_limp() -> None:
+    bench = StsBench(variant=StsVariant(goal_write_energises=False))
+    bench.go(2500)
+    bench.run(0.2)
+    assert (bench[sts.torque_enable], bench[sts.present_position]) == (0, 2048)
+
+
+def test_torque_on_holds_and_does_not_look_at_the_goal() -> None:
+    bench = StsBench()
+    bench[sts.torque_enable] = 1
+    bench.run(0.5)
+    assert bench[sts.goal_position] == 0
+    assert bench[sts.present_position] == 2048
+
+
+def test_where_torque_on_takes_the_goal_it_goes_for_a_stale_one() -> None:
+    bench = StsBench(variant=StsVariant(torque_on_takes_goal=True))
+    bench[sts.torque_enable] = 1
+    bench.run(1.5)
+    assert bench[sts.present_position] == pytest.approx(0, abs=3)
+
+
+@pytest.mark.parametrize("forgets", [True, False])
+def test_another_write_within_the_millisecond_makes_it_forget_the_goal(forgets: bool) -> None:
+    bench = StsBench(variant=StsVariant(forgets_goal_within_tick=forgets))
+    bench[sts.goal_position] = 2500
+    bench[sts.torque_limit] = 900
+    bench.run(1.0)
+    assert bench[sts.goal_position] == 2500
+    assert bench[sts.present_position] == (2048 if forgets else pytest.approx(2500, abs=3))
+
+
+# The other modes
+
+
+def test_speed_mode_turns_at_the_asked_speed_both_ways_and_shows_the_raw_angle() -> None:
+    bench = StsBench()
+    bench[sts.homing_offset] = 100
+    bench[sts.operating_mode] = 1
+    bench.run(0.002)
+    for speed in (1000, -600):
+        bench[sts.goal_velocity] = speed
+        bench.run(2.0)
+        assert bench[sts.present_velocity] == pytest.approx(speed, abs=50)
+        assert bench[sts.moving] == 1
+        raw = bench.plant.angles()[0] * COUNTS_PER_RAD % 4096
+        assert bench[sts.present_position] == pytest.approx(raw, abs=10)
+
+
+def test_pwm_mode_drives_as_told_towards_smaller_counts_and_obeys_the_limit() -> None:
+    bench = StsBench()
+    bench[sts.operating_mode] = 2
+    bench.run(0.001)
+    bench[sts.goal_time] = 400
+    bench.run(0.3)
+    assert bench[sts.present_load] == 400
+    assert bench.plant.velocities()[0] < -1.0
+    bench[sts.torque_limit] = 250
+    bench.run(0.002)
+    assert bench[sts.present_load] == 250
+    bench[sts.torque_enable] = 0
+    bench.run(0.002)
     assert bench[sts.present_load] == 0
 
 
-def test_a_stalled_motor_heats_as_the_constants_say() -> None:
-    motor = MotorConstants.of(sts.STS3215)
-    thermometer = Thermometer(motor)
-    for _ in range(60_000):
-        thermometer.step(0.01, 1.35)
-    # The published test: about 15 K after ten minutes at half the stall torque.
-    assert thermometer.temperature_c - motor.ambient_c == pytest.approx(15.0, abs=2.0)
+def test_step_mode_goes_on_from_the_last_goal_and_shows_what_is_left() -> None:
+    bench = StsBench()
+    bench[sts.operating_mode] = 3
+    bench[sts.max_position] = 0
+    bench.run(0.002)
+    for _ in range(3):
+        bench.go(200)
+        assert bench[sts.present_position] > 150
+        bench.run(0.5)
+        assert abs(bench[sts.present_position]) <= 3
+    assert bench.servo.firmware.position == pytest.approx(2648, abs=4)
+
+
+def test_modes_that_it_does_not_know_drive_nothing() -> None:
+    bench = StsBench()
+    bench[sts.operating_mode] = 7
+    bench[sts.goal_position] = 3000
+    bench[sts.torque_enable] = 1
+    bench.run(0.3)
+    assert (bench[sts.present_load], bench[sts.present_position]) == (0, 2048)
+
+
+def test_another_mode_switches_torque_off_and_forgets_turns_speed_and_acceleration() -> None:
+    bench = StsBench()
+    bench.turn_to(4096 + 500)
+    bench.run(0.1)
+    bench[sts.acceleration] = 10
+    bench[sts.goal_velocity] = 500
+    bench.run(0.002)
+    bench.go(600)
+    bench[sts.operating_mode] = 1
+    assert [bench[r] for r in (sts.torque_enable, sts.acceleration, sts.goal_velocity)] == [0, 0, 0]
+    bench[sts.operating_mode] = 0
+    bench.run(0.1)
+    assert 0 <= bench.servo.firmware.position < 4096
+
+
+# What it reports
+
+
+def test_slow_turning_reads_as_standstill_and_speeds_come_in_fifties() -> None:
+    bench = StsBench()
+    for counts_s, told in ((40, {0}), (90, {0, 100}), (130, {100, 150}), (1020, {1000, 1050})):
+        seen = set()
+        for ms in range(300):
+            bench.turn_to(1000 + counts_s * ms / 1000)
+            bench.rig.step()
+            if ms > 60:
+                seen.add(bench[sts.present_velocity])
+        assert seen <= told, counts_s
+
+
+def test_a_shaft_turned_by_hand_is_not_moving() -> None:
+    bench = StsBench()
+    for ms in range(200):
+        bench.turn_to(1000 + ms)
+        bench.rig.step()
+        assert bench[sts.moving] == 0
 
 
 def test_it_starts_at_ambient() -> None:
-    assert Bench()[sts.present_temperature] == 27
+    assert StsBench()[sts.present_temperature] == 27
+
+
+@pytest.mark.parametrize("timestep_s", [0.0005, 0.002, 0.0007])
+def test_its_millisecond_does_not_depend_on_the_plants_step(timestep_s: float) -> None:
+    bench = StsBench(load_nm=-1.0, timestep_s=timestep_s)
+    bench[sts.goal_velocity] = 500
+    bench.run(0.003)
+    bench.go(2248)
+    bench.run(0.2)
+    assert bench.servo.firmware.setpoint - 2048 == pytest.approx(85, abs=10)
+    bench.run(2.0)
+    assert 39 <= 2248 - bench[sts.present_position] <= 43

@@ -1,11 +1,13 @@
-"""What reads, writes and the other instructions do to one virtual servo's control table."""
+"""What reads, writes and the other instructions do to one virtual STS servo's control table."""
+
+from math import pi
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.servos import sts
-from drivers.servos.register import Access, Register
+from drivers.servos.register import Register
 from sim_backend.instructions import Instruction
 from sim_backend.servo import REBOOT_S, VirtualServo
 from sim_backend.sts_wire import Code, status_packet
@@ -26,7 +28,12 @@ def get(servo: VirtualServo, register: Register) -> int:
     return register.decode(servo.read(register.address, register.size), "little")
 
 
-def do(servo: VirtualServo, code: Code, parameters: bytes = b"") -> bytes | None:
+def tick(servo: VirtualServo, milliseconds: int = 1, angle_rad: float = 0.0) -> None:
+    for _ in range(milliseconds):
+        servo.step(DT_S, angle_rad, 0.0)
+
+
+def do(servo: VirtualServo, code: int, parameters: bytes = b"") -> bytes | None:
     return servo.answer(Instruction(servo.servo_id, code, parameters))
 
 
@@ -37,11 +44,19 @@ def test_it_introduces_itself(servo: VirtualServo) -> None:
     assert servo.baud == 1_000_000
 
 
-@pytest.mark.parametrize("register", [r for r in sts.REGISTERS if r.access is Access.READ])
-def test_read_only_registers_ignore_writes(servo: VirtualServo, register: Register) -> None:
-    before = servo.read(register.address, register.size)
-    assert do(servo, Code.WRITE, bytes((register.address,)) + b"\x55" * register.size)
-    assert servo.read(register.address, register.size) == before
+@pytest.mark.parametrize("address", range(87))
+def test_0_to_3_and_56_to_77_ignore_writes_and_all_others_keep_them(servo: VirtualServo, address: int) -> None:
+    before = servo.read(address, 1)
+    value = bytes((before[0] ^ 2,))
+    assert do(servo, Code.WRITE, bytes((address,)) + value) == status_packet(5, 0)
+    read_only = address < 4 or 56 <= address < 78
+    assert servo.read(address, 1) == (before if read_only else value)
+
+
+def test_a_write_skips_read_only_bytes_and_takes_the_rest(servo: VirtualServo) -> None:
+    servo.write(54, bytes((7, 0, 9, 9)))
+    assert servo.read(54, 4) == bytes((7, 0)) + servo.read(56, 2)
+    assert servo.read(56, 1) != b"\x09"
 
 
 @settings(deadline=None)
@@ -51,8 +66,54 @@ def test_no_write_upsets_a_servo(address: int, data: bytes) -> None:
     servo.write(address, data)
     for _ in range(12):
         servo.step(DT_S, 3.0, 0.1)
-    assert len(servo.read(0, 250)) == 250
-    assert servo.servo_id <= 0xFD
+    assert len(servo.read(0, 250)) == 87
+
+
+def test_a_read_past_the_end_is_answered_with_fewer_bytes_or_not_at_all(servo: VirtualServo) -> None:
+    assert do(servo, Code.READ, bytes((85, 10))) == status_packet(5, 0, servo.read(85, 2))
+    assert do(servo, Code.READ, bytes((87, 1))) is None
+    assert do(servo, Code.READ, bytes((200, 4))) is None
+
+
+def test_a_read_of_nothing_gives_nothing_but_from_0_everything(servo: VirtualServo) -> None:
+    assert do(servo, Code.READ, bytes((41, 0))) == status_packet(5, 0)
+    assert do(servo, Code.READ, bytes((0, 0))) == status_packet(5, 0, servo.read(0, 87))
+
+
+def test_a_write_past_the_end_is_cut_and_answered(servo: VirtualServo) -> None:
+    assert do(servo, Code.WRITE, bytes((86, 3, 4, 5))) == status_packet(5, 0)
+    assert servo.read(86, 1) == b"\x03"
+    assert do(servo, Code.WRITE, bytes((87, 3))) == status_packet(5, 0)
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [
+        (sts.minimum_startup_force, 16), (sts.protection_current, 310), (sts.velocity_p, 10), (sts.velocity_i, 200),
+        (sts.moving_threshold, 2), (sts.dts, 20), (sts.velocity_unit, 50), (sts.hts, 1), (sts.max_velocity, 150),
+        (sts.max_acceleration, 100), (sts.acceleration_multiplier, 1), (sts.unloading_condition, 44),
+        (sts.led_alarm_condition, 47), (sts.phase, 12), (sts.position_p, 32), (sts.position_d, 32),
+    ],
+    ids=lambda value: value.name if isinstance(value, Register) else "",
+)  # fmt: skip
+def test_factory_values(servo: VirtualServo, register: Register, value: int) -> None:
+    assert get(servo, register) == value
+
+
+def test_nothing_is_checked_but_baud_and_resolution(servo: VirtualServo) -> None:
+    for register, value, kept in ((sts.baud_rate, 8, 0), (sts.angular_resolution, 0, 1), (sts.position_p, 255, 255)):
+        put(servo, register, value)
+        assert get(servo, register) == kept
+    put(servo, sts.servo_id, 254)
+    assert servo.servo_id == 254
+
+
+@pytest.mark.parametrize("address", [78, 80, 85, 86])
+def test_the_factory_values_are_kept_in_flash_too(servo: VirtualServo, address: int) -> None:
+    put(servo, sts.lock, 0)
+    servo.write(address, b"\x07")
+    servo.power_cycle()
+    assert servo.read(address, 1) == b"\x07"
 
 
 def test_eeprom_written_under_the_lock_lasts_until_power_off(servo: VirtualServo) -> None:
@@ -74,21 +135,22 @@ def test_ram_is_forgotten_and_max_torque_becomes_the_limit(servo: VirtualServo) 
     put(servo, sts.lock, 0)
     put(servo, sts.max_torque, 600)
     put(servo, sts.torque_enable, 1)
+    put(servo, sts.acceleration, 7)
+    put(servo, sts.goal_velocity, 100)
     put(servo, sts.goal_position, 1000)
+    tick(servo)
     servo.power_cycle()
+    assert [get(servo, r) for r in (sts.acceleration, sts.goal_velocity, sts.async_write_flag)] == [0, 0, 0]
     assert get(servo, sts.torque_limit) == 600
     assert get(servo, sts.torque_enable) == 0
     assert get(servo, sts.goal_position) == 0
 
 
-def test_a_new_id_and_baud_hold_at_once_and_senseless_ones_never(servo: VirtualServo) -> None:
+def test_a_new_id_and_baud_hold_at_once(servo: VirtualServo) -> None:
     assert do(servo, Code.WRITE, b"\x05\x09") == status_packet(5, 0)
     assert servo.servo_id == 9
     put(servo, sts.baud_rate, 4)
     assert servo.baud == 115_200
-    servo.write(sts.servo_id.address, b"\xfe")
-    servo.write(sts.baud_rate.address, b"\x08")
-    assert (servo.servo_id, servo.baud) == (9, 115_200)
 
 
 def test_status_level_0_answers_only_pings_and_reads(servo: VirtualServo) -> None:
@@ -126,24 +188,60 @@ def test_a_reboot_is_not_answered_and_takes_its_time(servo: VirtualServo) -> Non
     assert get(servo, sts.torque_enable) == 0
 
 
-@pytest.mark.parametrize("code", [Code.READ, Code.WRITE, Code.REG_WRITE])
-def test_malformed_instructions_are_not_answered(servo: VirtualServo, code: Code) -> None:
-    assert do(servo, code, b"\x29") is None
+@pytest.mark.parametrize(
+    ("code", "parameters"),
+    [(Code.WRITE, b"\x29"), (Code.REG_WRITE, b"\x29"), (Code.ACTION, b""), (0x07, b""), (0x55, b"abc"), (0x92, b"")],
+)
+def test_what_it_cannot_do_is_answered_by_an_empty_status(servo: VirtualServo, code: int, parameters: bytes) -> None:
+    before = servo.read(0, 87)
+    assert do(servo, code, parameters) == status_packet(5, 0)
+    assert servo.read(0, 87) == before
+    put(servo, sts.status_level, 0)
+    assert do(servo, code, parameters) is None
 
 
-@pytest.mark.parametrize("angle_counts", [0, 1, 700, 2048, 3000, 4095])
-def test_128_calls_the_present_position_the_middle(servo: VirtualServo, angle_counts: int) -> None:
-    angle_rad = (angle_counts + 0.5) / servo.firmware._counts_per_rad
-    servo.step(DT_S, angle_rad, 0.0)
-    assert get(servo, sts.present_position) == angle_counts
-    put(servo, sts.torque_enable, 128)
-    servo.step(DT_S, angle_rad, 0.0)
-    # The offset has 11 bits: from count 0 the middle is one count out of reach.
-    assert abs(get(servo, sts.present_position) - 2048) <= (angle_counts == 0)
+def test_the_saved_defaults_come_back_and_torque_goes(servo: VirtualServo) -> None:
+    put(servo, sts.position_p, 16)
+    assert do(servo, Code.SAVE_DEFAULTS) == status_packet(5, 0)
+    put(servo, sts.position_p, 8)
+    put(servo, sts.torque_enable, 1)
+    assert do(servo, Code.RESET) == status_packet(5, 0)
+    assert (get(servo, sts.position_p), get(servo, sts.torque_enable), servo.servo_id) == (16, 0, 5)
+
+
+def test_turns_are_forgotten_when_asked_and_torque_goes(servo: VirtualServo) -> None:
+    for turn in range(12):
+        tick(servo, 20, 3.0 + turn)
+    put(servo, sts.torque_enable, 1)
+    assert servo.firmware.position > 8000
+    assert do(servo, Code.FORGET_TURNS) == status_packet(5, 0)
+    tick(servo, 1, 14.0)
+    assert 0 <= servo.firmware.position < 4096
     assert get(servo, sts.torque_enable) == 0
-    servo.power_cycle()
-    assert abs(get(servo, sts.present_position) - 2048) <= (angle_counts == 0)
 
 
-def test_reading_beyond_the_table_gives_zeros(servo: VirtualServo) -> None:
-    assert servo.read(250, 10) == bytes(10)
+@pytest.mark.parametrize("angle_counts", [1, 700, 2048, 3000, 4095])
+@pytest.mark.parametrize("count", [None, 10, 1000, 4000])
+def test_the_present_angle_can_be_called_the_middle_or_any_other(
+    servo: VirtualServo, angle_counts: int, count: int | None
+) -> None:
+    angle_rad = (angle_counts + 0.5) * 2 * pi / 4096
+    tick(servo, 50, angle_rad)
+    assert get(servo, sts.present_position) == pytest.approx(angle_counts, abs=1)  # a rise ends one short
+    put(servo, sts.torque_enable, 1)
+    if count is None:
+        put(servo, sts.torque_enable, 128)
+    else:
+        assert do(servo, Code.SET_MIDDLE, count.to_bytes(2, "little")) == status_packet(5, 0)
+    for _ in range(2):
+        tick(servo, 1, angle_rad)
+        assert get(servo, sts.present_position) == (2048 if count is None else count)
+        assert get(servo, sts.torque_enable) == 0
+        servo.power_cycle()
+
+
+def test_from_count_0_the_middle_is_one_count_out_of_reach(servo: VirtualServo) -> None:
+    """The offset has eleven bits beside its sign."""
+    put(servo, sts.torque_enable, 128)
+    tick(servo)
+    assert get(servo, sts.present_position) == 2047

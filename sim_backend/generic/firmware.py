@@ -1,11 +1,9 @@
-"""What runs inside a virtual STS servo: interpolation, position loop, driver, self-observation.
+"""What runs inside a virtual servo that is no STS: interpolation, position loop, driver, self-observation.
 
-From the datasheet and the memory table: 4096 counts a turn, the unit and the meaning of each
-register, what the loop acts on. Feetech publishes neither the loop nor the scale of its gains.
-Assumed, to fit published observations:
-- P: the drive is ``P / 1280`` of full a count of error, so P = 32 gives full drive at 40 counts
-  (3.5 degrees), a stiffness of 48 N m/rad, and at a steady 2 rad/s a lag of 13 ms behind the
-  servo's own interpolation. (Published: 20 to 30 counts of sag at 1 N m, a third backlash.)
+Registers are named as in the STS table; each series' memory finds its own by these names. The makers publish neither
+the loop nor the scale of its gains (Robotis does for the X series, which replaces the gains). Assumed for the others:
+- P: the drive is ``P / 1280`` of full a count of error, so P = 32 gives full drive at 40 of 4096 counts
+  (3.5 degrees), and at a steady 2 rad/s a lag of 13 ms behind the servo's own interpolation.
 - D: ``D / 32`` of 0.3 drive per rad/s between the profile's speed and the measured one; I:
   ``I / 1280`` a count and second.
 - Position, speed and their noise come from the quantised encoder; speed is filtered with 5 ms.
@@ -18,9 +16,9 @@ from typing import Final, Protocol
 
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
-from sim_backend.motion_profile import UNLIMITED, MotionProfile
+from sim_backend.generic.motion_profile import UNLIMITED, MotionProfile
+from sim_backend.generic.protection import Protection
 from sim_backend.motor import MotorConstants, Thermometer
-from sim_backend.protection import Protection
 
 GAIN_UNIT: Final = 1.0 / 1280.0
 DAMPING_PER_RAD_S: Final = 0.3 / 32.0
@@ -39,7 +37,7 @@ class Memory(Protocol):
     def put(self, register: Register, value: int) -> None: ...
 
 
-class Firmware:
+class GenericFirmware:
     """The control loop of one servo. ``step`` is called at a fixed rate and must stay cheap."""
 
     def __init__(self, memory: Memory, model: ServoModel, motor: MotorConstants) -> None:
@@ -48,8 +46,8 @@ class Firmware:
         self._motor = motor
         self._turn = float(model.counts_per_turn)
         self._counts_per_rad = self._turn / (2.0 * pi)
-        self._no_load = motor.no_load_speed_rad_s
-        self.voltage_v = motor.rated_voltage_v
+        self._no_load = model.no_load_speed_rad_s
+        self.voltage_v = model.rated_voltage_v
         self.thermometer = Thermometer(motor)
         self.observe(0.0)
         self.restart()
@@ -127,9 +125,9 @@ class Firmware:
         self._driving = driving
 
     @property
-    def raw_count(self) -> int:
-        """The encoder's count within the turn, before the homing offset."""
-        return int(self._count % self._turn)
+    def status(self) -> int:
+        """What every reply says of the protections."""
+        return self.protection.status
 
     @property
     def position(self) -> float:
@@ -173,10 +171,8 @@ class Firmware:
         duty = max(-limit, min(limit, duty))
         self.duty = duty
         motor = self._motor
-        # What back-EMF leaves of the voltage, as a part of the rated one: that part of stall.
-        part = duty * self.voltage_v / motor.rated_voltage_v - velocity_rad_s / self._no_load
-        self.current_a = part * motor.stall_current_a
-        return part * motor.stall_torque_nm
+        self.current_a = (duty * self.voltage_v - motor.back_emf_v_s * velocity_rad_s) / motor.resistance_ohm
+        return motor.torque_constant_nm_a * self.current_a
 
     def _housekeeping(self) -> None:
         """What need not be done in every step: heat, protection."""

@@ -1,8 +1,6 @@
-"""The control table of one virtual STS servo as bytes: who may write what, what power-off forgets.
+"""The control table of one virtual servo that is no STS, as bytes: who may write what, what power-off forgets.
 
-Factory values are those of Feetech's "SMS/STS memory table"; where it leaves a field empty the
-value is marked as assumed. Addresses that the table does not list read 0 and cannot be written
-(assumed).
+Addresses that the table does not list read 0 and cannot be written (assumed).
 
 The lock (register 55), as the table puts it: 0 "save EEPROM changes", 1 "do not save". So a write
 to EEPROM always takes effect at once; with the lock closed it is gone after power-off.
@@ -16,39 +14,6 @@ from drivers.servos.register import Access, ByteOrder, Register, ServoModel
 
 SIZE: Final = 256
 EEPROM_END: Final = sts.torque_enable.address
-
-FACTORY: Final[dict[Register, int]] = {
-    sts.firmware_major: 3,
-    sts.firmware_minor: 10,
-    sts.baud_rate: 0,
-    sts.return_delay: 0,
-    sts.status_level: 1,
-    sts.min_position: 0,
-    sts.max_position: 4095,
-    sts.max_temperature: 70,
-    sts.max_voltage: 140,  # assumed: the 12 V version
-    sts.min_voltage: 40,
-    sts.max_torque: 1000,
-    sts.phase: 12,  # assumed: speed in 0.0146 rpm (one count/s), speed 0 is "as fast as it can"
-    sts.unloading_condition: 44,  # temperature, current, overload
-    sts.led_alarm_condition: 47,  # assumed
-    sts.position_p: 32,
-    sts.position_d: 32,
-    sts.position_i: 0,
-    sts.minimum_startup_force: 0,  # assumed; real ones have around 16
-    sts.cw_dead_zone: 1,
-    sts.ccw_dead_zone: 1,
-    sts.protection_current: 511,
-    sts.angular_resolution: 1,
-    sts.protective_torque: 20,
-    sts.protection_time: 200,
-    sts.overload_torque: 80,
-    sts.velocity_p: 10,  # assumed
-    sts.overcurrent_time: 200,
-    sts.velocity_i: 10,  # assumed
-    sts.lock: 1,
-}
-"""Every register that is not here is 0."""
 
 
 def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
@@ -74,8 +39,8 @@ class Memory:
         self,
         model: ServoModel,
         servo_id: int,
-        registers: Sequence[Register] = sts.REGISTERS,
-        factory: Mapping[Register, int] = FACTORY,
+        registers: Sequence[Register],
+        factory: Mapping[Register, int],
     ) -> None:
         self._factory = factory
         self._writable = frozenset(
@@ -145,12 +110,6 @@ class Memory:
         self._bytes[at] = value
         if at < self.EEPROM_END and not self.get(sts.lock):
             self._saved[at] = value
-
-    def save(self, register: Register, value: int) -> None:
-        """Put a persistent register so that it survives power-off, whatever the lock says."""
-        self.put(register, value)
-        span = slice(register.address, register.address + register.size)
-        self._saved[span] = self._bytes[span]
 
     def power_up(self) -> None:
         """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""

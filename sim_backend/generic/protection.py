@@ -1,4 +1,4 @@
-"""What an STS servo does to protect itself: status bits, protective torque, unloading.
+"""What a servo that is no STS does to protect itself: status bits, protective torque, unloading.
 
 From the memory table: the bits; the limits; "protection time" at "overload torque" leads to
 "protective torque"; a bit in "unloading condition" makes its protection act.

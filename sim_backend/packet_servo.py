@@ -1,0 +1,93 @@
+"""What all virtual servos have in common that are asked by Feetech's packets, or Dynamixel's of protocol 1.0."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Protocol
+
+from drivers.servos.register import Register, ServoModel
+from sim_backend.instructions import Instruction
+from sim_backend.rig import Fed
+from sim_backend.sts_wire import Code, status_packet
+
+
+class Table(Protocol):
+    """The control table, as far as a line of servos asks for it."""
+
+    @property
+    def servo_id(self) -> int: ...
+
+    @property
+    def baud(self) -> int: ...
+
+    def get(self, register: Register) -> int: ...
+
+    def put(self, register: Register, value: int) -> None: ...
+
+    def read(self, address: int, size: int) -> bytes: ...
+
+
+class Driven(Fed, Protocol):
+    """The firmware, as far as the line asks for it."""
+
+    @property
+    def status(self) -> int: ...
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
+
+
+class PacketServo(ABC):
+    """A servo below the wire. The bus hands it instructions and steps it."""
+
+    GROUP_READ: ClassVar[Code | None]
+    """The instruction that asks it together with others."""
+    memory: Table
+    firmware: Driven
+
+    def __init__(self, model: ServoModel) -> None:
+        self.model = model
+        self._registered: tuple[int, bytes] | None = None
+        self._deaf_s = 0.0
+
+    @property
+    def servo_id(self) -> int:
+        """The ID that it answers to now."""
+        return self.memory.servo_id
+
+    @property
+    def baud(self) -> int:
+        """The bits per second that it listens and talks at."""
+        return self.memory.baud
+
+    @property
+    @abstractmethod
+    def return_delay_s(self) -> float:
+        """From an instruction to the reply."""
+
+    @property
+    def deaf(self) -> bool:
+        """Whether it is rebooting."""
+        return self._deaf_s > 0.0
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
+        """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""
+        if self._deaf_s > 0.0:
+            self._deaf_s -= dt_s
+        return self.firmware.step(dt_s, angle_rad, velocity_rad_s)
+
+    @abstractmethod
+    def answer(self, instruction: Instruction) -> bytes | None:
+        """Do what one instruction says; the reply, if this servo makes one to it."""
+
+    @abstractmethod
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes of the table from ``address``, the state as of now."""
+
+    @abstractmethod
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire and all that follows from it."""
+
+    def read_status(self, address: int, size: int) -> bytes:
+        """The status packet with ``size`` bytes from ``address``."""
+        return self._status(self.servo_id, self.read(address, size))
+
+    def _status(self, servo_id: int, data: bytes = b"") -> bytes:
+        return status_packet(servo_id, self.firmware.status, data)

@@ -1,0 +1,1 @@
+"""What is inside a virtual STS servo: its table, its millisecond, its motor."""

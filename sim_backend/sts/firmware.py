@@ -1,0 +1,138 @@
+"""The firmware of one virtual STS servo: the compiled millisecond, and what the wire may do to it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.servos import sts
+from drivers.servos.register import Register
+from sim_backend.motor import MotorConstants
+from sim_backend.sts import kernel
+from sim_backend.sts.memory import StsMemory
+from sim_backend.sts.state import States, forget_volatile, new_states, value_of
+
+ENCODER_LAG_S: Final = 0.0018
+"""Of the AS5600's own filter, as fitted to step responses recorded on hardware; its data sheet says about 2 ms."""
+_NOTED: Final = (
+    (sts.goal_position, kernel.GOAL_NOTED),
+    (sts.goal_time, kernel.PWM_NOTED),
+    (sts.goal_velocity, kernel.SPEED_NOTED),
+    (sts.torque_enable, kernel.SWITCH_NOTED),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StsVariant:
+    """How a firmware behaves where reports contradict each other or come from one source alone."""
+
+    goal_write_energises: bool = True
+    """A write of the mode's goal switches torque on."""
+    torque_on_takes_goal: bool = False
+    """Torque that is switched on goes for what the goal register holds, instead of holding the shaft where it is."""
+    forgets_goal_within_tick: bool = True
+    """A goal is lost if another write follows within the same millisecond and leaves the goal alone."""
+
+
+AS_REIMPLEMENTED: Final = StsVariant()
+"""What the reimplemented firmware does."""
+
+
+def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
+    """The record of one servo, cold and without power."""
+    return new_states(
+        torque_constant_nm_a=motor.torque_constant_nm_a,
+        back_emf_v_s=motor.back_emf_v_s,
+        resistance_ohm=motor.resistance_ohm,
+        thermal_resistance_k_w=motor.thermal_resistance_k_w,
+        thermal_time_s=motor.thermal_time_s,
+        ambient_c=motor.ambient_c,
+        temperature_c=motor.ambient_c,
+        encoder_lag_s=ENCODER_LAG_S,
+        goal_write_energises=variant.goal_write_energises,
+        torque_on_takes_goal=variant.torque_on_takes_goal,
+    )
+
+
+class StsFirmware:
+    """The firmware of one servo. ``step`` is called at a fixed rate and must stay cheap."""
+
+    def __init__(self, memory: StsMemory, states: States, voltage_v: float, variant: StsVariant) -> None:
+        self._memory = memory
+        self._states = states
+        self._variant = variant
+        self.voltage_v = voltage_v
+        self.supply_current_a = 0.0
+        """What the motor takes from the supply."""
+        self.restart()
+        self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
+
+    def restart(self) -> None:
+        """Power-on: all state from the registers, the motor free."""
+        states, get = self._states, self._memory.get
+        forget_volatile(states)
+        states["window_ms"] = max(1, 1000 // max(1, get(sts.velocity_unit)))
+        states["lowest_counts_s"] = get(sts.hts) * kernel.SPEED_UNIT
+        states["highest_counts_s"] = get(sts.max_velocity) * kernel.SPEED_UNIT
+        kernel.look(states, self.voltage_v)
+
+    def observe(self, angle_rad: float) -> None:
+        """Take the shaft's angle as it is, at rest: the first look after power-on, or a shaft put there by hand."""
+        self._states["lagged_rad"] = angle_rad
+        kernel.look(self._states, self.voltage_v)
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
+        """``dt_s`` of the loop on the shaft's true state; returns the torque on the shaft, N m."""
+        torque_nm, self.supply_current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
+        return torque_nm
+
+    def note_write(self, address: int, size: int) -> None:
+        """A write happened: the next millisecond looks at which goals it touched."""
+        noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
+        if not self._variant.forgets_goal_within_tick:
+            noted |= self._number("noted")
+        self._states["noted"] = noted
+
+    def forget_turns(self) -> None:
+        """The present angle is within the first turn again."""
+        self._states["recount"] = 1
+
+    @property
+    def raw_count(self) -> int:
+        """The encoder's count within the turn, before the homing offset."""
+        return self._number("raw")
+
+    @property
+    def position(self) -> int:
+        """Where the servo sees its shaft, counts, turns included."""
+        return self._number("position")
+
+    @property
+    def setpoint(self) -> float:
+        """Where its profile wants the shaft now, counts, turns included."""
+        return self._number("setpoint_e4") / kernel.FINE
+
+    @property
+    def status(self) -> int:
+        """What every reply says of the protections."""
+        return self._number("status")
+
+    @property
+    def current_a(self) -> float:
+        """Through the motor, with its direction."""
+        return float(value_of(self._states, "current_a"))
+
+    @property
+    def temperature_c(self) -> float:
+        """Of the motor."""
+        return float(value_of(self._states, "temperature_c"))
+
+    @temperature_c.setter
+    def temperature_c(self, temperature_c: float) -> None:
+        self._states["temperature_c"] = temperature_c
+
+    def _number(self, name: str) -> int:
+        return int(value_of(self._states, name))
+
+
+def touches(address: int, size: int, register: Register) -> bool:
+    """Whether a write of ``size`` bytes from ``address`` on has a byte of ``register``."""
+    return address < register.address + register.size and register.address < address + size

@@ -1,0 +1,135 @@
+"""The control table of one virtual STS servo: who may write what, what power-off forgets.
+
+The table's bytes are those that the firmware works on. Addresses that Feetech's table does not list are kept like
+their neighbours. The lock (register 55) does not stop a write: with the lock closed the write is gone after power-off.
+"""
+
+from typing import Final
+
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from sim_backend.sts.state import TABLE_SIZE, States
+
+READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
+PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
+MIDDLE_SPAN: Final = 2047
+"""The homing offset's largest size: its twelfth bit is the sign."""
+
+FACTORY: Final[dict[Register, int]] = {
+    sts.firmware_major: 3,
+    sts.firmware_minor: 10,
+    sts.status_level: 1,
+    sts.max_position: 4095,
+    sts.max_temperature: 70,
+    sts.max_voltage: 140,
+    sts.min_voltage: 40,
+    sts.max_torque: 1000,
+    sts.phase: 12,  # speeds in counts/s, speed 0 is "as fast as it can"
+    sts.unloading_condition: 44,  # temperature, current, overload
+    sts.led_alarm_condition: 47,
+    sts.position_p: 32,
+    sts.position_d: 32,
+    sts.minimum_startup_force: 16,
+    sts.cw_dead_zone: 1,
+    sts.ccw_dead_zone: 1,
+    sts.protection_current: 310,
+    sts.angular_resolution: 1,
+    sts.protective_torque: 20,
+    sts.protection_time: 200,
+    sts.overload_torque: 80,
+    sts.velocity_p: 10,
+    sts.overcurrent_time: 200,
+    sts.velocity_i: 200,
+    sts.moving_threshold: 2,
+    sts.dts: 20,
+    sts.velocity_unit: 50,
+    sts.hts: 1,
+    sts.max_velocity: 150,
+    sts.max_acceleration: 100,
+    sts.acceleration_multiplier: 1,
+}
+"""Every register that is not here is 0."""
+
+
+class StsMemory:
+    """The bytes that the wire sees, those in flash behind them, and the saved defaults behind these."""
+
+    def __init__(self, model: ServoModel, servo_id: int, states: States) -> None:
+        self._table = memoryview(states["table"][0])
+        self.servo_id = servo_id
+        self.baud = 0
+        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        for register, value in FACTORY.items():
+            self.put(register, value)
+        self.put(sts.model_number, model.number)
+        self.put(sts.servo_id, servo_id)
+        self.save_defaults()
+        self._saved = bytearray(self._table)
+        self.power_up()
+
+    @property
+    def answers(self) -> int:
+        """What is answered: 1 pings and reads, 2 all."""
+        return 2 if self.get(sts.status_level) else 1
+
+    def get(self, register: Register) -> int:
+        """A register's value, decoded."""
+        return register.decode(bytes(self._table[register.address : register.address + register.size]), "little")
+
+    def put(self, register: Register, value: int) -> None:
+        """The firmware's own write: no access rules, volatile."""
+        self._table[register.address : register.address + register.size] = register.encode(value, "little")
+        self._decode()
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes from ``address``, or fewer where the table ends."""
+        return bytes(self._table[address : address + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire. Read-only bytes stay as they are, the others are written."""
+        for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
+            if at not in READ_ONLY:
+                self._write_byte(at, self._sensible(at, value))
+        largest = self._table[sts.max_acceleration.address]
+        if largest and self._table[sts.acceleration.address] > largest:
+            self._table[sts.acceleration.address] = largest
+        self._decode()
+
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        self.put(register, value)
+        span = slice(register.address, register.address + register.size)
+        self._saved[span] = self._table[span]
+
+    def power_up(self) -> None:
+        """What a power-off forgets is as at the beginning, what is saved comes back."""
+        self._table[:] = self._saved
+        for at in set(range(TABLE_SIZE)) - PERSISTENT - set(range(4)):
+            self._table[at] = 0
+        self.put(sts.lock, 1)
+        self.put(sts.torque_limit, self.get(sts.max_torque))
+
+    def save_defaults(self) -> None:
+        """Instruction 9: what the table says now is what instruction 6 brings back."""
+        self._defaults = bytes(self._table)
+
+    def restore_defaults(self) -> None:
+        """Instruction 6: the saved defaults into the flash, except for the ID."""
+        self._saved[:] = self._defaults
+        self._saved[sts.servo_id.address] = self.servo_id
+
+    def _write_byte(self, at: int, value: int) -> None:
+        self._table[at] = value
+        if at in PERSISTENT and not self._table[sts.lock.address]:
+            self._saved[at] = value
+
+    def _sensible(self, at: int, value: int) -> int:
+        """The only two values that the firmware corrects byte by byte."""
+        if at == sts.baud_rate.address and value >= len(sts.BAUD_RATES):
+            return 0
+        return 1 if at == sts.angular_resolution.address and value == 0 else value
+
+    def _decode(self) -> None:
+        """Take ID and baud from the registers."""
+        self.servo_id = self._table[sts.servo_id.address]
+        self.baud = sts.BAUD_RATES[self._table[sts.baud_rate.address]]

@@ -1,0 +1,95 @@
+"""Everything that one virtual STS servo knows, as one record that compiled code can work on.
+
+The first field is the control table itself: the firmware reads its settings from there and shows its state there.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+TABLE_SIZE: Final = 87
+
+States = NDArray[np.void]
+"""An array with one record, or with one for each of several servos."""
+
+_PARAMETERS: Final = (
+    # The motor at the output shaft.
+    ("torque_constant_nm_a", "f8"),
+    ("back_emf_v_s", "f8"),
+    ("resistance_ohm", "f8"),
+    ("thermal_resistance_k_w", "f8"),
+    ("thermal_time_s", "f8"),
+    ("ambient_c", "f8"),
+    ("encoder_lag_s", "f8"),
+    # How this firmware behaves where reports contradict each other.
+    ("goal_write_energises", "i8"),
+    ("torque_on_takes_goal", "i8"),
+    # The world: what power-off does not change.
+    ("temperature_c", "f8"),
+    ("lagged_rad", "f8"),  # the shaft's angle, as the encoder has it by now
+)
+
+_VOLATILE: Final = (
+    ("elapsed_ns", "i8"),  # since the last millisecond
+    ("noted", "i8"),  # which goals the last write touched
+    # Settings that are looked at when power comes on, and never again.
+    ("window_ms", "i8"),
+    ("lowest_counts_s", "i8"),
+    ("highest_counts_s", "i8"),
+    # What it sees (section 6). ``position`` goes on beyond a turn.
+    ("recount", "i8"),  # begin to count turns anew
+    ("mode", "i8"),
+    ("offset", "i8"),
+    ("raw", "i8"),
+    ("reading", "i8"),
+    ("turns", "i8"),
+    ("position", "i8"),
+    ("window_age_ms", "i8"),
+    ("window_position", "i8"),
+    ("window_counts", "i8"),
+    # The profile (section 5): counts, 1/10000 count, 1/10000 count per ms.
+    ("on", "i8"),
+    ("goal", "i8"),
+    ("setpoint_e4", "i8"),
+    ("speed_e4", "i8"),
+    # The loops (sections 3 and 4).
+    ("error_age_ms", "i8"),
+    ("error_then", "i8"),
+    ("error_change", "i8"),
+    ("error_sum", "i8"),
+    ("drive_cut", "i8"),
+    ("integral_cut", "i8"),
+    ("drive", "i8"),
+    # Protection (section 8).
+    ("status", "i8"),
+    ("high_voltage_ms", "i8"),
+    ("hot_ms", "i8"),
+    ("overcurrent_ms", "i8"),
+    ("push", "i8"),  # the direction of a drive that is watched, 0 if none is
+    ("push_ms", "i8"),
+    ("push_position", "i8"),
+    # The motor (sections 2 and 10).
+    ("current_a", "f8"),
+)
+
+STATE: Final = np.dtype([("table", "u1", (TABLE_SIZE,)), *_PARAMETERS, *_VOLATILE], align=True)
+
+
+def new_states(**parameters: float) -> States:
+    """One servo's record; all that is not named is 0."""
+    states = np.zeros(1, STATE)
+    for name, value in parameters.items():
+        states[name] = value
+    return states
+
+
+def forget_volatile(states: States) -> None:
+    """Put everything to 0 that power-off takes away, but for the table."""
+    for name, _ in _VOLATILE:
+        states[name] = 0
+
+
+def value_of(states: States, name: str) -> Any:
+    """One number of the first servo's record."""
+    return states[name][0].item()

@@ -1,0 +1,48 @@
+"""The virtual STS3215 against the figures of the real one."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from bench import fidelity
+
+FIGURES = fidelity.figures()
+
+
+@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name.strip())
+def test_the_figure_is_within_fifteen_percent_or_says_why_not(figure: fidelity.Figure) -> None:
+    assert figure.fits, f"{figure.measured} {figure.unit} instead of {figure.expected}"
+    if figure.reason:  # an exception has its bounds too
+        assert figure.expected is not None
+        assert abs(figure.measured - figure.expected) <= (12 if "1024" in figure.name else 2)
+
+
+def test_the_exceptions_are_few() -> None:
+    assert [figure.name for figure in FIGURES if figure.reason] == [
+        "step of 1024: overshoot",
+        "step of 100: overshoot",
+        "step of 10: ends short by",
+    ]
+
+
+def test_the_table_shows_every_figure_and_every_reason() -> None:
+    text = io.StringIO()
+    fidelity.show(Console(file=text, width=120), FIGURES)
+    assert all(figure.name in text.getvalue() and figure.reason in text.getvalue() for figure in FIGURES)
+
+
+def test_json_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "steps.png"
+    monkeypatch.setattr(fidelity, "figures", lambda: FIGURES[:2])
+    monkeypatch.setattr(sys, "argv", ["bench.fidelity", "--json", "--picture", str(picture)])
+    fidelity.main()
+    told = json.loads(capsys.readouterr().out)
+    assert [figure["name"] for figure in told] == [figure.name for figure in FIGURES[:2]]
+    assert told[0]["ratio"] == FIGURES[0].ratio
+    with Image.open(picture) as image:
+        assert len(image.getcolors(1 << 16)) > 3

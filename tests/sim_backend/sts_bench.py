@@ -1,0 +1,59 @@
+"""One virtual STS servo on a shaft with a load, its registers by name."""
+
+from math import pi
+
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from sim_backend.plant import BenchPlant
+from sim_backend.rig import Rig, Supply
+from sim_backend.servo import VirtualServo
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
+
+DT_S = 0.001
+COUNTS_PER_RAD = 4096 / (2 * pi)
+
+
+class StsBench:
+    """``load_nm`` pulls at the shaft all the time; positive turns it to larger counts."""
+
+    def __init__(
+        self,
+        load_nm: float = 0.0,
+        *,
+        model: ServoModel = sts.STS3215,
+        variant: StsVariant = AS_REIMPLEMENTED,
+        timestep_s: float = DT_S,
+        supply: Supply | None = None,
+    ) -> None:
+        self.plant = BenchPlant([1], timestep_s=timestep_s)
+        self.plant.load_nm = [load_nm]
+        self.servo = VirtualServo(model, 1, variant=variant)
+        self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
+
+    def __setitem__(self, register: Register, value: int) -> None:
+        self.servo.write(register.address, register.encode(value, "little"))
+
+    def __getitem__(self, register: Register) -> int:
+        return register.decode(self.servo.read(register.address, register.size), "little")
+
+    def write(self, address: int, *data: int) -> None:
+        self.servo.write(address, bytes(data))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.rig.timestep_s)):
+            self.rig.step()
+
+    def turn_to(self, count: float) -> None:
+        """By hand, at once; the servo sees it within some milliseconds."""
+        self.plant.place([(count + 0.5) / COUNTS_PER_RAD])
+
+    def held_at(self, count: float, seconds: float) -> None:
+        """Run with the shaft held fast."""
+        for _ in range(round(seconds / self.rig.timestep_s)):
+            self.turn_to(count)
+            self.rig.step()
+
+    def go(self, count: int) -> None:
+        """Write a goal, and let a millisecond pass so that it is taken."""
+        self[sts.goal_position] = count
+        self.run(0.001)
