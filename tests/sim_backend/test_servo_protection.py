@@ -110,6 +110,13 @@ def test_a_torque_limit_below_the_overload_torque_never_overloads() -> None:
     assert _stalled(5.0, torque_limit=790)[sts.status] == 0
 
 
+def test_pwm_mode_reports_an_overload_and_goes_on_driving() -> None:
+    bench = _bench(operating_mode=2)
+    bench[sts.goal_time] = 900
+    bench.held_at(2048, 2.5)
+    assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, 900)
+
+
 def test_what_the_unloading_condition_leaves_out_is_reported_and_does_not_act() -> None:
     bench = _stalled(unloading_condition=0)
     assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, -970)
