@@ -1,11 +1,12 @@
 """The controller interface: the manager's view of a controller, and the context that a controller is built into."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from controller.parameters import Parameters
 from hal.description import Description, HardwareInfo
+from hal.servo_compliance import Compliance
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
@@ -22,6 +23,8 @@ class ControllerContext:
     limits: Mapping[str, JointLimits]
     """The limits, by joint."""
     settled: Settled
+    compliances: Mapping[str, Compliance] = field(default_factory=dict)
+    """How far joints lag behind their commands; a joint that is not named follows at once."""
 
 
 class ControllerType(Protocol):

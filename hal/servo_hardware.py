@@ -7,6 +7,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from hal.activation import Activation
+from hal.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
@@ -38,6 +39,7 @@ class ServoHardware:
         joints: Sequence[Joint],
         open_buses: Callable[[], Bus | Mapping[str, Bus]],
         clock: Clock,
+        compensation: GravityCompensation | None = None,
     ) -> None:
         """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
         self.name = name
@@ -49,6 +51,7 @@ class ServoHardware:
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
         self._clock = clock
+        self._compensation = compensation
         self._period_s = FIRST_PERIOD_S
         self._goals: dict[str, int] = {}
         """Counts by joint name."""
@@ -76,6 +79,8 @@ class ServoHardware:
         buses = self._opened("activate")
         self._states.forget_faults()
         self._goals = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
+        if self._compensation:
+            self._compensation.restart()
         self.state = LifecycleState.ACTIVE
         self.read()
 
@@ -114,8 +119,10 @@ class ServoHardware:
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
-        goals: dict[str, ServoGoal] = {}
-        for joint, position in zip(self._joints, command.values, strict=True):
+        wanted, goals = command.values, dict[str, ServoGoal]()
+        if self._compensation:
+            wanted = wanted + self._compensation.offset(wanted, self._states.position(), command.period_s)
+        for joint, position in zip(self._joints, wanted, strict=True):
             if self._states.missing.get(joint.name, 0) >= WITHHELD_AFTER:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))

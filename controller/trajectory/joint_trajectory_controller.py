@@ -16,6 +16,7 @@ from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
+from hal.servo_compliance import Compliance
 from hal.types import FloatArray, JointLimits, JointState
 
 UNSEEN = 100
@@ -48,8 +49,9 @@ class JointTrajectoryController:
         hardware_joints: Sequence[str],
         settled: Settled,
         endless: Sequence[int] = (),
+        compliances: Sequence[Compliance | None] = (),
     ) -> None:
-        """``limits`` in the order of the joints; ``endless`` are the indices of those without ends."""
+        """``limits`` and ``compliances`` in the order of the joints; ``endless``: indices of those without ends."""
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()
@@ -62,7 +64,8 @@ class JointTrajectoryController:
         self.running = False
         self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
         self._planner.warm_up()
-        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor)
+        known = compliances if parameters.command_lead is None else ()
+        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, known)
         self.scaling = self._sampler.scaling
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
@@ -80,7 +83,8 @@ class JointTrajectoryController:
         kinds = [context.description.joints[joint].kind for joint in parameters.joints]
         endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
         limits = limits_of(parameters.joints, context.limits)
-        return cls(name, parameters, limits, context.component.joints, context.settled, endless)
+        compliances = [context.compliances.get(joint) for joint in parameters.joints]
+        return cls(name, parameters, limits, context.component.joints, context.settled, endless, compliances)
 
     # Called from any thread.
 
@@ -156,7 +160,7 @@ class JointTrajectoryController:
         measured, velocity = state.position[self._index], state.velocity[self._index]
         error = shorter_way(reference.position - measured, self._planner.endless)
         self._execution.cycle(Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances))
-        self.command = sampler.ahead(period_s + parameters.command_lead)
+        self.command = sampler.ahead(period_s + (parameters.command_lead or 0.0))
         self.period_s = period_s
         assert sampler.path is not None, "activated before the first update"
         now = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate

@@ -10,6 +10,7 @@ from controller.motion import Kinematics, MotionError, Path, motion_to, plan_sto
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
 from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
+from hal.servo_compliance import Compliance
 from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 
@@ -43,13 +44,20 @@ class Tracking:
 class TrajectorySampler:
     """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
 
-    def __init__(self, limits: Sequence[JointLimits], initial_scaling: float = 1.0) -> None:
+    def __init__(
+        self, limits: Sequence[JointLimits], initial_scaling: float = 1.0, compliances: Sequence[Compliance | None] = ()
+    ) -> None:
+        """``compliances``: how far each joint lags behind its command; none are given, or None, where it does not."""
         self.scaling = SpeedScaling(limits, initial_scaling)
         self.on_goal = False
         self.elapsed_s = 0.0
         self.path: Path | None = None
         self.rate = 1.0
         self._limits = tuple(limits)
+        known = compliances or [None] * len(limits)
+        self._lag_s = np.array([one.lag_s if one else 0.0 for one in known])
+        self._inertia_s2 = np.array([one.inertia_s2 if one else 0.0 for one in known])
+        self._braking = np.array([0.5 / one.profile_acceleration if one else 0.0 for one in known])
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
         """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
 
@@ -74,9 +82,11 @@ class TrajectorySampler:
         return _moving(self.path, self.elapsed_s, self.rate)
 
     def ahead(self, time_s: float) -> FloatArray:
-        """The reference position so much later (n,)."""
+        """The command that brings joints to the reference so much later (n,): beyond it by as much as they lag."""
         assert self.path is not None, "activated before the first update"
-        return self.path.sample(self.elapsed_s + time_s * self.rate).position
+        to = _moving(self.path, self.elapsed_s + time_s * self.rate, self.rate)
+        lag = (self._lag_s + self._braking * np.abs(to.velocity)) * to.velocity + self._inertia_s2 * to.acceleration
+        return self._inside(to.position + lag) if lag.any() else to.position
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
         """Set out on another path, which begins at ``reference``."""

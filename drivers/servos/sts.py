@@ -99,6 +99,9 @@ STATUS_BITS: Final = {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "cur
 VOLTAGE_UNIT_V: Final = 0.1
 TORQUE_UNIT: Final = 0.001
 ACCELERATION_UNIT_COUNTS_S2: Final = 100
+GOAL_ACCELERATION: Final = 100
+"""What every goal brings along for ``acceleration``. Zero would mean another acceleration in each servo, the product of
+85 and 86; so much can every one that has 0, or the factory's 100 or more, in 85."""
 CURRENT_UNIT_A: Final = 0.0065
 
 KG_CM: Final = 0.0980665

@@ -21,7 +21,7 @@ from hal.types import FloatArray, JointState
 from servoloop.demo.following_error import reference_at
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
-from servoloop.hardware import servo_bus
+from servoloop.hardware import compensation, compliances, servo_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
@@ -131,7 +131,13 @@ class StackRig:
         components = ComponentSet(self.made, self.clock)
         limits = self.files.limits
         self.manager = ControllerManager(components, limits)
-        context = ControllerContext(self.files.description, self.files.component, limits, self.manager.cycle.settled)
+        context = ControllerContext(
+            self.files.description,
+            self.files.component,
+            limits,
+            self.manager.cycle.settled,
+            compliances(self.files.robot.joints),
+        )
         factory = Factory(self.files.controllers, context)
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
@@ -157,7 +163,9 @@ class StackRig:
         def open_buses() -> dict[str, Bus]:
             return {name: bus for name, bus in self._open_buses().items() if name in names}
 
-        made = ServoHardware(component.name, joints, open_buses, self.clock)
+        made = ServoHardware(
+            component.name, joints, open_buses, self.clock, compensation(joints, self.files.description)
+        )
         made.interpolate = interpolate
         return made
 
