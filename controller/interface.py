@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from controller.parameters import Parameters
 from hal.description import Description, HardwareInfo
-from hal.servo_compliance import Compliance
+from hal.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
@@ -24,7 +24,11 @@ class ControllerContext:
     """The limits, by joint."""
     settled: Settled
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
-    """How far joints lag behind their commands; a joint that is not named follows at once."""
+    """How far servos give way and lag; a joint that is not named follows its command at once."""
+
+    def lags(self, joints: Sequence[str]) -> FloatArray:
+        """How far these joints lag, for the trajectory sampler."""
+        return lags([self.compliances.get(joint) for joint in joints])
 
 
 class ControllerType(Protocol):

@@ -12,7 +12,8 @@ import numpy as np
 
 from hal.gravity import Gravity
 from hal.joint import Joint
-from hal.types import FloatArray
+from hal.servo_states import ServoStates
+from hal.types import FloatArray, JointCommand
 
 FADE_IN_S: Final = 1.0
 """The offsets grow from zero in this time after activation, which itself moves nothing."""
@@ -33,6 +34,7 @@ class GravityCompensation:
         """``gravity`` has the joints in the same order; None: the slow correction alone."""
         known = [joint.compliance if joint.gravity_compensation else None for joint in joints]
         limits = [joint.limits for joint in joints]
+        self._joints = tuple(joints)
         self._gravity = gravity
         self._softness = np.array([1.0 / one.stiffness if one else 0.0 for one in known])
         self._load = np.array([LARGEST_LOAD * joint.full_effort * joint.torque_limit for joint in joints])
@@ -49,6 +51,12 @@ class GravityCompensation:
         self._correction = np.zeros(len(self._softness))
         self._rested_s = np.zeros(len(self._softness))
         self._command: FloatArray | None = None
+
+    def compensated(self, command: JointCommand, states: ServoStates) -> FloatArray:
+        """The positions for the servos, where the gate let ``command`` pass."""
+        counts = {name: at for name, at in states.measured.items() if name not in states.missing}
+        measured = [j.position(counts[j.name]) if j.name in counts else math.nan for j in self._joints]
+        return command.values + self.offset(command.values, np.array(measured), command.period_s)
 
     def offset(self, command: FloatArray, measured: FloatArray, dt_s: float) -> FloatArray:
         """What to add to ``command``, which has passed the gate; ``measured`` is NaN where the servo is missing.

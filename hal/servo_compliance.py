@@ -5,11 +5,15 @@ and full drive is the stall torque; the damper is the motor's back-EMF, which at
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
+from hal.types import FloatArray
 
 STS_P_GAIN: Final = 32
 """The factory's."""
@@ -26,7 +30,8 @@ STS_FRICTION_SHARE: Final = 0.04
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
 """By e-manual: P gain / 128 units of PWM a count."""
-X_DEAD_BAND_COUNTS: Final = 1.0
+X_DEAD_BAND_COUNTS: Final = 2.0
+"""It has no dead zone, but steps of a count in what it measures and in what it is told."""
 X_FRICTION_SHARE: Final = 0.04
 """Assumed, as in the STS. The rotor's inertia is unknown too, and taken for none."""
 
@@ -52,6 +57,15 @@ class Compliance:
     def uncorrected(self) -> float:
         """The largest error at rest that dead band and friction leave, whichever side the joint came from."""
         return self.dead_band + 2.0 * self.friction / self.stiffness
+
+
+def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
+    """Three rows, each (n,), that say how far joints lag: zeros where nothing is known.
+
+    It is the first times the speed, the second times the speed's square, and the third times the acceleration.
+    """
+    known = [(one.lag_s, 0.5 / one.profile_acceleration, one.inertia_s2) if one else (0.0,) * 3 for one in compliances]
+    return np.array(known).T
 
 
 def compliance_of(model: ServoModel, position_p: int | None = None, transmission: float = 1.0) -> Compliance | None:

@@ -119,9 +119,8 @@ class ServoHardware:
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
-        wanted, goals = command.values, dict[str, ServoGoal]()
-        if self._compensation:
-            wanted = wanted + self._compensation.offset(wanted, self._states.position(), command.period_s)
+        goals: dict[str, ServoGoal] = {}
+        wanted = self._compensation.compensated(command, self._states) if self._compensation else command.values
         for joint, position in zip(self._joints, wanted, strict=True):
             if self._states.missing.get(joint.name, 0) >= WITHHELD_AFTER:
                 continue

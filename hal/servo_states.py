@@ -12,7 +12,7 @@ from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.clock import Clock
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
-from hal.types import FloatArray, JointFault, JointState, ServoHealth
+from hal.types import JointFault, JointState, ServoHealth
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -38,11 +38,6 @@ class ServoStates:
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
         self._last = self._unknown()
-
-    def position(self) -> FloatArray:
-        """The joints' measured positions (n,); NaN where a servo is missing."""
-        missing = [joint.name in self.missing or joint.name not in self.measured for joint in self._joints]
-        return np.where(missing, np.nan, self._last.position)
 
     def reset(self) -> None:
         """Forget all that is known of the joints."""

@@ -16,7 +16,6 @@ from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
-from hal.servo_compliance import Compliance
 from hal.types import FloatArray, JointLimits, JointState
 
 UNSEEN = 100
@@ -49,9 +48,9 @@ class JointTrajectoryController:
         hardware_joints: Sequence[str],
         settled: Settled,
         endless: Sequence[int] = (),
-        compliances: Sequence[Compliance | None] = (),
+        lags: FloatArray | None = None,
     ) -> None:
-        """``limits`` and ``compliances`` in the order of the joints; ``endless``: indices of those without ends."""
+        """``limits`` in the order of the joints; ``endless``: those without ends; ``lags``: the sampler's."""
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()
@@ -64,8 +63,7 @@ class JointTrajectoryController:
         self.running = False
         self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
         self._planner.warm_up()
-        known = compliances if parameters.command_lead is None else ()
-        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, known)
+        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, lags)
         self.scaling = self._sampler.scaling
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
@@ -83,8 +81,8 @@ class JointTrajectoryController:
         kinds = [context.description.joints[joint].kind for joint in parameters.joints]
         endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
         limits = limits_of(parameters.joints, context.limits)
-        compliances = [context.compliances.get(joint) for joint in parameters.joints]
-        return cls(name, parameters, limits, context.component.joints, context.settled, endless, compliances)
+        lags = context.lags(parameters.joints) if parameters.command_lead is None else None
+        return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
 
     # Called from any thread.
 

@@ -10,7 +10,6 @@ from controller.motion import Kinematics, MotionError, Path, motion_to, plan_sto
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
 from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
-from hal.servo_compliance import Compliance
 from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 
@@ -44,20 +43,15 @@ class Tracking:
 class TrajectorySampler:
     """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
 
-    def __init__(
-        self, limits: Sequence[JointLimits], initial_scaling: float = 1.0, compliances: Sequence[Compliance | None] = ()
-    ) -> None:
-        """``compliances``: how far each joint lags behind its command; none are given, or None, where it does not."""
-        self.scaling = SpeedScaling(limits, initial_scaling)
+    def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
+        """``lags``: those of hal.servo_compliance, how far the joints lag behind their commands; unless said, not."""
+        self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0
         self.path: Path | None = None
         self.rate = 1.0
         self._limits = tuple(limits)
-        known = compliances or [None] * len(limits)
-        self._lag_s = np.array([one.lag_s if one else 0.0 for one in known])
-        self._inertia_s2 = np.array([one.inertia_s2 if one else 0.0 for one in known])
-        self._braking = np.array([0.5 / one.profile_acceleration if one else 0.0 for one in known])
+        self._lag_s, self._braking, self._inertia_s2 = np.zeros((3, len(limits))) if lags is None else lags
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
         """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
 
@@ -76,15 +70,14 @@ class TrajectorySampler:
                 self.scaling.idle()
         return self.reference()
 
-    def reference(self) -> Kinematics:
-        """The reference of now: where the joints are to be, and how they are to move."""
+    def reference(self, later_s: float = 0.0) -> Kinematics:
+        """The reference of now, or later: where the joints are to be, and how they are to move."""
         assert self.path is not None, "activated before the first update"
-        return _moving(self.path, self.elapsed_s, self.rate)
+        return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
     def ahead(self, time_s: float) -> FloatArray:
         """The command that brings joints to the reference so much later (n,): beyond it by as much as they lag."""
-        assert self.path is not None, "activated before the first update"
-        to = _moving(self.path, self.elapsed_s + time_s * self.rate, self.rate)
+        to = self.reference(time_s)
         lag = (self._lag_s + self._braking * np.abs(to.velocity)) * to.velocity + self._inertia_s2 * to.acceleration
         return self._inside(to.position + lag) if lag.any() else to.position
 

@@ -20,7 +20,7 @@ from tests.stack.trip import (
 
 def up() -> StackRig:
     rig = StackRig().up()
-    rig.run(0.5)
+    rig.run(3.0)  # the arm rests
     return rig
 
 
