@@ -172,7 +172,7 @@ def compensation(joints: Sequence[Joint], description: Description) -> GravityCo
         return None
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
-        LOG.info("%s: how stiff the servo is is not known, its sag and its lag are not compensated", names)
+        LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
     return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
 
 

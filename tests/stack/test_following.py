@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.servos import sts
 from hal.description import Description
 from hal.gravity import Gravity
 from hal.gravity_compensation import GravityCompensation
@@ -91,6 +92,18 @@ def test_the_slow_correction_does_what_the_masses_do_not_explain(robot: Path) ->
     assert max(following(robot, make=loaded).at_rest_rad) < 0.8 * max(
         following(robot, make=loaded_known_only).at_rest_rad
     )
+
+
+def test_after_switching_on_the_offsets_come_slowly() -> None:
+    rig = StackRig().up()
+    goals = [[servo.memory.get(sts.goal_position) for servo in rig.bus.servos]]
+    for _ in range(40):
+        rig.run(rig.loop.period_s)
+        goals.append([servo.memory.get(sts.goal_position) for servo in rig.bus.servos])
+    steps = np.abs(np.diff(goals, axis=0))
+    assert steps[0].max() <= 1  # of an arm that sank between its measurements
+    assert steps.max() <= 3
+    assert np.abs(np.subtract(goals[-1], goals[0])).max() > 20
 
 
 def test_an_arm_at_rest_stays_at_rest(robot: Path) -> None:
