@@ -107,7 +107,7 @@ def test_a_servo_is_told_to_take_the_whole_period(period_s: float) -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE + at(0.06, -0.03, 0.0), period_s))
     for way, speed in zip((39, 20, 0), speeds(bench), strict=True):
-        assert way / period_s < speed <= way / period_s * 1.1 + 25
+        assert way / period_s < speed <= way / period_s * 1.2 + 25
 
 
 def test_a_servo_that_need_not_move_is_never_told_to_be_as_fast_as_it_can() -> None:
