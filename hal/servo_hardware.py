@@ -15,11 +15,11 @@ from hal.servo_setup import ServoSetup
 from hal.servo_states import WITHHELD_AFTER, ServoStates
 from hal.types import JointCommand, JointState
 
-INTERPOLATION_MARGIN = 1.2
-"""The servo is told to be faster than needed: what it is behind while it moves has to be made up when it slows down."""
+INTERPOLATION_MARGIN = 1.05
+"""The servo is told to be a little faster than needed, so that what it lags behind is made up."""
 INTERPOLATION_FLOOR_COUNTS_S = 20
-CATCH_UP_S = 0.5
-"""In about this time a servo that lies behind its goal is to be there."""
+CATCH_UP_S = 0.2
+"""In about this time a servo that lies behind its goal is to be there, as far as its joint's velocity allows."""
 READ_SHARE = 0.5
 """The share of the period that a read may take where nobody gave it a deadline."""
 FIRST_PERIOD_S = 0.05

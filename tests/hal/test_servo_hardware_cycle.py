@@ -107,7 +107,7 @@ def test_a_servo_is_told_to_take_the_whole_period(period_s: float) -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE + at(0.06, -0.03, 0.0), period_s))
     for way, speed in zip((39, 20, 0), speeds(bench), strict=True):
-        assert way / period_s < speed <= way / period_s * 1.2 + 25
+        assert way / period_s < speed <= way / period_s * 1.1 + 25
 
 
 def test_a_servo_that_need_not_move_is_never_told_to_be_as_fast_as_it_can() -> None:
@@ -282,7 +282,7 @@ def missed_goals(*, interpolate: bool) -> Bench:
 
 
 @pytest.mark.parametrize("interpolate", [True, False])
-def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: bool) -> None:
+def test_a_servo_that_comes_back_catches_up_and_does_not_leap(interpolate: bool) -> None:
     """A resting goal needs no speed; where the servo is does. It must neither creep nor leap."""
     bench = missed_goals(interpolate=interpolate)
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
