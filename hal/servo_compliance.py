@@ -36,9 +36,6 @@ X_FRICTION_SHARE: Final = 0.04
 """Assumed, as in the STS. The rotor's inertia is unknown too, and taken for none."""
 
 
-NO_LAG: Final = 0.0, math.inf, 0.0
-
-
 @dataclass(frozen=True, slots=True)
 class Compliance:
     """A joint's compliance, in rad and N m, or m and N for a prismatic joint."""
@@ -50,7 +47,7 @@ class Compliance:
     inertia_s2: float
     """The rotor's inertia over stiffness: times the acceleration, it is so far behind."""
     profile_acceleration: float
-    """A stream of goals is followed by the way that braking takes behind, as the servo means to stop at each goal."""
+    """A stream of goals with speed v is followed v² / (2 * this) behind, as the servo means to stop at each goal."""
     dead_band: float
     """An error of so much is not corrected by the servo."""
     friction: float
@@ -63,8 +60,11 @@ class Compliance:
 
 
 def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
-    """Three rows, each (n,): ``lag_s``, ``profile_acceleration``, ``inertia_s2``; where nothing is known, no lag."""
-    known = [(one.lag_s, one.profile_acceleration, one.inertia_s2) if one else NO_LAG for one in compliances]
+    """Three rows, each (n,), that say how far joints lag: zeros where nothing is known.
+
+    It is the first times the speed, the second times the speed's square, and the third times the acceleration.
+    """
+    known = [(one.lag_s, 0.5 / one.profile_acceleration, one.inertia_s2) if one else (0.0,) * 3 for one in compliances]
     return np.array(known).T
 
 

@@ -18,8 +18,8 @@ from hal.types import JointCommand, JointState
 INTERPOLATION_MARGIN = 1.05
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
 INTERPOLATION_FLOOR_COUNTS_S = 20
-CATCH_UP_S = 0.2
-"""In about this time a servo that lies behind its goal is to be there, as far as its joint's velocity allows."""
+CATCH_UP_S = 0.5
+"""In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
 """The share of the period that a read may take where nobody gave it a deadline."""
 FIRST_PERIOD_S = 0.05
@@ -144,9 +144,9 @@ class ServoHardware:
         measured = self._states.measured.get(joint.name)
         if not self.interpolate and measured is not None and abs(held - measured) <= reach:
             return 0
-        limit = joint.limits.velocity / abs(joint.units_per_count)
-        speed = min(abs(counts - held) / self._period_s * INTERPOLATION_MARGIN, limit) + INTERPOLATION_FLOOR_COUNTS_S
+        speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
         if measured is not None:
+            limit = joint.limits.velocity / abs(joint.units_per_count)
             speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
         return min(round(speed), 32767)
 

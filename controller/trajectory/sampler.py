@@ -10,7 +10,6 @@ from controller.motion import Kinematics, MotionError, Path, motion_to, plan_sto
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
 from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
-from hal.servo_compliance import NO_LAG
 from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 
@@ -52,8 +51,7 @@ class TrajectorySampler:
         self.path: Path | None = None
         self.rate = 1.0
         self._limits = tuple(limits)
-        known = np.array(NO_LAG)[:, None] if lags is None else lags
-        self._lag_s, self._braking, self._inertia_s2 = known
+        self._lag_s, self._braking, self._inertia_s2 = np.zeros((3, len(limits))) if lags is None else lags
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
         """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
 
@@ -80,10 +78,8 @@ class TrajectorySampler:
     def ahead(self, time_s: float) -> FloatArray:
         """The command that brings joints to the reference so much later (n,): beyond it by as much as they lag."""
         to = self.reference(time_s)
-        # A servo means to stop at each goal: it brakes for half of the period, and speeds up when the next goal comes.
-        slowest = np.maximum(np.abs(to.velocity) - 0.25 * self._braking * time_s, 0.0)
-        lag = self._lag_s * to.velocity + np.copysign(slowest**2 / (2.0 * self._braking), to.velocity)
-        return self._inside(to.position + lag + self._inertia_s2 * to.acceleration)
+        lag = (self._lag_s + self._braking * np.abs(to.velocity)) * to.velocity + self._inertia_s2 * to.acceleration
+        return self._inside(to.position + lag) if lag.any() else to.position
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
         """Set out on another path, which begins at ``reference``."""

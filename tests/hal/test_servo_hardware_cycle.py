@@ -282,7 +282,7 @@ def missed_goals(*, interpolate: bool) -> Bench:
 
 
 @pytest.mark.parametrize("interpolate", [True, False])
-def test_a_servo_that_comes_back_catches_up_and_does_not_leap(interpolate: bool) -> None:
+def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: bool) -> None:
     """A resting goal needs no speed; where the servo is does. It must neither creep nor leap."""
     bench = missed_goals(interpolate=interpolate)
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
