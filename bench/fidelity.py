@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from math import cos, pi, sin, sqrt
 from pathlib import Path
+from struct import pack
 
 from rich.console import Console
 from rich.table import Table
@@ -18,7 +19,7 @@ from rich.table import Table
 from bench.arguments import in_words
 from bench.curves import draw
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
+from drivers.protocol import v1
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.bus import VirtualBus
@@ -67,7 +68,8 @@ class Bench:
         self.plant.load_nm = [load_nm]
         self.clock = SimulatedClock(0.0)
         line = VirtualBus.of(self.plant, model, supply=Supply(model.rated_voltage_v, 0.0), paced=False)
-        self.bus = Bus(VirtualPort(line, self.clock), self.clock, {1: model})
+        self.port = VirtualPort(line, self.clock)
+        self.bus = Bus(self.port, self.clock, {1: model})
         self.held = False
         self.wait(0.1)
 
@@ -91,6 +93,12 @@ class Bench:
         """Write one register, and let the servo see it."""
         self.bus.write(1, register, value)
         self.wait(0.001)
+
+    def go(self, position: int, speed_counts_s: int) -> None:
+        """Write a goal with acceleration 0, which the driver's own goals do not have."""
+        size = sts.goal_velocity.address + sts.goal_velocity.size - sts.acceleration.address
+        goal = pack("<BBHHH", 1, 0, position, 0, speed_counts_s)
+        self.port.write(v1.sync_write(sts.acceleration.address, size, goal))
 
     def read(self, register: Register) -> int:
         """Read one register."""
@@ -170,7 +178,7 @@ def behind(
     for number in range(round(seconds * 50)):
         begin_s = number / 50
         # The servo takes 0 for as fast as it can.
-        bench.bus.write_goals({1: ServoGoal(round(path(begin_s)), max(1, round(abs(speed(begin_s)))))})
+        bench.go(round(path(begin_s)), max(1, round(abs(speed(begin_s)))))
         counts += [path(begin_s + 0.001 * (1 + ms)) - count for ms, count in enumerate(bench.trace(20))]
     return counts
 

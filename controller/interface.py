@@ -1,11 +1,12 @@
 """The controller interface: the manager's view of a controller, and the context that a controller is built into."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from controller.parameters import Parameters
 from hal.description import Description, HardwareInfo
+from hal.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
@@ -22,6 +23,12 @@ class ControllerContext:
     limits: Mapping[str, JointLimits]
     """The limits, by joint."""
     settled: Settled
+    compliances: Mapping[str, Compliance] = field(default_factory=dict)
+    """How far servos give way and lag; a joint that is not named follows its command at once."""
+
+    def lags(self, joints: Sequence[str]) -> FloatArray:
+        """How far these joints lag, for the trajectory sampler."""
+        return lags([self.compliances.get(joint) for joint in joints])
 
 
 class ControllerType(Protocol):

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from drivers.servos.register import ServoModel
+from hal.servo_compliance import Compliance, compliance_of
 from hal.types import JointLimits
 
 
@@ -26,6 +27,10 @@ class Joint:
     """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""
     """The name of the bus that the servo is on; empty where there is only one."""
+    position_p: int | None = None
+    """The servo's position P gain, where the robot file chose one."""
+    gravity_compensation: bool = True
+    """Whether the servo's goals may differ from the commands to make up for what it gives way under load."""
 
     @property
     def address(self) -> str:
@@ -41,6 +46,11 @@ class Joint:
     def full_effort(self) -> float:
         """N m or N at full drive and standstill."""
         return self.model.stall_torque_nm / self.transmission
+
+    @property
+    def compliance(self) -> Compliance | None:
+        """How far the joint gives way and lags; None where nobody knows."""
+        return compliance_of(self.model, self.position_p, self.transmission)
 
     def position(self, counts: int) -> float:
         """Joint position in rad or m."""

@@ -83,6 +83,8 @@ class RobotFile(_Strict):
     joints: dict[str, JointFile]
     on_exit: ExitFile = ExitFile()
     park: ParkFile | None = None
+    gravity_compensation: bool = True
+    """Whether the servos' goals make up for what the servos give way under load."""
     controller_defaults: dict[str, dict[str, Any]] = {}
 
     def lines(self) -> dict[str, BusFile]:
@@ -280,4 +282,6 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         transmission=file.metres_per_radian or 1.0,
         torque_limit=file.torque_limit,
         bus=bus,
+        position_p=file.position_p,
+        gravity_compensation=robot.gravity_compensation,
     )

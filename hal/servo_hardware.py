@@ -7,6 +7,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from hal.activation import Activation
+from hal.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
@@ -14,7 +15,7 @@ from hal.servo_setup import ServoSetup
 from hal.servo_states import ServoStates
 from hal.types import JointCommand, JointState
 
-INTERPOLATION_MARGIN = 1.05
+INTERPOLATION_MARGIN = 1.1
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
 INTERPOLATION_FLOOR_COUNTS_S = 20
 CATCH_UP_S = 0.5
@@ -38,6 +39,7 @@ class ServoHardware:
         joints: Sequence[Joint],
         open_buses: Callable[[], Bus | Mapping[str, Bus]],
         clock: Clock,
+        compensation: GravityCompensation | None = None,
     ) -> None:
         """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
         self.name = name
@@ -49,6 +51,7 @@ class ServoHardware:
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
         self._clock = clock
+        self._compensation = compensation
         self._period_s = FIRST_PERIOD_S
         self._goals: dict[str, int] = {}
         """Counts by joint name."""
@@ -76,6 +79,8 @@ class ServoHardware:
         buses = self._opened("activate")
         self._states.faults.forget()
         self._goals = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
+        if self._compensation is not None:
+            self._compensation.restart()
         self.state = LifecycleState.ACTIVE
         self.read()
 
@@ -114,7 +119,8 @@ class ServoHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
-        for joint, position in zip(self._joints, command.values, strict=True):
+        wanted = command.values if self._compensation is None else command.values + self._compensation.offsets
+        for joint, position in zip(self._joints, wanted, strict=True):
             if joint.name in self._states.faults.withheld:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
@@ -124,7 +130,11 @@ class ServoHardware:
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
         # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
         self._goals |= {name: goal.position_counts for name, goal in goals.items()}
-        self._opened("write").write_goals(goals)
+        try:
+            self._opened("write").write_goals(goals)
+        finally:
+            if self._compensation is not None:
+                self._compensation.update(command, self._states)  # for the next command
 
     def _speed(self, joint: Joint, counts: int, reach: int) -> int:
         """Counts/s. ``reach``: counts that the joint may go in one period.

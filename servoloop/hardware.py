@@ -1,6 +1,7 @@
 """The choice of the hardware: servos on a port, the arm in MuJoCo, the mock, or a user's own. Nothing else differs."""
 
-from collections.abc import Callable, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,19 +16,24 @@ from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from hal.component_set import ComponentSet
-from hal.description import Vector
+from hal.description import Description, Vector
 from hal.errors import DescriptionError, HalError
+from hal.gravity import Gravity
+from hal.gravity_compensation import GravityCompensation
 from hal.hardware import Hardware
 from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.kinematics import Quaternion
 from hal.mock_hardware import MockHardware
 from hal.robot import RobotFile, require_positions
+from hal.servo_compliance import Compliance
 from hal.servo_hardware import ServoHardware
 from servoloop.files import Files
 from servoloop.line_rate import Line
 from servoloop.ports import world_feed
 from sim_backend.world_feed import WorldFeedClient
+
+LOG = logging.getLogger("servoloop")
 
 Pose = tuple[Vector, Quaternion]
 AnyLine = TypeVar("AnyLine", bound=Line)
@@ -65,6 +71,8 @@ class HardwareSetup:
     """By name, those that components have opened so far."""
     rates_hz: Mapping[str, float]
     """By bus: how often its servos are read and written."""
+    compliances: Mapping[str, Compliance]
+    """How far servos lag, by joint, as far as is known."""
 
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
@@ -98,7 +106,14 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
         for joint in files.robot.joints
         if joint.name in component.joints
     }
-    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, buses, rates_hz)
+    driven = {joint for one in made if isinstance(one, ServoHardware) for joint in one.joints}
+    lagging = compliances(joint for joint in files.robot.joints if joint.name in driven)
+    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, buses, rates_hz, lagging)
+
+
+def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
+    """How far servos lag, by joint, as far as is known."""
+    return {joint.name: joint.compliance for joint in joints if joint.compliance is not None}
 
 
 def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
@@ -140,8 +155,25 @@ def _made(
     names = list(dict.fromkeys(joint.bus for joint in joints))
 
     return ServoHardware(
-        component.name, joints, lambda: _noted(open_buses(files.robot.file, devices, clock, names), opened), clock
+        component.name,
+        joints,
+        lambda: _noted(open_buses(files.robot.file, devices, clock, names), opened),
+        clock,
+        compensation(joints, files.description),
     )
+
+
+def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
+    """The gravity compensation of a component's joints; None where the robot file does without.
+
+    Joints of whose servos too little is known are named in the log.
+    """
+    if not any(joint.gravity_compensation for joint in joints):
+        return None
+    if unknown := [joint.name for joint in joints if joint.compliance is None]:
+        names = ", ".join(unknown)
+        LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
+    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
 
 
 def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str, AnyLine]:

@@ -159,7 +159,9 @@ def _loop(
     setup: HardwareSetup, files: Files, keep_alive: bool, worker: BackgroundWorker
 ) -> tuple[ControlLoop, Factory]:
     manager = ControllerManager(setup.hardware, files.limits)
-    context = ControllerContext(files.description, files.component, files.limits, manager.cycle.settled)
+    context = ControllerContext(
+        files.description, files.component, files.limits, manager.cycle.settled, setup.compliances
+    )
     factory = Factory(files.controllers, context)
     factory.fill(manager)
     period_s = 1.0 / files.controllers.update_rate_hz

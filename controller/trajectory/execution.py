@@ -3,15 +3,13 @@
 import logging
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
 from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
-from controller.motion import Kinematics, MotionError, Path, stretched
+from controller.motion import MotionError, Path, stretched
+from controller.trajectory.active_goal import ActiveGoal, Cycle
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import Plan
 from controller.trajectory.goal_result import (
@@ -22,57 +20,17 @@ from controller.trajectory.goal_result import (
     path_violated,
     result_at_end,
 )
-from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances, excess, resolve
-from hal.types import FloatArray, JointState
 
 LOG = logging.getLogger("servoloop.controller")
 
 CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
-LONGEST_REST_S: Final = 0.5
-"""So long after its stop a goal ends at the latest, whether the joints rest or swing."""
 LATE_S: Final = 0.001
 """From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
 RECALL_S: Final = 0.05
 """So long after its beginning a goal can be made to wait after all, and one cycle at least: a command that was sent to
 another controller in the same instant as the goal may arrive just behind it. The arm has hardly begun by then."""
-
-
-@dataclass(slots=True)
-class _Active:
-    """The goal under way; until it has ``begun`` it waits for other controllers."""
-
-    handle: GoalHandle
-    plan: Plan
-    tolerances: Tolerances
-    fault_timeout: FaultTimeout
-    waited_s: float
-    """Seconds since the cycle for which the goal was planned."""
-    begun: bool = False
-    recall_s: float = 0.0
-    """Seconds for which the goal can still be made to wait."""
-    ending: GoalResult | None = None
-    """How the goal ends once the joints rest."""
-    stood_s: float = 0.0
-    """Seconds since their reference stands."""
-    was: FloatArray | None = None
-    """Where they were measured in the last cycle (n,)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cycle:
-    """One cycle of the controller; arrays (n,), ``error`` is the reference less what was measured."""
-
-    state: JointState
-    reference: Kinematics
-    measured: FloatArray
-    error: FloatArray
-    step_s: float
-    period_s: float
-    parameters: TrajectoryParameters
-    tolerances: Tolerances
-    """The defaults for goals that bring none."""
 
 
 class Execution:
@@ -85,7 +43,7 @@ class Execution:
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
-        self._active: _Active | None = None
+        self._active: ActiveGoal | None = None
 
     def submit(self, handle: GoalHandle, plan: Plan) -> None:
         """A goal that takes the place of the one under way."""
@@ -131,18 +89,15 @@ class Execution:
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
-    def _end(self, active: _Active, result: GoalResult) -> None:
+    def _end(self, active: ActiveGoal, result: GoalResult) -> None:
         """Tell the client; an end that has come before is the one."""
         end = active.ending or result
         active.handle.decide(end.status, end.error_code, end.text)
         self._active = None
 
-    def _come_to_rest(self, active: _Active, ending: GoalResult, now: Cycle) -> None:
+    def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle) -> None:
         """A client may plan from where the joints are when it hears of its goal's end: that is told once they rest."""
-        resting = active.was is not None and bool((np.abs(now.measured - active.was) <= self._sampler.still).all())
-        active.was = now.measured
-        active.stood_s += now.step_s if self._sampler.stands else 0.0
-        if self._sampler.stands and (resting or active.stood_s > LONGEST_REST_S):
+        if active.rests(now, self._sampler.still, self._sampler.stands):
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
@@ -160,7 +115,7 @@ class Execution:
                 text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
                 self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
             tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
-            self._active = _Active(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
+            self._active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # a newer one has come already: this one is not worth beginning
             if self._ready(now):
@@ -178,7 +133,7 @@ class Execution:
             LOG.error("%s: %s. Using default tolerances.", self._name, error)
             return default
 
-    def _begin(self, active: _Active, now: Cycle) -> None:
+    def _begin(self, active: ActiveGoal, now: Cycle) -> None:
         # A stamp is a point in time: waiting has brought it nearer.
         waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
         try:
@@ -192,7 +147,7 @@ class Execution:
         active.begun = True
         self._sampler.follow(path, now.reference)
 
-    def _go_on(self, active: _Active, now: Cycle) -> None:
+    def _go_on(self, active: ActiveGoal, now: Cycle) -> None:
         if active.ending:
             self._come_to_rest(active, active.ending, now)
         elif fault := self._lasting_fault(active, now):
@@ -213,7 +168,7 @@ class Execution:
         return path_violated(off) if off else None
 
     @staticmethod
-    def _lasting_fault(active: _Active, now: Cycle) -> str | None:
+    def _lasting_fault(active: ActiveGoal, now: Cycle) -> str | None:
         if not now.state.faults and not active.fault_timeout.cycles:
             return None
         return active.fault_timeout.lasting(now.state.faults, now.period_s)
@@ -221,14 +176,14 @@ class Execution:
     def _ready(self, now: Cycle) -> bool:
         return all(map(self._others_settled, now.parameters.wait_for))
 
-    def _recalled(self, active: _Active, now: Cycle) -> bool:
+    def _recalled(self, active: ActiveGoal, now: Cycle) -> bool:
         """Whether a goal has to wait although it has just begun."""
         active.recall_s -= now.step_s
         active.waited_s += now.step_s
         active.begun = self._ready(now)
         return not active.begun
 
-    def _wait(self, active: _Active, now: Cycle) -> None:
+    def _wait(self, active: ActiveGoal, now: Cycle) -> None:
         """Begin when the others have settled."""
         ready = self._ready(now)
         late = active.waited_s >= now.parameters.wait_for_timeout
@@ -239,7 +194,7 @@ class Execution:
         else:
             active.waited_s += now.step_s
 
-    def _finish(self, active: _Active, result: GoalResult, now: Cycle) -> None:
+    def _finish(self, active: ActiveGoal, result: GoalResult, now: Cycle) -> None:
         if result.status is GoalStatus.ABORTED:
             LOG.error("%s: %s", self._name, result.text)
         if result.give_way and now.parameters.constraints.decelerate_on_cancel:

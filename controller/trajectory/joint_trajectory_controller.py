@@ -10,7 +10,8 @@ from controller.action_goals import DEACTIVATED, LONGEST_STEP, NOT_RUNNING, Goal
 from controller.interface import ControllerContext, Settled, indices, limits_of
 from controller.motion import Kinematics
 from controller.parameters import Parameters
-from controller.trajectory.execution import Cycle, Execution
+from controller.trajectory.active_goal import Cycle
+from controller.trajectory.execution import Execution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
@@ -48,8 +49,9 @@ class JointTrajectoryController:
         hardware_joints: Sequence[str],
         settled: Settled,
         endless: Sequence[int] = (),
+        lags: FloatArray | None = None,
     ) -> None:
-        """``limits`` in the order of the joints; ``endless`` are the indices of those without ends."""
+        """``limits`` in the order of the joints; ``endless``: those without ends; ``lags``: the sampler's."""
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()
@@ -62,7 +64,7 @@ class JointTrajectoryController:
         self.running = False
         self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
         self._planner.warm_up()
-        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor)
+        self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, lags)
         self.scaling = self._sampler.scaling
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
@@ -80,7 +82,8 @@ class JointTrajectoryController:
         kinds = [context.description.joints[joint].kind for joint in parameters.joints]
         endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
         limits = limits_of(parameters.joints, context.limits)
-        return cls(name, parameters, limits, context.component.joints, context.settled, endless)
+        lags = context.lags(parameters.joints) if parameters.command_lead is None else None
+        return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
 
     # Called from any thread.
 
@@ -156,7 +159,7 @@ class JointTrajectoryController:
         measured, velocity = state.position[self._index], state.velocity[self._index]
         error = shorter_way(reference.position - measured, self._planner.endless)
         self._execution.cycle(Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances))
-        self.command = sampler.ahead(period_s + parameters.command_lead)
+        self.command = sampler.ahead(period_s, parameters.command_lead or 0.0)
         self.period_s = period_s
         assert sampler.path is not None, "activated before the first update"
         now = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate

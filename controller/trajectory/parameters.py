@@ -57,8 +57,8 @@ class TrajectoryParameters(Parameters):
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
     """Upstream's default. Our robot files say ruckig (jerk-limited) where the controllers file says nothing."""
-    command_lead: NotNegative = 0.0
-    """The servos' lag behind their goals (s): so much earlier each goal is sent."""
+    command_lead: NotNegative | None = None
+    """The servos' lag behind their goals (s): so much earlier each goal is sent. None: as is known of each servo."""
     wait_for: tuple[str, ...] = ()
     """Controllers that must have settled before a goal begins. A client's patience counts from acceptance:
     MoveIt cancels after 1.1 times the duration and 0.5 s, so keep ``wait_for_timeout`` within 0.5 s for it, or

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -40,16 +41,21 @@ class Tracking:
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
 
 
+NO_LAG: Final = np.array([[0.0], [np.inf], [0.0]])
+
+
 class TrajectorySampler:
     """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
 
-    def __init__(self, limits: Sequence[JointLimits], initial_scaling: float = 1.0) -> None:
-        self.scaling = SpeedScaling(limits, initial_scaling)
+    def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
+        """``lags``: those of hal.servo_compliance, how far the joints lag behind their commands; unless said, not."""
+        self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0
         self.path: Path | None = None
         self.rate = 1.0
         self._limits = tuple(limits)
+        self._lag_s, self._braking, self._inertia_s2 = NO_LAG if lags is None else lags
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
         """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
 
@@ -68,15 +74,21 @@ class TrajectorySampler:
                 self.scaling.idle()
         return self.reference()
 
-    def reference(self) -> Kinematics:
-        """The reference of now: where the joints are to be, and how they are to move."""
+    def reference(self, later_s: float = 0.0) -> Kinematics:
+        """The reference of now, or later: where the joints are to be, and how they are to move."""
         assert self.path is not None, "activated before the first update"
-        return _moving(self.path, self.elapsed_s, self.rate)
+        return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
-    def ahead(self, time_s: float) -> FloatArray:
-        """The reference position so much later (n,)."""
-        assert self.path is not None, "activated before the first update"
-        return self.path.sample(self.elapsed_s + time_s * self.rate).position
+    def ahead(self, period_s: float, lead_s: float) -> FloatArray:
+        """The command that brings joints to the reference so much later (n,): beyond it by as much as they lag.
+
+        A servo brakes for each goal until the next one comes; in the middle of that it is as far behind as it must.
+        """
+        to = self.reference(period_s + lead_s)
+        brakes_from = np.maximum(np.abs(to.velocity) - self._braking * (period_s / 4.0), 0.0)
+        behind = np.sign(to.velocity) * brakes_from**2 / (2.0 * self._braking)
+        lag = self._lag_s * to.velocity + behind + self._inertia_s2 * to.acceleration
+        return self._inside(to.position + lag) if lag.any() else to.position
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
         """Set out on another path, which begins at ``reference``."""

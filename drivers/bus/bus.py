@@ -179,9 +179,8 @@ class Bus:
         on = {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
         limits = {i: limit for i in on if i in self._limits and (limit := self._servos.series(i).torque_limit)}
         held = self._reader.registers(limits, deadline_s) if limits else {}
-        return {
-            i: driven and held.get(i) == self._limits.get(i) for i, driven in on.items() if i in held or i not in limits
-        }
+        known = on.keys() - limits.keys() | held.keys()
+        return {i: on[i] and held.get(i) == self._limits.get(i) for i in known}
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor. The caller has written the goal before.

@@ -49,14 +49,7 @@ assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_p
 
 
 def _state(
-    loads: tuple[float, ...],
-    _: None,
-    status: int,
-    position: int,
-    velocity: int,
-    load: int,
-    voltage: int,
-    temperature: int,
+    loads: tuple[float, ...], _: None, status: int, position: int, velocity: int, load: int, volts: int, celsius: int
 ) -> ServoState:
     """A cycle calls this for each servo: a tuple is made of what was looked up."""
     if position & _SIGN:
@@ -64,22 +57,21 @@ def _state(
     if velocity & _SIGN:
         velocity = _SIGN - velocity
     fields = (
-        position, velocity, loads[load & 0x7FF], _VOLTAGES_V[voltage], _TEMPERATURES_C[temperature], _ALARMS[status],
+        position, velocity, loads[load & 0x7FF], _VOLTAGES_V[volts], _TEMPERATURES_C[celsius], _ALARMS[status],
         None,
     )  # fmt: skip
     return _new(ServoState, fields)
 
 
 def _sts_goal(wanted: ServoGoal) -> tuple[int, ...]:
-    """Acceleration 0, no ramp of the servo's own: the trajectory above is smooth already, and a ramp
-    would stop the servo at every goal."""
+    """The servo's own ramp has a known acceleration, so that it is known how far the servo follows behind its goals."""
     position, velocity = wanted
     if (position | velocity) & ~_MAGNITUDE:  # a sign, or what does not fit
         if velocity < 0:  # the register has a sign, which means nothing in position mode
             raise ValueError(f"a goal's velocity is 0 or more, not {velocity}: nothing written")
         sts.goal_velocity.check(velocity)
         position = int.from_bytes(sts.goal_position.encode(position, "little"), "little")
-    return 0, position, 0, velocity
+    return sts.GOAL_ACCELERATION, position, 0, velocity
 
 
 def _sts_config_error(model: ServoModel, read: Read) -> str | None:

@@ -99,6 +99,8 @@ STATUS_BITS: Final = {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "cur
 VOLTAGE_UNIT_V: Final = 0.1
 TORQUE_UNIT: Final = 0.001
 ACCELERATION_UNIT_COUNTS_S2: Final = 100
+GOAL_ACCELERATION: Final = 100
+"""Every goal's ``acceleration``: zero would mean the product of 85 and 86, in each servo another one."""
 CURRENT_UNIT_A: Final = 0.0065
 
 KG_CM: Final = 0.0980665

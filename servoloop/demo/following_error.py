@@ -5,45 +5,54 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.types import FloatArray
 
 MOVING_RAD_S = 0.01
+REST_S = 0.5
+"""So long after its reference has come to rest a joint is to be at rest itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
     """The following error of one run, joint by joint in the arm's order, rad; empty where nothing could be measured.
 
-    Gravity makes the shoulder sag by a constant; what the servos' interpolation does is seen at the
-    joint that moves fastest.
+    What the servos' interpolation does is seen at the joint that moves fastest.
     """
 
     largest_rad: tuple[float, ...]
     rms_moving_rad: tuple[float, ...]
+    at_rest_rad: tuple[float, ...]
+    """The largest at rest; 0 where the joint never was."""
     fastest: int
     """Index of the joint with the largest reference velocity."""
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for result.json: the worst joint, the fastest one, and all."""
         if not self.largest_rad:
-            return {"largest_rad": None, "rms_moving_rad": None}
+            return {"largest_rad": None, "rms_moving_rad": None, "at_rest_rad": None}
         return {
             "largest_rad": max(self.largest_rad),
             "rms_moving_rad": max(self.rms_moving_rad),
+            "at_rest_rad": max(self.at_rest_rad),
             "fastest_joint": {
                 "joint": f"joint{self.fastest + 1}",
                 "largest_rad": self.largest_rad[self.fastest],
                 "rms_moving_rad": self.rms_moving_rad[self.fastest],
             },
-            "by_joint": {"largest_rad": self.largest_rad, "rms_moving_rad": self.rms_moving_rad},
+            "by_joint": {
+                "largest_rad": self.largest_rad,
+                "rms_moving_rad": self.rms_moving_rad,
+                "at_rest_rad": self.at_rest_rad,
+            },
         }
 
 
-UNKNOWN = FollowingError((), (), 0)
+UNKNOWN = FollowingError((), (), (), 0)
 
 
-def following_error(error: FloatArray, velocity: FloatArray) -> FollowingError:
+def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray) -> FollowingError:
     """The following error from errors and reference velocities of shape (samples, joints)."""
     if not len(error):
         return UNKNOWN
@@ -51,7 +60,14 @@ def following_error(error: FloatArray, velocity: FloatArray) -> FollowingError:
     count = np.maximum(moving.sum(axis=0), 1)
     rms = np.sqrt((np.where(moving, error, 0.0) ** 2).sum(axis=0) / count)
     fastest = int(np.abs(velocity).max(axis=0).argmax())
-    return FollowingError(_rounded(np.abs(error).max(axis=0)), _rounded(rms), fastest)
+    at_rest = np.where(_rests(times_s, moving), np.abs(error), 0.0).max(axis=0)
+    return FollowingError(_rounded(np.abs(error).max(axis=0)), _rounded(rms), _rounded(at_rest), fastest)
+
+
+def _rests(times_s: FloatArray, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where a joint's reference has rested for ``REST_S``, by what was seen of it; (samples, joints)."""
+    last = np.maximum.accumulate(np.where(moving, times_s[:, None], times_s[0]), axis=0)
+    return times_s[:, None] - last >= REST_S
 
 
 def worst(errors: Iterable[FollowingError]) -> FollowingError:
@@ -61,7 +77,8 @@ def worst(errors: Iterable[FollowingError]) -> FollowingError:
         return UNKNOWN
     largest = np.max([error.largest_rad for error in known], axis=0)
     rms = np.max([error.rms_moving_rad for error in known], axis=0)
-    return FollowingError(_rounded(largest), _rounded(rms), known[0].fastest)
+    at_rest = np.max([error.at_rest_rad for error in known], axis=0)
+    return FollowingError(_rounded(largest), _rounded(rms), _rounded(at_rest), known[0].fastest)
 
 
 def _rounded(values: FloatArray) -> tuple[float, ...]:
@@ -83,7 +100,7 @@ def reference_at(
 
 def between_cycles(
     trace_s: Sequence[float],
-    trace: Sequence[Sequence[float]],
+    trace: Sequence[Sequence[float] | FloatArray],
     cycle_s: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -94,4 +111,4 @@ def between_cycles(
     times, actual = np.array(trace_s), np.array(trace)
     inside = (times >= cycle_s[0]) & (times <= cycle_s[-1])
     reference, speed = reference_at(times[inside], cycle_s, position, velocity)
-    return following_error(reference - actual[inside], speed)
+    return following_error(times[inside], reference - actual[inside], speed)

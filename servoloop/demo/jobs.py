@@ -160,5 +160,5 @@ def _errors(samples: "Sequence[Sample]", trace: Trace) -> tuple[FollowingError, 
     reference = np.array([sample.reference for sample in samples])
     velocity = np.array([sample.reference_velocity for sample in samples])
     feedback = np.array([sample.feedback for sample in samples])
-    at = following_error(reference - feedback, velocity)
+    at = following_error(stamps, reference - feedback, velocity)
     return at, between_cycles(trace.times_s, trace.positions, stamps, reference, velocity)

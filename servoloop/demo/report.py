@@ -1,6 +1,7 @@
 """The demo's report: a table in the terminal and result.json."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,9 @@ def succeeded(report: Report) -> bool:
 
 def print_table(report: Report, console: Console) -> None:
     """Print the report for people."""
-    table = Table("grade", "bin", "time", "largest", "RMS", "fastest", "largest", "RMS", title="following error, rad")
-    for column in (*table.columns[2:5], *table.columns[6:]):
+    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest", "largest", "RMS")
+    table = Table(*columns, title="following error, rad")
+    for column in (*table.columns[2:6], *table.columns[7:]):
         column.justify = "right"
     for run in report.runs:
         table.add_row(*_cells(run))
@@ -33,7 +35,8 @@ def print_table(report: Report, console: Console) -> None:
     grade, *rest = _cells(report.comparison)
     table.add_row(f"{grade} *", *rest)
     console.print(table)
-    console.print("of the worst joint and of the fastest, while moving; * servos without their own interpolation\n")
+    console.print("of the worst joint and of the fastest; RMS while moving, at rest half a second after a motion")
+    console.print("* servos without their own interpolation\n")
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
 
@@ -59,11 +62,15 @@ def _cells(run: Run) -> tuple[str, ...]:
     error = run.between_cycles
     cells = (run.grade, place, f"{run.duration_s:.2f} s")
     if not error.largest_rad:
-        return (*cells, *("?" for _ in range(5)))
+        return (*cells, *("?" for _ in range(6)))
     i = error.fastest
-    numbers = (max(error.largest_rad), max(error.rms_moving_rad), error.largest_rad[i], error.rms_moving_rad[i])
-    texts = [f"{number:.4f}" for number in numbers]
-    return (*cells, *texts[:2], f"joint{i + 1}", *texts[2:])
+    worst_joint = (max(error.largest_rad), max(error.rms_moving_rad), max(error.at_rest_rad))
+    fastest_joint = (error.largest_rad[i], error.rms_moving_rad[i])
+    return (*cells, *_texts(worst_joint), f"joint{i + 1}", *_texts(fastest_joint))
+
+
+def _texts(numbers: Iterable[float]) -> list[str]:
+    return [f"{number:.4f}" for number in numbers]
 
 
 def _content(report: Report) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def test_the_plain_file_works_and_the_robot_files_defaults_fill_it_in(tmp_path: 
 
 def test_without_defaults_it_does_what_upstream_does(tmp_path: Path) -> None:
     parameters = arm_of(load(tmp_path, PLAIN)).parameters
-    assert (parameters.wait_for, parameters.command_lead) == ((), 0.0)
+    assert (parameters.wait_for, parameters.command_lead) == ((), None)
     assert not any((*parameters.tolerances().path.values(), *parameters.tolerances().goal.values()))
     assert parameters.tolerances().goal_time_s == 0.0
 

@@ -414,7 +414,7 @@ def test_a_slow_line_is_waited_for(baud: int) -> None:
     assert sum(map(is_state, bus.read_states(IDS).values())) == len(IDS) - 1
 
 
-def test_goals_arrive_with_their_speeds_and_without_a_ramp() -> None:
+def test_goals_arrive_with_their_speeds_and_a_known_ramp() -> None:
     line = Line()
     line.bus.write(2, sts.acceleration, 9)
     line.bus.write_goals({1: ServoGoal(2000, 300), 2: ServoGoal(2100), 3: ServoGoal(-5, 1)})
@@ -422,7 +422,7 @@ def test_goals_arrive_with_their_speeds_and_without_a_ramp() -> None:
     for servo_id, (position, velocity) in wanted.items():
         assert line.bus.goal(servo_id) == position
         assert line.held(servo_id, sts.goal_velocity) == velocity
-        assert line.held(servo_id, sts.acceleration) == 0
+        assert line.held(servo_id, sts.acceleration) == (sts.GOAL_ACCELERATION if servo_id in (1, 2, 3) else 0)
 
 
 # Torque

@@ -65,7 +65,11 @@ def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.
 def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, int]]) -> None:
     said = {}
     for servo_id, (position, velocity) in numbers.items():
-        values = {sts.goal_position: position, sts.goal_velocity: velocity}
+        values = {
+            sts.acceleration: sts.GOAL_ACCELERATION,
+            sts.goal_position: position,
+            sts.goal_velocity: velocity,
+        }
         said[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
     packet = KnownServos({}).goals({i: ServoGoal(*both) for i, both in numbers.items()})
     entries = b"".join(bytes((servo_id,)) + data for servo_id, data in said.items())

@@ -66,7 +66,7 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
     contents = {}
     for i, (position, velocity) in goals.items():
         raw = sdk.SCS_TOSCS(position, 15)
-        contents[i] = bytes((0, low(raw), high(raw), 0, 0, low(velocity), high(velocity)))
+        contents[i] = bytes((sts.GOAL_ACCELERATION, low(raw), high(raw), 0, 0, low(velocity), high(velocity)))
     assert tape.sent == sdk_sync_write(sts.acceleration.address, 7, contents)
 
 

@@ -10,6 +10,7 @@ from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions
 from hal.types import JointLimits
+from servoloop.files import read_files
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "robot_arm.yaml"
 
@@ -70,6 +71,22 @@ def test_what_the_file_need_not_say(tmp_path: Path) -> None:
     assert (elbow.sign, elbow.zero_counts, elbow.torque_limit) == (1, None, 1.0)
     assert file.lines() == {"": BusFile(protocol="feetech", baud=1_000_000)}
     assert (file.on_exit.virtual, file.on_exit.real, file.park) == ("hold", "relax", None)
+
+
+@pytest.mark.parametrize(("line", "on"), [("", True), ("gravity_compensation: false\n", False)])
+def test_one_line_switches_gravity_compensation_off(tmp_path: Path, line: str, on: bool) -> None:
+    arm = read_files(robot=written(tmp_path, CONFIG.read_text() + line)).robot
+    assert {joint.gravity_compensation for joint in arm.joints} == {on}
+    assert all(joint.compliance is not None for joint in arm.joints)
+
+
+def test_a_gain_that_the_file_names_is_the_servos(tmp_path: Path) -> None:
+    dynamixel = CONFIG.with_name("robot_arm_dynamixel.yaml").read_text()
+    named, unsaid = (
+        read_files(robot=written(tmp_path, text)).robot.joints[0].compliance
+        for text in (dynamixel, dynamixel.replace("position_p: 2400, ", ""))
+    )
+    assert named is not None and unsaid is None
 
 
 def test_the_arm_itself() -> None:

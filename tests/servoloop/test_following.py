@@ -9,14 +9,23 @@ from servoloop.demo.following_error import UNKNOWN, between_cycles, following_er
 def test_largest_counts_always_and_rms_only_while_the_joint_moves() -> None:
     error = np.array([[0.3, 0.0], [0.1, 0.02], [-0.1, -0.02]])
     velocity = np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 2.0]])
-    found = following_error(error, velocity)
+    found = following_error(np.arange(3.0), error, velocity)
     assert found.largest_rad == (0.3, 0.02)
     assert found.rms_moving_rad == (0.1, 0.02)
     assert found.fastest == 1
 
 
+def test_at_rest_is_what_is_seen_half_a_second_after_the_reference_has_stopped() -> None:
+    times = np.arange(0.0, 2.0, 0.1)
+    velocity = np.where((times > 0.55) & (times < 1.05), 1.0, 0.0)[:, None] * [1.0, 0.0]
+    error = np.array([[0.01 * (len(times) - i), 0.001 * i] for i in range(len(times))])
+    found = following_error(times, error, velocity)
+    assert found.at_rest_rad == (0.15, 0.019)  # the first before it moves, at 0.5 s
+    assert following_error(times[:4], error[:4], velocity[:4]).at_rest_rad == (0.0, 0.0)
+
+
 def test_nothing_measured_is_nothing_said() -> None:
-    assert following_error(np.empty((0, 6)), np.empty((0, 6))) is UNKNOWN
+    assert following_error(np.empty(0), np.empty((0, 6)), np.empty((0, 6))) is UNKNOWN
     assert UNKNOWN.as_dict()["largest_rad"] is None
     assert worst([UNKNOWN]) is UNKNOWN
 
@@ -41,7 +50,7 @@ def test_a_servo_that_leaps_is_seen_between_the_cycles_only() -> None:
     reference, velocity = cycles[:, None], np.ones((20, 1))
     ticks = np.arange(191)
     leaping = np.ceil(ticks / 10) * 0.05  # at every cycle where it should be, and ahead of it between
-    at = following_error(reference - leaping[::10, None], velocity)
+    at = following_error(cycles, reference - leaping[::10, None], velocity)
     between = between_cycles(list(ticks * 0.005), [[p] for p in leaping], cycles, reference, velocity)
     assert at.largest_rad == (0.0,)
     assert between.largest_rad[0] == pytest.approx(0.045)
@@ -49,5 +58,5 @@ def test_a_servo_that_leaps_is_seen_between_the_cycles_only() -> None:
 
 def test_the_worst_of_several_runs_is_taken_joint_by_joint() -> None:
     velocity = np.ones((1, 2))
-    runs = [following_error(np.array([e]), velocity) for e in ([0.1, 0.2], [0.3, 0.1])]
+    runs = [following_error(np.zeros(1), np.array([e]), velocity) for e in ([0.1, 0.2], [0.3, 0.1])]
     assert worst(runs).largest_rad == (0.3, 0.2)

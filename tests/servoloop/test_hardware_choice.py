@@ -12,7 +12,7 @@ from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servo_hardware import ServoHardware
 from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
-from servoloop.hardware import HardwareKind, build
+from servoloop.hardware import HardwareKind, build, compensation
 from sim_backend.clock import SimulatedClock
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 
@@ -40,6 +40,27 @@ def test_two_blocks_of_servos_name_their_buses(tmp_path: Path) -> None:
     files = read_files(write_servos(tmp_path))
     assert list(files.robot.file.lines()) == ["arm", "hand"]
     assert [type(one) for one in made(files)] == [ServoHardware, ServoHardware]
+
+
+def test_only_servos_lag_and_what_is_not_known_of_them_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text((CONFIG / "robot_arm_dynamixel.yaml").read_text().replace("position_p: 2400, ", "", 1))
+    files = read_files(robot=robot)
+    with caplog.at_level("INFO"):
+        assert set(build(None, files, {}, SimulatedClock()).compliances) == {f"joint{i}" for i in range(2, 7)}
+    assert "joint1, hand_right_joint: the servo's stiffness is unknown" in caplog.text
+    assert build(HardwareKind.MOCK, files, {}, SimulatedClock()).compliances == {}
+
+
+def test_the_robot_file_can_do_without_gravity_compensation(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text((CONFIG / "robot_arm.yaml").read_text() + "gravity_compensation: false\n")
+    files = read_files(robot=robot)
+    assert compensation(files.robot.joints, files.description) is None
+    files = read_files()
+    assert compensation(files.robot.joints, files.description) is not None
 
 
 def test_the_command_line_decides_for_all(tmp_path: Path) -> None:

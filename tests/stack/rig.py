@@ -1,5 +1,6 @@
 """The whole stack below ROS in one thread on simulated time, from the controllers to the physics."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -15,13 +16,16 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.bus.bus import Bus
 from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
+from hal.description import Description
+from hal.gravity_compensation import GravityCompensation
 from hal.hardware_info import HardwareInfo
+from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
-from servoloop.demo.following_error import reference_at
+from servoloop.demo.following_error import FollowingError, between_cycles
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
-from servoloop.hardware import servo_bus
+from servoloop.hardware import compensation, compliances, servo_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
@@ -38,7 +42,6 @@ BINS = {
 }
 OPEN_M, CLOSED_M = 0.0, 0.05
 MOVE_S = 2.0
-MOVING_RAD_S = 0.01
 
 
 @dataclass(slots=True)
@@ -89,14 +92,14 @@ class Trace:
 
     def following_error(self) -> tuple[FloatArray, FloatArray]:
         """Largest error, and RMS while moving, of each arm joint (rad), between the cycles too."""
-        times, cycles = np.array(self.world_s), np.array(self.cycle_s)
-        inside = (times >= cycles[0]) & (times <= cycles[-1])
-        references = (np.array(self.position), np.array(self.velocity))
-        reference, speed = reference_at(times[inside], cycles, *references)
-        error = reference - np.array(self.actual)[inside]
-        moving = np.abs(speed) > MOVING_RAD_S
-        mean_square = np.where(moving, error**2, 0.0).sum(axis=0) / np.maximum(moving.sum(axis=0), 1)
-        return np.abs(error).max(axis=0), np.sqrt(mean_square)
+        error = self.following()
+        return np.array(error.largest_rad), np.array(error.rms_moving_rad)
+
+    def following(self, since_s: float = 0.0) -> FollowingError:
+        """The following error, between the cycles too."""
+        start = bisect_left(self.world_s, since_s)
+        cycles, position, velocity = np.array(self.cycle_s), np.array(self.position), np.array(self.velocity)
+        return between_cycles(self.world_s[start:], self.actual[start:], cycles, position, velocity)
 
 
 class StackRig:
@@ -110,7 +113,9 @@ class StackRig:
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
         keep_alive: bool = False,
+        compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
     ) -> None:
+        self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
         self.world = World(initial_position=start)
@@ -131,7 +136,13 @@ class StackRig:
         components = ComponentSet(self.made, self.clock)
         limits = self.files.limits
         self.manager = ControllerManager(components, limits)
-        context = ControllerContext(self.files.description, self.files.component, limits, self.manager.cycle.settled)
+        context = ControllerContext(
+            self.files.description,
+            self.files.component,
+            limits,
+            self.manager.cycle.settled,
+            compliances(self.files.robot.joints),
+        )
         factory = Factory(self.files.controllers, context)
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
@@ -157,7 +168,9 @@ class StackRig:
         def open_buses() -> dict[str, Bus]:
             return {name: bus for name, bus in self._open_buses().items() if name in names}
 
-        made = ServoHardware(component.name, joints, open_buses, self.clock)
+        made = ServoHardware(
+            component.name, joints, open_buses, self.clock, self._compensation(joints, self.files.description)
+        )
         made.interpolate = interpolate
         return made
 

@@ -5,12 +5,10 @@ from pathlib import Path
 import pytest
 
 from controller.action_goals import GoalStatus
-from hal.types import FloatArray
 from servoloop.files import CONFIG, URDF, Files, read_files
-from tests.stack.rig import BINS, PICK, READY, StackRig, UnpacedJob
+from tests.stack.rig import BINS, StackRig, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03
-ROLL = 5
 
 
 @pytest.mark.parametrize("grade", BINS)
@@ -57,15 +55,6 @@ def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
     assert max(took_s) < 1.1 * 2.0 + 1.5
 
 
-def test_without_the_servos_interpolation_the_arm_follows_worse() -> None:
-    """The roll joint moves fastest and carries nothing: there it is several times worse. Sag is the same."""
-    (largest, rms), (largest_without, rms_without) = (_there_and_back(interpolate) for interpolate in (True, False))
-    assert largest[ROLL] < 0.5 * largest_without[ROLL]
-    assert rms[ROLL] < 0.5 * rms_without[ROLL]
-    assert largest.max() < largest_without.max()
-    assert rms.max() < rms_without.max()
-
-
 def test_the_same_run_gives_the_same_bytes() -> None:
     def run() -> tuple[object, ...]:
         rig = StackRig().up()
@@ -76,14 +65,6 @@ def test_the_same_run_gives_the_same_bytes() -> None:
         return rig.port.sent, rig.port.received, rig.world.position().tolist(), rig.loop.figures
 
     assert run() == run()
-
-
-def _there_and_back(interpolate: bool) -> tuple[FloatArray, FloatArray]:
-    rig = StackRig(interpolate=interpolate).up()
-    for pose in (PICK, READY):
-        rig.go(pose)
-        rig.run(2.4)
-    return rig.trace.following_error()
 
 
 def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, str] = ("", "")) -> Files:

@@ -1,0 +1,69 @@
+"""The lead: how far ahead of the reference the servos are commanded."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.interface import ControllerContext
+from controller.motion import Kinematics, motion_to
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.sampler import TrajectorySampler
+from hal.types import JointState
+from servoloop.files import read_files
+from servoloop.hardware import compliances
+from tests.controller.bench import ARM_LIMITS, PERIOD_S
+
+FILES = read_files()
+JOINTS = tuple(f"joint{i}" for i in range(1, 7))
+lags = st.tuples(st.floats(0.0, 0.1), st.one_of(st.just(np.inf), st.floats(10.0, 100.0)), st.floats(0.0, 0.01))
+
+
+@given(lags, lags, st.floats(0.0, 2.5), st.sampled_from([1.0, 0.5]))
+def test_each_joint_is_commanded_as_far_ahead_as_its_servo_lags(
+    one: tuple[float, ...], other: tuple[float, ...], ahead_s: float, rate: float
+) -> None:
+    """By a time, by the way that braking takes, and by the rotor's inertia; never out of the limits."""
+    limits, of_joints = [ARM_LIMITS] * 2, np.array([one, other]).T
+    start, end = (Kinematics.at_rest(np.array(position)) for position in ((0.0, 1.9), (1.95, -1.9)))
+    sampler = TrajectorySampler(limits, rate, of_joints)
+    sampler.follow(motion_to(start, end, limits, 2.0), start)
+    to = sampler.reference(ahead_s + PERIOD_S)
+    lag_s, braking, inertia_s2 = of_joints
+    speed = np.abs(to.velocity)
+    brakes = [
+        0.0 if a == np.inf else max(v - a * PERIOD_S / 4.0, 0.0) ** 2 / (2.0 * a)
+        for v, a in zip(speed, braking, strict=True)
+    ]
+    behind = lag_s * to.velocity + np.copysign(brakes, to.velocity) + inertia_s2 * to.acceleration
+    assert sampler.ahead(PERIOD_S, ahead_s) == pytest.approx(np.clip(to.position + behind, -2.0, 2.0))
+    assert sampler.ahead(PERIOD_S, 60.0) == pytest.approx(end.position)
+
+
+def command_after_a_while(command_lead: float | None) -> float:
+    """Where joint1 is sent 0.4 s after the beginning of its way up."""
+    known = compliances(FILES.robot.joints)
+    context = ControllerContext(FILES.description, FILES.component, FILES.limits, lambda name: True, known)
+    parameters = TrajectoryParameters(joints=JOINTS, interpolation_method="ruckig", command_lead=command_lead)
+    arm = JointTrajectoryController.build("arm", parameters, context)
+    zeros = np.zeros(len(context.component.joints))
+    arm.activate(JointState(0.0, zeros, zeros, zeros), np.zeros(6))
+    goal = TrajectoryGoal(JOINTS, (GoalPoint((1.0, *[0.0] * 5), 1.0),))
+    assert arm.check(goal) is None
+    arm.submit(goal)
+    for cycle in range(1, 10):
+        arm.update(JointState(cycle * PERIOD_S, zeros, zeros, zeros), cycle * PERIOD_S, PERIOD_S)
+    return float(arm.command[0])
+
+
+def test_a_lead_that_the_parameters_name_counts_instead_of_what_is_known_of_the_servos() -> None:
+    assert command_after_a_while(0.0) < command_after_a_while(0.02) < command_after_a_while(None)
+    assert command_after_a_while(PERIOD_S) == pytest.approx(command_after_a_while(0.0) + 0.05 * 1.5, abs=0.04)
+
+
+def test_a_joint_of_whose_servo_nothing_is_known_follows_at_once() -> None:
+    context = ControllerContext(FILES.description, FILES.component, FILES.limits, lambda name: True)
+    lag_s, braking, inertia_s2 = context.lags(JOINTS)
+    assert not lag_s.any() and not inertia_s2.any() and np.isinf(braking).all()

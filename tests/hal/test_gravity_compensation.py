@@ -1,0 +1,145 @@
+"""Gravity compensation: what the offsets do, and what they never do."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.servos.catalog import MODELS
+from hal.description import parse_urdf
+from hal.gravity import Gravity
+from hal.gravity_compensation import LARGEST_LOAD, GravityCompensation
+from hal.types import FloatArray, JointLimits
+from servoloop.files import URDF, read_files
+
+JOINTS = read_files().robot.joints
+GRAVITY = Gravity(parse_urdf(URDF.read_text()), [joint.name for joint in JOINTS])
+LOWER = np.array([joint.limits.lower for joint in JOINTS])
+UPPER = np.array([joint.limits.upper for joint in JOINTS])
+VELOCITY = np.array([joint.limits.velocity for joint in JOINTS])
+LEANING = np.array([0.0, -0.5, -0.6, -0.5, -0.5, 0.0, 0.0])
+PERIOD_S = 0.05
+
+SOFT = replace(JOINTS[0], limits=JointLimits(-1.0, 1.0, 4.0, 12.0, 120.0))
+COMPLIANCE = SOFT.compliance
+assert COMPLIANCE is not None
+UNCORRECTED = COMPLIANCE.uncorrected
+
+
+def settled(made: GravityCompensation, command: FloatArray, seconds: float = 3.0) -> FloatArray:
+    """The offset after so long at the command, the arm being where it is told."""
+    for _ in range(round(seconds / PERIOD_S)):
+        offset = made.offset(command, command, PERIOD_S)
+    return offset
+
+
+def one(position: float) -> FloatArray:
+    return np.array([position])
+
+
+def test_the_offset_is_the_sag_that_the_servos_stiffness_makes_of_gravity() -> None:
+    offset = settled(GravityCompensation(JOINTS, GRAVITY), LEANING)
+    stiffness = np.array([joint.compliance.stiffness for joint in JOINTS if joint.compliance])
+    assert offset == pytest.approx(GRAVITY.torques(LEANING) / stiffness)
+    assert 0.03 < offset[1] < 0.08
+
+
+def test_it_fades_in_from_zero_and_begins_anew_with_each_activation() -> None:
+    made = GravityCompensation(JOINTS, GRAVITY)
+    for _ in range(2):
+        offsets = [made.offset(LEANING, LEANING, PERIOD_S) for _ in range(30)]
+        assert not offsets[0].any()
+        steps = np.diff([offset[1] for offset in offsets])
+        assert (steps[:20] > 0.0).all() and steps[:20] == pytest.approx(steps[0])
+        assert not steps[21:].any()
+        made.restart()
+
+
+def test_masses_that_make_no_sense_give_no_more_than_half_of_what_the_servo_can() -> None:
+    heavy = Gravity(parse_urdf(URDF.read_text().replace('mass value="', 'mass value="10')), [j.name for j in JOINTS])
+    offset = settled(GravityCompensation(JOINTS, heavy), LEANING)
+    assert offset[1] == pytest.approx(LARGEST_LOAD * 2.94 / COMPLIANCE.stiffness)
+
+
+def test_a_joint_of_whose_servo_nothing_is_known_or_whose_file_says_no_is_left_alone() -> None:
+    unknown = replace(JOINTS[1], model=MODELS["scs15"])
+    off = replace(JOINTS[2], gravity_compensation=False)
+    made = GravityCompensation((JOINTS[0], unknown, off, *JOINTS[3:]), GRAVITY)
+    for _ in range(60):
+        offset = made.offset(LEANING, LEANING - 0.01, PERIOD_S)
+    assert offset[1] == offset[2] == 0.0 < offset[3]
+
+
+def spring(made: GravityCompensation, lost: float, seconds: float, wall: float = math.inf) -> tuple[float, float]:
+    """Error and offset after so long at 0 of a joint that stays ``lost`` behind its goal, and stops at ``wall``."""
+    measured = 0.0
+    for _ in range(round(seconds / PERIOD_S)):
+        offset = float(made.offset(one(0.0), one(measured), PERIOD_S)[0])
+        measured = min(offset - lost, wall)
+    return -measured, offset
+
+
+def test_what_remains_at_rest_is_corrected_down_to_the_dead_band() -> None:
+    for lost in (0.012, -0.012):
+        error, _ = spring(GravityCompensation([SOFT], None), lost, 6.0)
+        assert abs(error) <= COMPLIANCE.dead_band
+
+
+def test_the_correction_ends_where_dead_band_and_friction_end() -> None:
+    error, offset = spring(GravityCompensation([SOFT], None), 1.5 * UNCORRECTED, 60.0)
+    assert offset == pytest.approx(UNCORRECTED)
+    assert error == pytest.approx(0.5 * UNCORRECTED)
+
+
+def test_a_joint_that_something_holds_is_not_pressed_on() -> None:
+    assert spring(GravityCompensation([SOFT], None), 0.0, 60.0, wall=-0.1) == (0.1, 0.0)
+
+
+def test_the_correction_stands_still_while_the_reference_moves_and_while_the_servo_is_missing() -> None:
+    made = GravityCompensation([SOFT], None)
+    _, before = spring(made, 0.012, 3.0)
+    for cycle in range(1, 100):
+        assert made.offset(one(cycle * 1e-3), one(cycle * 1e-3 - 0.012), PERIOD_S)[0] == pytest.approx(before)
+    for _ in range(100):
+        assert made.offset(one(0.099), one(math.nan), PERIOD_S)[0] == pytest.approx(before)
+
+
+def test_at_the_end_of_its_range_a_joint_gets_no_correction_beyond_it() -> None:
+    made = GravityCompensation([SOFT], None)
+    for _ in range(100):
+        assert made.offset(one(1.0), one(0.99), PERIOD_S)[0] == 0.0
+    assert made.offset(one(0.9), one(0.9), PERIOD_S)[0] == 0.0  # nothing has gathered meanwhile
+
+
+shares = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7).map(np.array)
+errors = st.lists(st.one_of(st.just(math.nan), st.floats(-0.1, 0.1)), min_size=7, max_size=7).map(np.array)
+cycles = st.lists(st.tuples(st.one_of(st.none(), shares), errors), min_size=1, max_size=60)
+
+
+@given(shares, cycles, st.sampled_from([0.01, 0.05, 0.2]))
+def test_whatever_comes_the_goals_stay_within_the_limits_and_the_velocity(
+    start: FloatArray, todo: list[tuple[FloatArray | None, FloatArray]], dt_s: float
+) -> None:
+    made = GravityCompensation(JOINTS, GRAVITY)
+    command = last = LOWER + start * (UPPER - LOWER)
+    largest = np.array([0.5 * 2.94 * j.transmission / 15.0 + j.compliance.uncorrected for j in JOINTS if j.compliance])
+    for number, (target, error) in enumerate(todo):
+        if target is not None:  # as the gate lets it through
+            wanted = LOWER + target * (UPPER - LOWER)
+            command = np.clip(wanted, command - VELOCITY * dt_s, command + VELOCITY * dt_s)
+        offset = made.offset(command, command + error, dt_s)
+        goal = command + offset
+        assert np.isfinite(goal).all()
+        assert number or not offset.any()
+        assert (goal >= LOWER - 1e-12).all() and (goal <= UPPER + 1e-12).all()
+        assert (np.abs(goal - last) <= VELOCITY * dt_s + 1e-9).all()
+        assert (np.abs(offset) <= largest).all()
+        last = goal
+
+
+def test_a_joint_that_stands_beyond_its_limit_is_not_thrown_back() -> None:
+    made = GravityCompensation([SOFT], None)
+    assert made.offset(one(1.02), one(1.02), PERIOD_S)[0] == 0.0

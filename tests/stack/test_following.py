@@ -1,0 +1,122 @@
+"""How well soft servos follow, with lead and gravity compensation and without each of them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.servos import sts, x
+from hal.description import Description
+from hal.gravity import Gravity
+from hal.gravity_compensation import GravityCompensation
+from hal.joint import Joint
+from hal.types import FloatArray
+from servoloop.demo.following_error import FollowingError
+from servoloop.files import CONFIG, read_files
+from servoloop.hardware import compensation
+from tests.stack.rig import PICK, StackRig, UnpacedJob
+
+ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")
+LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.010
+COUNT_RAD = 2.0 * np.pi / 4096
+ACTIVATED_S = 2.5
+"""Until then the arm has sunk with the torque, and has been lifted again."""
+WITHOUT_LEAD = ("  arm_controller:\n", "  arm_controller:\n    command_lead: 0.0\n")
+WITHOUT_COMPENSATION = ("\non_exit:\n", "\ngravity_compensation: false\non_exit:\n")
+
+
+class KnownOnly(GravityCompensation):
+    """The compensation without its slow correction."""
+
+    def _correct(self, *_: object) -> None:
+        pass
+
+
+UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
+"""The hand is 80 g heavier than its URDF says."""
+
+
+def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
+    return KnownOnly(joints, Gravity(description, [joint.name for joint in joints]))
+
+
+def loaded(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
+    return compensation(joints, replace(description, xml=description.xml.replace(*UNKNOWN_LOAD)))
+
+
+def loaded_known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
+    return known_only(joints, replace(description, xml=description.xml.replace(*UNKNOWN_LOAD)))
+
+
+def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object = compensation) -> FollowingError:
+    """The following error of one job; ``changes`` to the robot file switch off what it names."""
+    text = robot.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    robot.write_text(text)
+    rig = StackRig(files=read_files(robot=robot), compensation=make).up()  # type: ignore[arg-type]
+    rig.run(ACTIVATED_S)
+    UnpacedJob(rig, "A").run()
+    rig.run(1.5)
+    return rig.trace.following(since_s=ACTIVATED_S)
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A copy of each robot file."""
+    path = tmp_path / request.param
+    path.write_text((CONFIG / path.name).read_text())
+    return path
+
+
+def test_soft_servos_bring_the_arm_where_it_is_told(robot: Path) -> None:
+    error = following(robot)
+    assert max(error.largest_rad) <= LARGEST_RAD
+    assert max(error.rms_moving_rad) <= RMS_RAD
+    assert max(error.at_rest_rad) <= AT_REST_RAD
+
+
+def test_without_the_lead_the_arm_is_late(robot: Path) -> None:
+    without = following(robot, [WITHOUT_LEAD])
+    assert max(without.rms_moving_rad) > 1.5 * max(following(robot, [WITHOUT_LEAD[::-1]]).rms_moving_rad)
+
+
+def test_without_gravity_compensation_the_arm_sags(robot: Path) -> None:
+    without = following(robot, [WITHOUT_COMPENSATION])
+    assert max(without.at_rest_rad) > 2.0 * max(following(robot, [WITHOUT_COMPENSATION[::-1]]).at_rest_rad)
+
+
+def test_the_slow_correction_does_what_the_masses_do_not_explain(robot: Path) -> None:
+    corrected, known = (following(robot, make=make).at_rest_rad for make in (loaded, loaded_known_only))
+    carrying = slice(1, 4)  # joints 2 to 4
+    assert max(corrected[carrying]) < 0.8 * max(known[carrying])
+
+
+def test_after_switching_on_the_offsets_come_slowly() -> None:
+    rig = StackRig().up()
+    goals = [[servo.memory.get(sts.goal_position) for servo in rig.bus.servos]]
+    for _ in range(40):
+        rig.run(rig.loop.period_s)
+        goals.append([servo.memory.get(sts.goal_position) for servo in rig.bus.servos])
+    steps = np.abs(np.diff(goals, axis=0))
+    assert steps[0].max() <= 1  # of an arm that sank between its measurements
+    assert steps.max() <= 4
+    assert np.abs(np.subtract(goals[-1], goals[0])).max() > 20
+
+
+def test_an_arm_at_rest_stays_at_rest(robot: Path) -> None:
+    """Friction and a slow correction can make a joint creep to and fro about its goal. A count is what friction that
+    gives way a little lets the servo do by itself."""
+    rig = StackRig(files=read_files(robot=robot)).up()
+    rig.go(PICK)
+    rig.run(6.0)
+    goal = sts.goal_position if robot.name == "robot_arm.yaml" else x.goal_position
+    goals = [servo.memory.get(goal) for servo in rig.bus.servos]
+    seen: list[FloatArray] = []
+    rig.after_cycle = lambda: seen.append(rig.world.position()[:6].copy())
+    rig.run(20.0)
+    assert np.ptp(seen, axis=0).max() < 1.1 * COUNT_RAD
+    assert np.abs(np.subtract([servo.memory.get(goal) for servo in rig.bus.servos], goals)).max() <= 1
