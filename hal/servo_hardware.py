@@ -17,7 +17,9 @@ from hal.types import JointCommand, JointState
 
 INTERPOLATION_MARGIN = 1.1
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
-INTERPOLATION_FLOOR_COUNTS_S = 20
+INTERPOLATION_FLOOR_COUNTS_S = 100
+SLOWING_S = 0.2
+"""A servo that follows behind its goals needs their speed for about so long after they stand."""
 CATCH_UP_S = 0.5
 """In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
@@ -53,8 +55,7 @@ class ServoHardware:
         self._clock = clock
         self._compensation = compensation
         self._period_s = FIRST_PERIOD_S
-        self._goals: dict[str, int] = {}
-        """Counts by joint name."""
+        self._goals: dict[str, ServoGoal] = {}
         self._states = ServoStates(joints, clock)
         self._requested = False
         self._deadline_s = math.inf
@@ -78,7 +79,8 @@ class ServoHardware:
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
-        self._goals = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
+        held = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
+        self._goals = {name: ServoGoal(counts) for name, counts in held.items()}
         if self._compensation is not None:
             self._compensation.restart()
         self.state = LifecycleState.ACTIVE
@@ -124,12 +126,12 @@ class ServoHardware:
             if joint.name in self._states.faults.withheld:
                 continue
             reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
-            held = self._goals[joint.name]
+            held = self._goals[joint.name].position_counts
             # A joint that began outside its limits has a goal there, and must not leap back in.
             counts = min(max(joint.counts(float(position)), held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
         # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
-        self._goals |= {name: goal.position_counts for name, goal in goals.items()}
+        self._goals |= goals
         try:
             self._opened("write").write_goals(goals)
         finally:
@@ -143,11 +145,12 @@ class ServoHardware:
         something was in its way), it catches up in ``CATCH_UP_S``, within the joint's velocity limit.
         Without interpolation a servo is let loose (0) only when it is known to be near its goal.
         """
-        held = self._goals[joint.name]
+        held, former = self._goals[joint.name]
         measured = self._states.measured.get(joint.name)
         if not self.interpolate and measured is not None and abs(held - measured) <= reach:
             return 0
         speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
+        speed = max(speed, former * (1.0 - min(self._period_s / SLOWING_S, 1.0)))
         if measured is not None:
             limit = joint.limits.velocity / abs(joint.units_per_count)
             speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))

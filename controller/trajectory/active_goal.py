@@ -17,6 +17,9 @@ from hal.types import FloatArray, JointState
 LONGEST_REST_S: Final = 0.5
 """So long after its stop a goal ends at the latest, whether the joints rest or swing."""
 
+RESTS_S: Final = 0.09
+"""For so long joints that rest stay where they are; less is where a joint turns round. Two cycles at 20 Hz."""
+
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
@@ -50,12 +53,14 @@ class ActiveGoal:
     """How the goal ends once the joints rest."""
     stood_s: float = 0.0
     """Seconds since their reference stands."""
-    was: FloatArray | None = None
-    """Where they were measured in the last cycle (n,)."""
+    rests_at: FloatArray | None = None
+    """Where they have been measured (n,) for ``rested_s``."""
+    rested_s: float = 0.0
 
     def rests(self, now: Cycle, still: FloatArray, stands: bool) -> bool:
-        """Whether the joints rest, the reference of which ``stands`` or not: none moved by more than ``still`` (n,)."""
-        resting = self.was is not None and bool((np.abs(now.measured - self.was) <= still).all())
-        self.was = now.measured
+        """Whether the joints rest, whose reference ``stands`` or not: none leaves its place by ``still`` (n,)."""
+        self.rested_s += now.step_s
+        if self.rests_at is None or (np.abs(now.measured - self.rests_at) > still).any():
+            self.rests_at, self.rested_s = now.measured, 0.0
         self.stood_s += now.step_s if stands else 0.0
-        return stands and (resting or self.stood_s > LONGEST_REST_S)
+        return stands and (self.rested_s >= RESTS_S or self.stood_s > LONGEST_REST_S)

@@ -56,8 +56,8 @@ class TrajectorySampler:
         self.rate = 1.0
         self._limits = tuple(limits)
         self._lag_s, self._braking, self._inertia_s2 = NO_LAG if lags is None else lags
-        self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) for limit in limits])
-        """Joints (n,) that move by no more in a cycle are at rest: an encoder's count or two."""
+        self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) / 2.0 for limit in limits])
+        """Joints (n,) that move by no more are at rest: two counts of an encoder."""
 
     def advance(self, step_s: float) -> Kinematics:
         """One cycle further; returns where the joints are to be now.

@@ -109,21 +109,25 @@ def test_a_servo_is_told_to_take_the_whole_period(period_s: float) -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE + at(0.06, -0.03, 0.0), period_s))
     for way, speed in zip((39, 20, 0), speeds(bench), strict=True):
-        assert way / period_s < speed <= way / period_s * 1.1 + 25
+        assert way / period_s < speed <= way / period_s * 1.1 + 105
 
 
 def test_a_servo_that_need_not_move_is_never_told_to_be_as_fast_as_it_can() -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE, PERIOD_S))
-    assert all(0 < speed < 100 for speed in speeds(bench))
+    assert all(0 < speed <= 100 for speed in speeds(bench))
 
 
-def test_the_speed_follows_the_way_from_the_last_goal() -> None:
+def test_the_speed_follows_the_way_from_the_last_goal_and_falls_only_as_fast_as_a_servo_comes_after() -> None:
+    """One that is still behind its goals would creep the rest of the way."""
     bench = Bench().active()
     bench.cycle(HERE + at(0.06, 0.0, 0.0))
     fast = speeds(bench)[0]
     bench.cycle(HERE + at(0.07, 0.0, 0.0))
-    assert speeds(bench)[0] < fast / 3
+    assert 0.6 * fast < speeds(bench)[0] < 0.9 * fast
+    for _ in range(10):
+        bench.cycle(HERE + at(0.07, 0.0, 0.0))
+    assert speeds(bench)[0] < fast / 5
 
 
 def test_without_interpolation_speed_zero_means_as_fast_as_it_can() -> None:
@@ -305,7 +309,7 @@ def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: 
             # 0, as fast as it can, is for goals that it reaches within a period.
             near = abs(bench.held(1, sts.goal_position) - bench.measured(1)) <= 2.0 * bound * PERIOD_S
             furthest = math.ceil(bound * PERIOD_S) / PERIOD_S
-            assert velocity <= furthest * 1.1 + 21 and (velocity > 0 or (near and not interpolate))
+            assert velocity <= furthest * 1.1 + 101 and (velocity > 0 or (near and not interpolate))
     assert state.position[0] == pytest.approx(0.5, abs=0.03)
 
 

@@ -101,5 +101,5 @@ def test_a_cancel_is_accepted_at_once_and_its_result_comes_when_the_arm_rests(se
     there = measured(servos)
     servos.cycles(3)
     assert measured(servos) == pytest.approx(there, abs=DEVIATION_RAD / 2.0)
-    path = [state.output.positions[5] for state in servos.states[before:]]
+    path = [state.reference.positions[5] for state in servos.states[before:]]
     assert path == sorted(path) and path[-1] == path[-3]
