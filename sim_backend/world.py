@@ -14,6 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.plant import JointArrays
+
 FloatArray = NDArray[np.float64]
 
 SCENE: Final = Path(__file__).resolve().parent.parent / "urdf" / "scene.xml"
@@ -58,6 +60,10 @@ class World:
         joints = [self.model.joint(name) for name in self.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
+        actuators = [self.model.actuator(name).id for name in self.joints]
+        self.arrays = JointArrays(
+            self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), self._qvel.tolist(), actuators
+        )
         cube = self.model.joint("cube")
         self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
@@ -87,18 +93,20 @@ class World:
 
     def position(self) -> FloatArray:
         """Joint positions, shape (7,): rad, the last one m."""
-        now: FloatArray = self.data.qpos[self._qpos]
-        return now
+        return self.arrays.position.take(self._qpos)
 
     def velocity(self) -> FloatArray:
         """Joint velocities, shape (7,): rad/s, the last one m/s."""
-        now: FloatArray = self.data.qvel[self._qvel]
-        return now
+        return self.arrays.velocity.take(self._qvel)
+
+    def advance(self) -> None:
+        """Advance by one timestep under the efforts that are in ``arrays``."""
+        mujoco.mj_step(self.model, self.data)
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
         """Advance by one timestep under the given joint efforts, shape (7,): N m, the last one N."""
         self.data.ctrl[:] = effort
-        mujoco.mj_step(self.model, self.data)
+        self.advance()
 
     def poses(self) -> dict[str, Pose]:
         """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""
