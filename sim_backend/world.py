@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.plant import JointArrays
+from sim_backend.spread import NOMINAL, Spread
 
 FloatArray = NDArray[np.float64]
 
@@ -43,12 +44,21 @@ class World:
 
     joints: tuple[str, ...] = JOINTS
 
-    def __init__(self, scene: Path | None = None, initial_position: Sequence[float] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Path | None = None,
+        initial_position: Sequence[float] | None = None,
+        spread: Spread = NOMINAL,
+    ) -> None:
         """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
 
         `initial_position`: seven values in the order of `joints` (rad, m); default `READY`.
+        `spread`: how this arm differs from the scene's.
         """
         self.model: Any = mujoco.MjModel.from_xml_path(str(scene or SCENE))
+        if spread.seed is not None:
+            spread.vary(self.model)
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # what follows from the masses
         self.data: Any = mujoco.MjData(self.model)
         self.timestep_s = float(self.model.opt.timestep)
         self._find_joints()
