@@ -114,6 +114,7 @@ class StackRig:
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
         seed: int | None = None,
+        backlash_rad: float = 0.0,
         keep_alive: bool = False,
         compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
     ) -> None:
@@ -121,7 +122,8 @@ class StackRig:
         self.files = files or read_files()
         self.clock = SimulatedClock()
         spread = Spread(seed)
-        self.world = World(initial_position=start, spread=spread)
+        gaps = {joint.name: backlash_rad * joint.transmission for joint in self.files.robot.joints}
+        self.world = World(initial_position=start, spread=spread, backlash=gaps if backlash_rad else {})
         self.trace = Trace()
         self._feeder = Feeder()
         plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
