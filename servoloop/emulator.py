@@ -18,6 +18,7 @@ from sim_backend.feeder import Feeder
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, Plant, WorldPlant
+from sim_backend.spread import NOMINAL, Spread
 from sim_backend.world import World
 from sim_backend.world_feed import WorldFeed, feed_path
 
@@ -37,26 +38,26 @@ def couplings(robot: Robot) -> list[Coupling]:
     ]
 
 
-def virtual_bus(robot: Robot, plant: Plant, bus: str = "") -> ServoLine[Any]:
-    """A virtual bus with the servos that the robot file names for it."""
+def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
+    """A virtual bus with the servos that the robot file names for it. ``spread``: of STS servos and their supply."""
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
     if XL320 in models.values():
         raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
-    return VirtualBus.of(plant, models)
+    return VirtualBus.of(plant, models, spread=spread)
 
 
-def virtual_lines(robot: Robot, plant: Plant) -> dict[str, ServoLine[Any]]:
+def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:
     """The virtual buses of the robot file by name, all over the one plant."""
     names = list(robot.file.lines())
     if len(names) == 1:
-        return {names[0]: virtual_bus(robot, plant, names[0])}
+        return {names[0]: virtual_bus(robot, plant, names[0], spread)}
     common = CommonPlant(plant)
     lines: dict[str, ServoLine[Any]] = {}
     for name in names:
         part = common.part([joint.name for joint in robot.joints if joint.bus == name])
-        lines[name] = virtual_bus(robot, part, name)
+        lines[name] = virtual_bus(robot, part, name, spread)
         common.join(lines[name])
     return lines
 

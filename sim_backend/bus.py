@@ -15,11 +15,13 @@ from drivers.servos.register import ServoModel
 from sim_backend.dynamixel1_servo import VirtualAxServo, VirtualMxServo
 from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
+from sim_backend.motor import sts_motor
 from sim_backend.packet_servo import PacketServo
 from sim_backend.plant import Plant
 from sim_backend.rig import Rig, Supply
 from sim_backend.scs_servo import VirtualScsServo
 from sim_backend.servo import VirtualServo
+from sim_backend.spread import NOMINAL, Spread
 from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
@@ -52,17 +54,17 @@ class VirtualBus(ServoLine[PacketServo]):
         supply: Supply | None = None,
         paced: bool = True,
         variant: StsVariant = AS_REIMPLEMENTED,
+        spread: Spread = NOMINAL,
     ) -> "VirtualBus":
         """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
 
-        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant``. Without ``supply``, one
-        of the lowest rated voltage feeds them.
+        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant`` and motors of
+        ``spread``. Without ``supply``, one of the lowest rated voltage feeds them, give or take the spread.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
-        servos = [servo_of(own, servo_id, variant) for servo_id, own in models.items()]
-        return cls(
-            Rig(servos, plant, supply or Supply(min(servo.model.rated_voltage_v for servo in servos))), paced=paced
-        )
+        servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
+        usual = spread.supply(Supply(min(servo.model.rated_voltage_v for servo in servos)))
+        return cls(Rig(servos, plant, supply or usual), paced=paced)
 
     def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
         """Let ``servos`` do one instruction; whatever comes back, in order."""
@@ -111,15 +113,19 @@ class VirtualBus(ServoLine[PacketServo]):
         return replies + self._in_turn(others, at_s, byte_s, 0.0)
 
 
-def servo_of(model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED) -> PacketServo:
-    """A new servo of ``model``, with the table and the habits of its series; of an STS also the firmware's variant."""
+def servo_of(
+    model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
+) -> PacketServo:
+    """A new servo of ``model``, as those of its series are; an STS with this firmware and a motor of this spread."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.put(dynamixel1.baud_rate, 1)
         servo.memory.put(dynamixel1.return_delay, 0)
         return servo
     alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
-    return VirtualScsServo(model, servo_id) if alone else VirtualServo(model, servo_id, variant=variant)
+    if alone:
+        return VirtualScsServo(model, servo_id)
+    return VirtualServo(model, servo_id, spread.motor(sts_motor(model), servo_id), variant)
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:

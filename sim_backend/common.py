@@ -9,31 +9,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from sim_backend.line import ServoLine
-from sim_backend.plant import Coupling, Plant
+from sim_backend.plant import Plant
 from sim_backend.rig import AnyServo, Rig
 
 
-class PlantPart:
-    """Some of a plant's shafts. ``step`` only notes the torques: the plant moves when all parts have."""
+class PlantPart(Plant):
+    """Some of a plant's shafts. ``advance`` does nothing: the plant moves when all parts have had their torques."""
 
-    def __init__(self, plant: Plant, torques: list[float], places: Sequence[int]) -> None:
-        self.couplings: tuple[Coupling, ...] = tuple(plant.couplings[i] for i in places)
-        self.timestep_s = plant.timestep_s
-        self._plant = plant
-        self._torques = torques
-        self._places = tuple(places)
+    def __init__(self, plant: Plant, places: Sequence[int]) -> None:
+        couplings = [plant.couplings[i] for i in places]
+        super().__init__(couplings, plant.timestep_s, plant.joints, plant.shafts[list(places)])
 
-    def angles(self) -> list[float]:
-        angles = self._plant.angles()
-        return [angles[i] for i in self._places]
-
-    def velocities(self) -> list[float]:
-        velocities = self._plant.velocities()
-        return [velocities[i] for i in self._places]
-
-    def step(self, torques: Sequence[float]) -> None:
-        for place, torque in zip(self._places, torques, strict=True):
-            self._torques[place] = torque
+    def advance(self) -> None:
+        pass
 
 
 class CommonPlant:
@@ -41,14 +29,13 @@ class CommonPlant:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._torques = [0.0] * len(plant.couplings)
         self._rigs: list[_JoinedRig[Any]] = []
         self._steps = 0
 
     def part(self, joints: Sequence[str]) -> PlantPart:
         """The shafts of these joints, in the plant's order."""
         places = [i for i, coupling in enumerate(self._plant.couplings) if coupling.joint in joints]
-        return PlantPart(self._plant, self._torques, places)
+        return PlantPart(self._plant, places)
 
     def join(self, line: ServoLine[Any]) -> None:
         """From now on the line's servos move with those of all lines. Before the line's time begins."""
@@ -60,7 +47,7 @@ class CommonPlant:
         while self._steps < steps:
             for rig in self._rigs:
                 rig.step_servos()
-            self._plant.step(self._torques)
+            self._plant.advance()
             self._steps += 1
 
 

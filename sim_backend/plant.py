@@ -4,10 +4,11 @@ A servo knows only its shaft. A ``Coupling`` says which joint the shaft moves an
 back by the same ratio, so no energy appears or is lost on the way.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import copysign, pi
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,26 +42,70 @@ class Coupling:
         return self.sign * self.transmission
 
 
-class Plant(Protocol):
-    """Shafts in the order of ``couplings``, all advanced together by a fixed step."""
+Floats = NDArray[np.float64]
+ShaftTable = NDArray[np.void]
+"""An array with one record of ``SHAFT`` for each shaft."""
 
-    @property
-    def couplings(self) -> tuple[Coupling, ...]: ...
+SHAFT: Final = np.dtype(
+    [
+        # Where the shaft's joint is in the arrays.
+        ("position_at", "i8"),
+        ("velocity_at", "i8"),
+        ("effort_at", "i8"),
+        # Shaft angle = joint position * per_unit + zero_rad; joint effort = torque * per_unit.
+        ("per_unit", "f8"),
+        ("zero_rad", "f8"),
+    ]
+)
 
-    @property
-    def timestep_s(self) -> float: ...
+
+@dataclass(frozen=True, slots=True)
+class JointArrays:
+    """The state of joints where it really is: who reads sees it change, who writes an effort has it act."""
+
+    position: Floats
+    velocity: Floats
+    effort: Floats
+    position_at: Sequence[int]
+    """Where the joints are in ``position``, and so on."""
+    velocity_at: Sequence[int]
+    effort_at: Sequence[int]
+
+
+class Plant(ABC):
+    """Shafts in the order of ``couplings``, all advanced together by a fixed step.
+
+    Compiled servos work on ``joints`` and ``shafts`` and the others call its methods.
+    """
+
+    def __init__(
+        self, couplings: Sequence[Coupling], timestep_s: float, joints: JointArrays, shafts: ShaftTable
+    ) -> None:
+        self.couplings = tuple(couplings)
+        self.timestep_s = timestep_s
+        self.joints = joints
+        self.shafts = shafts
+        self._rows: list[tuple[int, int, int, float, float]] = shafts.tolist()
 
     def angles(self) -> list[float]:
         """The shafts' angles, rad."""
-        ...
+        position = self.joints.position.tolist()
+        return [position[at] * per_unit + zero_rad for at, _, _, per_unit, zero_rad in self._rows]
 
     def velocities(self) -> list[float]:
         """The shafts' velocities, rad/s."""
-        ...
+        velocity = self.joints.velocity.tolist()
+        return [velocity[at] * per_unit for _, at, _, per_unit, _ in self._rows]
 
-    def step(self, torques: Sequence[float]) -> None:
-        """Advance one timestep under the servos' torques, N m."""
-        ...
+    def push(self, torques: Sequence[float]) -> None:
+        """The servos' torques (N m) for the timestep to come."""
+        effort = self.joints.effort
+        for (_, _, at, per_unit, _), torque in zip(self._rows, torques, strict=True):
+            effort[at] = torque * per_unit
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Advance one timestep under the efforts that are in ``joints``."""
 
 
 class JointWorld(Protocol):
@@ -75,14 +120,13 @@ class JointWorld(Protocol):
     @property
     def time_s(self) -> float: ...
 
-    def position(self) -> NDArray[np.float64]: ...
+    @property
+    def arrays(self) -> JointArrays: ...
 
-    def velocity(self) -> NDArray[np.float64]: ...
-
-    def step(self, effort: Sequence[float]) -> None: ...
+    def advance(self) -> None: ...
 
 
-class WorldPlant:
+class WorldPlant(Plant):
     """The servos on a simulated arm. Joints without a servo swing freely.
 
     ``after_step(time_s)`` is called after every step with the world's time: for what happens in the
@@ -98,32 +142,22 @@ class WorldPlant:
         unknown = [c.joint for c in couplings if c.joint not in world.joints]
         if unknown:
             raise ValueError(f"the world has no joint {', '.join(unknown)}; it has {world.joints}")
-        self.couplings = tuple(couplings)
-        self.timestep_s = world.timestep_s
+        arrays, places = world.arrays, [world.joints.index(c.joint) for c in couplings]
+        rows = [
+            (arrays.position_at[i], arrays.velocity_at[i], arrays.effort_at[i], 1.0 / c.ratio, c.zero_rad)
+            for i, c in zip(places, couplings, strict=True)
+        ]
+        super().__init__(couplings, world.timestep_s, arrays, np.array(rows, SHAFT))
         self._world = world
         self._after_step = after_step
-        self._effort = [0.0] * len(world.joints)
-        places = {joint: i for i, joint in enumerate(world.joints)}
-        self._map = [(places[c.joint], 1.0 / c.ratio, c.zero_rad) for c in self.couplings]
 
-    def angles(self) -> list[float]:
-        position = self._world.position().tolist()
-        return [position[i] * per_unit + zero for i, per_unit, zero in self._map]
-
-    def velocities(self) -> list[float]:
-        velocity = self._world.velocity().tolist()
-        return [velocity[i] * per_unit for i, per_unit, _ in self._map]
-
-    def step(self, torques: Sequence[float]) -> None:
-        effort = self._effort
-        for (i, per_unit, _), torque in zip(self._map, torques, strict=True):
-            effort[i] = torque * per_unit
-        self._world.step(effort)
+    def advance(self) -> None:
+        self._world.advance()
         if self._after_step is not None:
             self._after_step(self._world.time_s)
 
 
-class BenchPlant:
+class BenchPlant(Plant):
     """Servos on a bench, each with its own load: inertia, a constant torque, friction of both kinds. No joints.
 
     ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands.
@@ -138,33 +172,30 @@ class BenchPlant:
         friction_nm: float = GEAR_FRICTION_NM,
         damping_nm_s: float = GEAR_DAMPING_NM_S,
     ) -> None:
-        self.couplings = tuple(Coupling(i, f"shaft{i}") for i in servo_ids)
-        self.timestep_s = timestep_s
-        self.load_nm = [0.0] * len(servo_ids)
-        self._angles = [c.zero_rad for c in self.couplings]
-        self._velocities = [0.0] * len(servo_ids)
+        couplings = [Coupling(i, f"shaft{i}") for i in servo_ids]
+        places = range(len(couplings))
+        angles = np.array([c.zero_rad for c in couplings])
+        joints = JointArrays(angles, np.zeros(len(places)), np.zeros(len(places)), places, places, places)
+        # A joint's position is its shaft's angle.
+        super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
+        self.load_nm = [0.0] * len(couplings)
         self._inertia = inertia_kg_m2
         self._friction = friction_nm
         self._damping = damping_nm_s
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the shafts to these angles (rad), at rest."""
-        self._angles = list(angles)
-        self._velocities = [0.0] * len(self._angles)
+        self.joints.position[:] = angles
+        self.joints.velocity[:] = 0.0
 
-    def angles(self) -> list[float]:
-        return list(self._angles)
-
-    def velocities(self) -> list[float]:
-        return list(self._velocities)
-
-    def step(self, torques: Sequence[float]) -> None:
+    def advance(self) -> None:
         per_nm = self.timestep_s / self._inertia
         friction = self._friction * per_nm
-        for i, torque in enumerate(torques):
-            velocity = self._velocities[i]
+        position, velocities = self.joints.position, self.joints.velocity
+        for i, torque in enumerate(self.joints.effort.tolist()):
+            velocity = float(velocities[i])
             velocity += (torque + self.load_nm[i] - self._damping * velocity) * per_nm
             # Friction takes speed away but never turns it round.
             velocity = copysign(max(0.0, abs(velocity) - friction), velocity)
-            self._velocities[i] = velocity
-            self._angles[i] += velocity * self.timestep_s
+            velocities[i] = velocity
+            position[i] += velocity * self.timestep_s

@@ -1,10 +1,16 @@
 """Servos on a plant with their power supplies, advanced together in fixed steps. Deterministic."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
+import numpy as np
+
 from sim_backend.plant import Plant
+from sim_backend.sts.firmware import StsFirmware
+from sim_backend.sts.kernel import step_all
+from sim_backend.sts.state import STATE, SUPPLY
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +63,37 @@ class Rig(Generic[AnyServo]):
         self._firmware = [servo.firmware for servo in servos]
         self.supply = supply or Supply()
         each = [self.supply] * len(servos) if isinstance(self.supply, Supply) else self.supply
+        # Two of the same voltage are still two.
+        supplies = list({id(supply): supply for supply in each}.values())
         self._loads = [
             (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
-            for supply in {id(supply): supply for supply in each}.values()
+            for supply in supplies
         ]
+        self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
             firmware.observe(angle)
 
     def step(self) -> None:
         """One timestep of everything."""
+        self._step_servos()
+        self.plant.advance()
+
+    def _compiled(self) -> Callable[[], None] | None:
+        """All servos' timestep as one call of compiled code, if all are made for it."""
+        firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
+        if len(firmware) < len(self._firmware):
+            return None
+        states = np.zeros(len(firmware), STATE)
+        for i, one in enumerate(firmware):
+            one.work_on(states[i : i + 1])
+            states["supply"][i] = next(k for k, (_, loads) in enumerate(self._loads) if one in loads)
+        shared = np.array([(supply.voltage_v, supply.resistance_ohm, 0.0) for supply, _ in self._loads], SUPPLY)
+        joints, shafts = self.plant.joints, self.plant.shafts
+        position, velocity, effort = joints.position, joints.velocity, joints.effort
+        return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
+
+    def _one_by_one(self) -> None:
+        """One timestep of all servos, whatever they are."""
         dt_s, plant = self.timestep_s, self.plant
         for supply, loads in self._loads:
             total_a = 0.0
@@ -75,4 +103,4 @@ class Rig(Generic[AnyServo]):
             for servo in loads:
                 servo.voltage_v = voltage_v
         state = zip(self._steps, plant.angles(), plant.velocities(), strict=True)
-        plant.step([step(dt_s, angle, velocity) for step, angle, velocity in state])
+        plant.push([step(dt_s, angle, velocity) for step, angle, velocity in state])

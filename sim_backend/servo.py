@@ -44,6 +44,11 @@ class VirtualServo(PacketServo):
         self.firmware: StsFirmware = StsFirmware(self.memory, states, model.rated_voltage_v, variant)
 
     @property
+    def deaf(self) -> bool:
+        """Whether it is rebooting."""
+        return self.firmware.deaf_s > 0.0
+
+    @property
     def return_delay_s(self) -> float:
         """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
         return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
@@ -61,7 +66,7 @@ class VirtualServo(PacketServo):
             return self._status(instruction.servo_id, self.read(*parameters))
         if instruction.code == Code.REBOOT:
             self.power_cycle()
-            self._deaf_s = REBOOT_S
+            self.firmware.deaf_s = REBOOT_S
             return None
         self._obey(instruction.code, parameters)
         return self._status(named) if answers == 2 else None

@@ -92,13 +92,28 @@ class StsParser(Parser):
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
+        end = self._whole_packet()
+        if end:
+            packet = Instruction(buffer[2], buffer[4], bytes(buffer[5 : end - 1]))
+            del buffer[:end]
+            return packet
         for place, value in enumerate(buffer):
-            packet = self._take(value)
-            if packet is not None:
+            taken = self._take(value)
+            if taken is not None:
                 del buffer[: place + 1]
-                return packet
+                return taken
         buffer.clear()
         return None
+
+    def _whole_packet(self) -> int:
+        """The size of the sound packet with which the buffer begins, or 0: most need no look at each byte."""
+        buffer = self._buffer
+        if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
+            return 0
+        end = buffer[3] + 4
+        if not 2 <= buffer[3] <= self.LONGEST or len(buffer) < end or buffer.find(HEADER, 1, end) >= 0:
+            return 0
+        return end if checksum(buffer[2 : end - 1]) == buffer[end - 1] else 0
 
     def _take(self, value: int) -> Instruction | None:
         """One byte more; the instruction that it completes, if the checksum says so."""

@@ -5,7 +5,7 @@ effort (the servo) is not its business. It knows no wall clock: `step` is one ti
 World frame = base_link. Joint order is `World.joints` everywhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +13,10 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from sim_backend.backlash import motor_name, with_gaps
+from sim_backend.plant import JointArrays
+from sim_backend.spread import NOMINAL, Spread
 
 FloatArray = NDArray[np.float64]
 
@@ -41,12 +45,23 @@ class World:
 
     joints: tuple[str, ...] = JOINTS
 
-    def __init__(self, scene: Path | None = None, initial_position: Sequence[float] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Path | None = None,
+        initial_position: Sequence[float] | None = None,
+        spread: Spread = NOMINAL,
+        backlash: Mapping[str, float] | None = None,
+    ) -> None:
         """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
 
         `initial_position`: seven values in the order of `joints` (rad, m); default `READY`.
+        `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
-        self.model: Any = mujoco.MjModel.from_xml_path(str(scene or SCENE))
+        self._motors = {joint: motor_name(joint) for joint in backlash or {}}
+        self.model: Any = with_gaps(scene or SCENE, backlash or {})
+        if spread.seed is not None:
+            spread.vary(self.model)
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # what follows from the masses
         self.data: Any = mujoco.MjData(self.model)
         self.timestep_s = float(self.model.opt.timestep)
         self._find_joints()
@@ -58,6 +73,12 @@ class World:
         joints = [self.model.joint(name) for name in self.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
+        motors = [self.model.joint(self._motors.get(name, name)).dofadr[0] for name in self.joints]
+        actuators = [self.model.actuator(name).id for name in self.joints]
+        # A servo's encoder sits on its output shaft; what it feels of the speed, the back-EMF, is its motor's.
+        self.arrays = JointArrays(
+            self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, actuators
+        )
         cube = self.model.joint("cube")
         self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
@@ -72,6 +93,8 @@ class World:
     def _place_arm(self, position: Sequence[float]) -> None:
         self.data.qpos[self._qpos] = position
         self.data.qpos[self.model.joint("hand_left_joint").qposadr[0]] = position[6]
+        for joint, motor in self._motors.items():
+            self.data.joint(motor).qpos = self.data.joint(joint).qpos
         mujoco.mj_forward(self.model, self.data)
         bodies = {f"bin_{name}": self.data.body(f"bin_{name}") for name in BINS}
         self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
@@ -87,18 +110,20 @@ class World:
 
     def position(self) -> FloatArray:
         """Joint positions, shape (7,): rad, the last one m."""
-        now: FloatArray = self.data.qpos[self._qpos]
-        return now
+        return self.arrays.position.take(self._qpos)
 
     def velocity(self) -> FloatArray:
         """Joint velocities, shape (7,): rad/s, the last one m/s."""
-        now: FloatArray = self.data.qvel[self._qvel]
-        return now
+        return self.arrays.velocity.take(self._qvel)
+
+    def advance(self) -> None:
+        """Advance by one timestep under the efforts that are in ``arrays``."""
+        mujoco.mj_step(self.model, self.data)
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
         """Advance by one timestep under the given joint efforts, shape (7,): N m, the last one N."""
         self.data.ctrl[:] = effort
-        mujoco.mj_step(self.model, self.data)
+        self.advance()
 
     def poses(self) -> dict[str, Pose]:
         """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""

@@ -60,10 +60,14 @@ class StsFirmware:
         self._states = states
         self._variant = variant
         self.voltage_v = voltage_v
-        self.supply_current_a = 0.0
-        """What the motor takes from the supply."""
         self.restart()
         self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
+
+    def work_on(self, states: States) -> None:
+        """Move into this record: a line keeps those of all its servos side by side."""
+        states[:] = self._states
+        self._states = states
+        self._memory.work_on(states)
 
     def restart(self) -> None:
         """Power-on: all state from the registers, the motor free."""
@@ -81,7 +85,8 @@ class StsFirmware:
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """``dt_s`` of the loop on the shaft's true state; returns the torque on the shaft, N m."""
-        torque_nm, self.supply_current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
+        torque_nm, current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
+        self._states["supply_current_a"] = current_a
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
@@ -94,6 +99,29 @@ class StsFirmware:
     def forget_turns(self) -> None:
         """The present angle is within the first turn again."""
         self._states["recount"] = 1
+
+    @property
+    def voltage_v(self) -> float:
+        """What the supply has left for it."""
+        return float(value_of(self._states, "voltage_v"))
+
+    @voltage_v.setter
+    def voltage_v(self, voltage_v: float) -> None:
+        self._states["voltage_v"] = voltage_v
+
+    @property
+    def supply_current_a(self) -> float:
+        """What the motor takes from the supply."""
+        return float(value_of(self._states, "supply_current_a"))
+
+    @property
+    def deaf_s(self) -> float:
+        """For how long it will not hear anything, because it reboots."""
+        return float(value_of(self._states, "deaf_s"))
+
+    @deaf_s.setter
+    def deaf_s(self, seconds: float) -> None:
+        self._states["deaf_s"] = seconds
 
     @property
     def raw_count(self) -> int:

@@ -10,8 +10,9 @@ All of it is one file because numba looks only at a function's own file when it 
 from math import floor, pi
 from typing import Any, Final
 
+from sim_backend.plant import Floats, ShaftTable
 from sim_backend.sts.compiled import compiled
-from sim_backend.sts.state import States
+from sim_backend.sts.state import States, Supplies
 
 Record = Any
 """One record of ``sim_backend.sts.state.STATE``: numba has no name for its type."""
@@ -461,7 +462,14 @@ def turn_motor(s: Record, dt_s: float, velocity_rad_s: float, voltage_v: float) 
 @compiled
 def step(states: States, dt_s: float, angle_rad: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
     """``dt_s`` of one servo, however many of its milliseconds that is: torque (N m), supply current (A)."""
-    s: Record = states[0]
+    return pass_time(states[0], dt_s, angle_rad, velocity_rad_s, voltage_v)
+
+
+@compiled
+def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
+    """``dt_s`` of one record, as ``step`` says."""
+    if s.deaf_s > 0.0:
+        s.deaf_s -= dt_s
     s.lagged_rad += (angle_rad - s.lagged_rad) * dt_s / (s.encoder_lag_s + dt_s)
     s.elapsed_ns += int(dt_s * 1e9 + 0.5)
     while s.elapsed_ns >= TICK_NS:
@@ -469,3 +477,40 @@ def step(states: States, dt_s: float, angle_rad: float, velocity_rad_s: float, v
         measure(s, voltage_v)
         tick(s)
     return turn_motor(s, dt_s, velocity_rad_s, voltage_v)
+
+
+# Several servos (row 10 of the table).
+
+
+@compiled
+def share_supplies(states: States, supplies: Supplies) -> None:
+    """Each supply's voltage sags by the current of all servos that hang on it."""
+    for k in range(len(supplies)):
+        total_a = 0.0
+        for i in range(len(states)):
+            if states[i].supply == k:
+                total_a += states[i].supply_current_a
+        supplies[k].left_v = max(0.0, supplies[k].voltage_v - total_a * supplies[k].resistance_ohm)
+    for i in range(len(states)):
+        states[i].voltage_v = supplies[states[i].supply].left_v
+
+
+@compiled
+def step_all(
+    states: States,
+    supplies: Supplies,
+    shafts: ShaftTable,
+    position: Floats,
+    velocity: Floats,
+    effort: Floats,
+    dt_s: float,
+) -> None:
+    """``dt_s`` of all servos of a line, from the joints' positions and velocities to their efforts."""
+    share_supplies(states, supplies)
+    for i in range(len(states)):
+        s: Record = states[i]
+        shaft = shafts[i]
+        angle_rad = position[shaft.position_at] * shaft.per_unit + shaft.zero_rad
+        velocity_rad_s = velocity[shaft.velocity_at] * shaft.per_unit
+        torque_nm, s.supply_current_a = pass_time(s, dt_s, angle_rad, velocity_rad_s, s.voltage_v)
+        effort[shaft.effort_at] = torque_nm * shaft.per_unit

@@ -55,7 +55,7 @@ class StsMemory:
     """The bytes that the wire sees, those in flash behind them, and the saved defaults behind these."""
 
     def __init__(self, model: ServoModel, servo_id: int, states: States) -> None:
-        self._table = memoryview(states["table"][0])
+        self.work_on(states)
         self.servo_id = servo_id
         self.baud = 0
         """Bits per second. Decoded with each write: every packet on the line is held against these two."""
@@ -66,6 +66,10 @@ class StsMemory:
         self.save_defaults()
         self._saved = bytearray(self._table)
         self.power_up()
+
+    def work_on(self, states: States) -> None:
+        """The table is this record's from now on."""
+        self._table = memoryview(states["table"][0])
 
     @property
     def answers(self) -> int:

@@ -13,6 +13,9 @@ TABLE_SIZE: Final = 87
 States = NDArray[np.void]
 """An array with one record, or with one for each of several servos."""
 
+Supplies = NDArray[np.void]
+"""An array with a record of ``SUPPLY`` for each supply of a line."""
+
 _PARAMETERS: Final = (
     # The motor at the output shaft.
     ("torque_constant_nm_a", "f8"),
@@ -28,6 +31,10 @@ _PARAMETERS: Final = (
     # The world: what power-off does not change.
     ("temperature_c", "f8"),
     ("lagged_rad", "f8"),  # the shaft's angle, as the encoder has it by now
+    ("deaf_s", "f8"),  # until it has rebooted
+    ("supply", "i8"),  # which of the line's supplies feeds it
+    ("voltage_v", "f8"),
+    ("supply_current_a", "f8"),  # what the motor takes from the supply
 )
 
 _VOLATILE: Final = (
@@ -74,6 +81,10 @@ _VOLATILE: Final = (
 )
 
 STATE: Final = np.dtype([("table", "u1", (TABLE_SIZE,)), *_PARAMETERS, *_VOLATILE], align=True)
+
+
+SUPPLY: Final = np.dtype([("voltage_v", "f8"), ("resistance_ohm", "f8"), ("left_v", "f8")])
+"""A power supply, and the voltage that it has left under its load."""
 
 
 def new_states(**parameters: float) -> States:

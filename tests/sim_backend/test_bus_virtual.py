@@ -1,10 +1,11 @@
 """Servos on the virtual wire: who answers, when, and what a fault does to it."""
 
+import numpy as np
 import pytest
 
 from drivers.servos import sts
 from sim_backend.bus import Reply, VirtualBus
-from sim_backend.plant import BenchPlant, Coupling, WorldPlant
+from sim_backend.plant import BenchPlant, Coupling, JointArrays, WorldPlant
 from sim_backend.rig import Rig
 from sim_backend.servo import VirtualServo
 from sim_backend.sts.firmware import StsVariant
@@ -254,38 +255,27 @@ class OneJointWorld:
     time_s = 0.0
 
     def __init__(self) -> None:
-        self.efforts: list[list[float]] = []
+        # The arrays have more in them than the joints, and each in its own order.
+        position, velocity = np.array([9.0, 9.0, 0.02]), np.array([-0.04, 9.0])
+        self.arrays = JointArrays(position, velocity, np.zeros(2), [1, 2], [1, 0], [0, 1])
 
-    def position(self) -> "Listed":
-        return Listed([9.0, 0.02])
-
-    def velocity(self) -> "Listed":
-        return Listed([9.0, -0.04])
-
-    def step(self, effort: list[float]) -> None:
-        self.efforts.append(list(effort))
+    def advance(self) -> None:
         self.time_s += self.timestep_s
-
-
-class Listed(list[float]):
-    """Enough of an array."""
-
-    def tolist(self) -> list[float]:
-        return list(self)
 
 
 def test_a_coupling_turns_metres_into_radians_and_torque_into_force() -> None:
     world = OneJointWorld()
     seen: list[float] = []
     coupling = Coupling(7, "finger", sign=-1, zero_counts=1024, transmission=0.02)
-    plant = WorldPlant(world, [coupling], seen.append)  # type: ignore[arg-type]
+    plant = WorldPlant(world, [coupling], seen.append)
     assert plant.angles() == pytest.approx([-1.0 + coupling.zero_rad])
     assert plant.velocities() == pytest.approx([2.0])
-    plant.step([0.5])
-    assert world.efforts == [pytest.approx([0.0, -25.0])]
+    plant.push([0.5])
+    plant.advance()
+    assert world.arrays.effort == pytest.approx([0.0, -25.0])
     assert seen == [0.001]
 
 
 def test_a_coupling_to_a_joint_that_is_not_there_is_refused() -> None:
     with pytest.raises(ValueError, match="no joint elbow"):
-        WorldPlant(OneJointWorld(), [Coupling(1, "elbow")])  # type: ignore[arg-type]
+        WorldPlant(OneJointWorld(), [Coupling(1, "elbow")])

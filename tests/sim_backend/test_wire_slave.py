@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_backend.instructions import Instruction
-from sim_backend.sts_wire import Code, InstructionParser, checksum, status_packet
+from sim_backend.sts_wire import Code, InstructionParser, StsParser, checksum, status_packet
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
@@ -95,6 +95,25 @@ def test_any_split_of_the_stream_gives_the_same_packets(sent: list[Instruction],
 def test_any_split_of_garbage_gives_the_same_too(stream: bytes, data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(stream)))
     assert parsed(stream[:cut], stream[cut:]) == parsed(stream)
+
+
+# Headers and sizes where nobody expects them.
+pieces = st.one_of(
+    st.sampled_from([b"\xff", b"\xff\xff", b"\x00", b"\x02", b"\x83", b"\xfc"]), instructions.map(packet)
+)
+
+
+@settings(deadline=None)
+@given(st.lists(pieces, max_size=8).map(b"".join))
+def test_an_sts_understands_a_portion_as_it_does_its_single_bytes(stream: bytes) -> None:
+    at_once, piecemeal = StsParser(), StsParser()
+    whole = [(instruction, at_once.pending) for instruction in at_once.feed(stream)]
+    single = [
+        (instruction, len(stream) - end)
+        for end in range(1, len(stream) + 1)
+        for instruction in piecemeal.feed(stream[end - 1 : end])
+    ]
+    assert whole == single
 
 
 @settings(deadline=None)

@@ -30,6 +30,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
 from sim_backend.port import VirtualPort
+from sim_backend.spread import Spread
 from sim_backend.world import World
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))
@@ -112,18 +113,22 @@ class StackRig:
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
+        seed: int | None = None,
+        backlash_rad: float = 0.0,
         keep_alive: bool = False,
         compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
     ) -> None:
         self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
-        self.world = World(initial_position=start)
+        spread = Spread(seed)
+        gaps = {joint.name: backlash_rad * joint.transmission for joint in self.files.robot.joints}
+        self.world = World(initial_position=start, spread=spread, backlash=gaps if backlash_rad else {})
         self.trace = Trace()
         self._feeder = Feeder()
         plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
         robot = self.files.robot
-        self.lines = virtual_lines(robot, plant)
+        self.lines = virtual_lines(robot, plant, spread)
         self.ports = {
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()

@@ -1,0 +1,216 @@
+"""How much faster than real time the simulation is, on one core: ``python -m bench.simulation [--json]``.
+
+Three times: the world alone, with the servos of the virtual arm on it, and the whole stack from the controllers to the
+bytes and the physics. Each figure is the best of several runs: what disturbs a run only makes it slower.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.arguments import in_words
+from controller.interface import ControllerContext
+from controller.loop import ControlLoop
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
+from hal.gravity_compensation import GravityCompensation
+from hal.servo_hardware import ServoHardware
+from servoloop.emulator import couplings, virtual_bus
+from servoloop.files import read_files
+from servoloop.hardware import compensation, compliances, servo_bus
+from sim_backend.clock import SimulatedClock
+from sim_backend.feeder import Feeder
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+RUNS = 5
+STEPS = 4000
+"""Timesteps of a run without the stack."""
+MOVE_S = 2.0
+SWING_RAD = 0.5
+SETTLE_S = 1.0
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Seconds spent in each part, without those spent in other parts that it called."""
+
+    spent_s: dict[str, float] = field(default_factory=dict)
+    _inner_s: list[float] = field(default_factory=lambda: [0.0])
+
+    def watch(self, part: str, owner: object, *methods: str) -> None:
+        """Count the time of these methods of ``owner`` as this part's from now on."""
+        self.spent_s.setdefault(part, 0.0)
+        for method in methods:
+            setattr(owner, method, self._timed(part, getattr(owner, method)))
+
+    def _timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            self._inner_s.append(0.0)
+            begin_s = time.perf_counter()
+            try:
+                return method(*args, **kwargs)
+            finally:
+                whole_s = time.perf_counter() - begin_s
+                self.spent_s[part] += whole_s - self._inner_s.pop()
+                self._inner_s[-1] += whole_s
+
+        return timed
+
+    def shares(self) -> dict[str, float]:
+        """The share of each part."""
+        total_s = sum(self.spent_s.values())
+        return {part: spent_s / total_s for part, spent_s in self.spent_s.items()}
+
+
+class Stack:
+    """The virtual arm under the whole stack, in one thread on simulated time."""
+
+    def __init__(self) -> None:
+        self.files = read_files()
+        robot, description, limits = self.files.robot, self.files.description, self.files.limits
+        self.clock = SimulatedClock()
+        self.world = World()
+        feeder = Feeder()
+        plant = WorldPlant(self.world, couplings(robot), lambda time_s: feeder.update(self.world, time_s))
+        self.line = virtual_bus(robot, plant)
+        self.port = VirtualPort(self.line, self.clock)
+        self.compensation: GravityCompensation | None = compensation(robot.joints, description)
+        self.hardware = ServoHardware(
+            description.components[0].name,
+            robot.joints,
+            lambda: servo_bus(robot.file, self.port, self.clock),
+            self.clock,
+            self.compensation,
+        )
+        components = ComponentSet([self.hardware], self.clock)
+        self.manager = ControllerManager(components, limits)
+        settled = self.manager.cycle.settled
+        context = ControllerContext(description, self.files.component, limits, settled, compliances(robot.joints))
+        factory = Factory(self.files.controllers, context)
+        built = [factory.make(spec) for spec in self.files.controllers.controllers]
+        for controller in built:
+            self.manager.registry.add(controller)
+        self.arm = next(one for one in built if isinstance(one, JointTrajectoryController))
+        period_s = 1.0 / self.files.controllers.update_rate_hz
+        self.loop = ControlLoop(components, self.manager, limits, self.clock, period_s)
+        configure_all(components)
+        self.loop.activate()
+        self._way = 1
+        self.run(SETTLE_S)
+
+    def run(self, seconds: float) -> None:
+        """Run cycles for so long."""
+        end_s = self.clock.now() + seconds - 1e-9
+        self.loop.run(lambda: self.clock.now() >= end_s)
+
+    def move(self) -> None:
+        """One motion of all joints of the arm, every other time back."""
+        here = self.arm.tracking
+        assert here is not None
+        pose = [float(angle) + self._way * SWING_RAD for angle in here.reference.position]
+        self._way = -self._way
+        goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), MOVE_S),))
+        reason = self.arm.check(goal)
+        assert reason is None, reason
+        self.arm.submit(goal)
+        self.run(MOVE_S)
+
+    def watch(self, stopwatch: Stopwatch) -> None:
+        """Have the stopwatch see where the time goes."""
+        stopwatch.watch("world", self.world, "advance")
+        stopwatch.watch("servos", self.line.rig, "step")
+        stopwatch.watch("line and packets", self.port, "read", "write", "discard_input")
+        if self.compensation is not None:
+            stopwatch.watch("compensation", self.compensation, "update")
+        stopwatch.watch("driver", self.hardware, "request", "read", "write")
+        stopwatch.watch("controllers", self.manager.cycle, "update")
+        stopwatch.watch("loop", self.loop, "run")
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """How many times faster than real time, and what share of the whole stack's time each part takes."""
+
+    world: float
+    servos: float
+    stack: float
+    shares: dict[str, float]
+
+
+def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
+    """The shortest of so many runs of so many steps, s."""
+    times_s = []
+    for _ in range(runs):
+        begin_s = time.perf_counter()
+        for _ in range(steps):
+            step()
+        times_s.append(time.perf_counter() - begin_s)
+    return min(times_s)
+
+
+def world_speed(runs: int, steps: int) -> float:
+    """The world alone, its arm held by nothing but friction."""
+    world = World()
+    return steps * world.timestep_s / best_s(world.advance, steps, runs)
+
+
+def servos_speed(runs: int, steps: int) -> float:
+    """All servos with their supply on the world, without a line."""
+    robot = read_files().robot
+    world = World()
+    rig = virtual_bus(robot, WorldPlant(world, couplings(robot))).rig
+    return steps * world.timestep_s / best_s(rig.step, steps, runs)
+
+
+def measure(runs: int = RUNS, steps: int = STEPS) -> Figures:
+    """Measure all of it. Where the time goes is asked of a run of its own, as asking takes time as well."""
+    stack = Stack()
+    # There and back: one motion has more contacts than the other.
+    stack_s = best_s(stack.move, 2, runs)
+    stopwatch = Stopwatch()
+    stack.watch(stopwatch)
+    stack.move()
+    stack.move()
+    return Figures(world_speed(runs, steps), servos_speed(runs, steps), 2 * MOVE_S / stack_s, stopwatch.shares())
+
+
+def show(console: Console, figures: Figures) -> None:
+    """Print what was found."""
+    table = Table("", "times real time", title="simulation on one core")
+    table.add_row("world alone", f"{figures.world:.0f}")
+    table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
+    table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
+    console.print(table)
+    shares = Table("whole stack", "share of its time")
+    for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):
+        shares.add_row(part, f"{share:.0%}")
+    console.print(shares)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--json", action="store_true", help="figures as JSON")
+    arguments = parser.parse_args()
+    figures = measure()
+    if arguments.json:
+        print(json.dumps(asdict(figures), indent=2))
+    else:
+        show(Console(width=100), figures)
+
+
+if __name__ == "__main__":
+    with in_words():
+        main()
