@@ -103,4 +103,4 @@ def forget_volatile(states: States) -> None:
 
 def value_of(states: States, name: str) -> Any:
     """One number of the first servo's record."""
-    return states[name][0].item()
+    return states[name].item(0)
