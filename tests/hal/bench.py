@@ -18,7 +18,7 @@ from sim_backend.instructions import Instruction
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from sim_backend.servo import VirtualServo
-from sim_backend.sts.firmware import StsVariant
+from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
 from sim_backend.sts_wire import InstructionParser
 
 PERIOD_S = 0.05
@@ -90,11 +90,11 @@ class Bench:
         joints: Sequence[Joint] = JOINTS,
         clock: SimulatedClock | None = None,
         *,
-        goal_write_energises: bool = True,
+        variant: StsVariant = AS_REIMPLEMENTED,
     ) -> None:
         self.clock = clock or SimulatedClock(1000.0)
         self.plant = BenchPlant([joint.servo_id for joint in joints])
-        self.servos = VirtualBus.of(self.plant, variant=StsVariant(goal_write_energises=goal_write_energises))
+        self.servos = VirtualBus.of(self.plant, variant=variant)
         self.place(counts)
         self.opened = 0
         self.watch_next_port: Callable[[int, Instruction], None] = lambda number, instruction: None

@@ -11,6 +11,7 @@ from drivers.servos import sts
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.instructions import Instruction
+from sim_backend.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, Bench, switches_torque_on
 
 BEFORE = (2048, 2000, 1500)
@@ -64,7 +65,7 @@ def test_an_arm_that_a_former_program_left_under_torque_is_not_dropped_when_acti
 
 def test_joints_that_sink_while_a_torque_switch_is_repeated_are_measured_again() -> None:
     """The joint in question and those behind it are limp still; a goal from before would make them leap back."""
-    bench = Bench(counts=BEFORE, goal_write_energises=False).configured()
+    bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 1950, 1450)))
     bench.hardware.activate()
     assert bench.torque() == list(IDS)
@@ -98,7 +99,7 @@ def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() ->
 
 
 def test_a_joint_that_sank_out_of_its_limits_meanwhile_gets_no_torque() -> None:
-    bench = Bench(counts=BEFORE, goal_write_energises=False).configured()
+    bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 2000, 500)))
     with pytest.raises(ActivationError, match=r"finger \(servo 7\) stands at .* outside its limits"):
         bench.hardware.activate()

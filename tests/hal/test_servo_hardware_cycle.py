@@ -12,6 +12,7 @@ from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.servo_faults import RESET_S
 from hal.types import FloatArray, JointCommand
+from sim_backend.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
 from tests.hal.faults import fault_texts
 
@@ -459,7 +460,7 @@ def test_a_servo_that_was_reset_between_two_readings_is_found_within_half_a_seco
     servo_id: int, goal_write_energises: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     """It has answered all the time. Where a goal has switched it on again, its torque limit is lost nevertheless."""
-    bench = Bench(goal_write_energises=goal_write_energises).active()
+    bench = Bench(variant=StsVariant(goal_write_energises)).active()
     bench.cycle(HERE)
     bench.servos.servo(servo_id).power_cycle()
     joint = joint_of(servo_id).name
