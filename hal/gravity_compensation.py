@@ -42,6 +42,8 @@ class GravityCompensation:
         self._dead_band = np.array([one.dead_band if one else math.inf for one in known])
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
         self._velocity = np.array([one.velocity for one in limits])
+        self.enabled = True
+        """Whether there are offsets; they come and go slowly."""
         self.restart()
 
     def restart(self) -> None:
@@ -74,12 +76,13 @@ class GravityCompensation:
         before = command if self._command is None else self._command
         missing = np.isnan(measured)
         self._correct(command, before, measured, dt_s)
-        wanted = np.where(missing, self._offset, self._share * self._sag(command) + self._correction)
+        wanted = np.where(missing, self._offset, self._share * (self._sag(command) + self._correction))
         goal = np.clip(command + wanted, np.minimum(self._lower, command), np.maximum(self._upper, command))
         last, reach = before + self._offset, self._velocity * dt_s
         self._offset = np.clip(goal, last - reach, last + reach) - command
         self._command = command.copy()
-        self._share = min(self._share + dt_s / FADE_IN_S, 1.0)
+        change = dt_s / FADE_IN_S
+        self._share = min(self._share + change, 1.0) if self.enabled else max(self._share - change, 0.0)
         return self._offset
 
     def _sag(self, position: FloatArray) -> FloatArray:

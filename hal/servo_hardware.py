@@ -31,8 +31,8 @@ FIRST_PERIOD_S = 0.05
 class ServoHardware:
     """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several.
 
-    ``interpolate`` tells each servo how fast to go, so that it moves through the whole period
-    instead of leaping to the goal and waiting there.
+    Each servo is told how fast to go, so that it moves through the whole period instead of leaping to the goal and
+    waiting there.
     """
 
     def __init__(
@@ -48,12 +48,11 @@ class ServoHardware:
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
-        self.interpolate = True
         self._joints = tuple(joints)
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
         self._clock = clock
-        self._compensation = compensation
+        self.compensation = compensation
         self._period_s = FIRST_PERIOD_S
         self._goals: dict[str, ServoGoal] = {}
         self._states = ServoStates(joints, clock)
@@ -81,8 +80,8 @@ class ServoHardware:
         self._states.faults.forget()
         held = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
         self._goals = {name: ServoGoal(counts) for name, counts in held.items()}
-        if self._compensation is not None:
-            self._compensation.restart()
+        if self.compensation is not None:
+            self.compensation.restart()
         self.state = LifecycleState.ACTIVE
         self.read()
 
@@ -121,7 +120,7 @@ class ServoHardware:
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         goals: dict[str, ServoGoal] = {}
-        wanted = command.values if self._compensation is None else command.values + self._compensation.offsets
+        wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
         for joint, position in zip(self._joints, wanted, strict=True):
             if joint.name in self._states.faults.withheld:
                 continue
@@ -129,26 +128,23 @@ class ServoHardware:
             held = self._goals[joint.name].position_counts
             # A joint that began outside its limits has a goal there, and must not leap back in.
             counts = min(max(joint.counts(float(position)), held - reach), held + reach)
-            goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, reach))
+            goals[joint.name] = ServoGoal(counts, self._speed(joint, counts))
         # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
         self._goals |= goals
         try:
             self._opened("write").write_goals(goals)
         finally:
-            if self._compensation is not None:
-                self._compensation.update(command, self._states)  # for the next command
+            if self.compensation is not None:
+                self.compensation.update(command, self._states)  # for the next command
 
-    def _speed(self, joint: Joint, counts: int, reach: int) -> int:
-        """Counts/s. ``reach``: counts that the joint may go in one period.
+    def _speed(self, joint: Joint, counts: int) -> int:
+        """Counts/s.
 
         As fast as the way from the last goal needs. Where a servo lies behind (it was silent, or
         something was in its way), it catches up in ``CATCH_UP_S``, within the joint's velocity limit.
-        Without interpolation a servo is let loose (0) only when it is known to be near its goal.
         """
         held, former = self._goals[joint.name]
         measured = self._states.measured.get(joint.name)
-        if not self.interpolate and measured is not None and abs(held - measured) <= reach:
-            return 0
         speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
         speed = max(speed, former * (1.0 - min(self._period_s / SLOWING_S, 1.0)))
         if measured is not None:

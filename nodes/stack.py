@@ -23,7 +23,7 @@ class Stack:
     servo_ids: Mapping[str, str]
     """By joint: the ID, behind its bus where buses have names (``hand/1``). Empty where there are no servos."""
     scene: Scene
-    set_interpolation: Mapping[str, Callable[[bool], None]]
+    set_compensation: Mapping[str, Callable[[bool], None]]
     """By component, where it has servos."""
     factory: Factory
     """Makes the controllers that clients load."""

@@ -66,12 +66,12 @@ class StackMonitor:
         """Take in what comes, for at most so long."""
         self._executor.spin_once(timeout_sec=seconds)
 
-    def set_parameter(self, node_name: str, name: str, value: bool) -> bool:
-        """Set a boolean parameter of another node; whether it agreed."""
+    def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:
+        """Set a parameter of another node; whether it agreed."""
         client = self._node.create_client(SetParameters, f"/{node_name}/set_parameters")
         if not client.wait_for_service(timeout_sec=5.0):
             return False
-        parameter = Parameter(name, Parameter.Type.BOOL, value).to_parameter_msg()
+        parameter = Parameter(name, value=value).to_parameter_msg()
         future = client.call_async(SetParameters.Request(parameters=[parameter]))
         self._executor.spin_until_future_complete(future, timeout_sec=5.0)
         response = future.result()

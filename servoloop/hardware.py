@@ -63,7 +63,7 @@ class HardwareSetup:
 
     hardware: ComponentSet
     scene: Callable[[], Mapping[str, Pose]]
-    set_interpolation: Mapping[str, Callable[[bool], None]]
+    set_compensation: Mapping[str, Callable[[bool], None]]
     """By component, where it has servos."""
     virtual: bool
     """Whether nothing real moves."""
@@ -95,7 +95,7 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
     buses: dict[str, Line] = {}
     made = [_made(kinds[c.name], c, files, devices, clock, world, buses) for c in components]
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
-    servos = {one.name: _interpolation(one) for one in made if isinstance(one, ServoHardware)}
+    servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
     feed = _feed(devices) if servos else None
     scene = world.scene if world else Scene(feed) if feed else dict
     real = (bool(servos) and feed is None) or any(kinds[c.name] not in tuple(HardwareKind) for c in components)
@@ -193,11 +193,12 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     return hardware
 
 
-def _interpolation(hardware: ServoHardware) -> Callable[[bool], None]:
-    def set_interpolation(on: bool) -> None:
-        hardware.interpolate = on
+def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:
+    def set_compensation(on: bool) -> None:
+        if hardware.compensation is not None:
+            hardware.compensation.enabled = on
 
-    return set_interpolation
+    return set_compensation
 
 
 class _World:

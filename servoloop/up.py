@@ -107,7 +107,7 @@ def _stack(
     require_ros()
     from nodes.stack import Stack
 
-    driven = [c.name for c in files.description.components if c.name in setup.set_interpolation]
+    driven = [c.name for c in files.description.components if c.name in setup.set_compensation]
     servo_ids = {
         joint.name: joint.address
         for joint in files.robot.joints
@@ -119,7 +119,7 @@ def _stack(
         files.component,
         servo_ids,
         setup.scene,
-        setup.set_interpolation,
+        setup.set_compensation,
         factory,
         relax,
         publish_transforms,

@@ -14,7 +14,7 @@ from hal.types import JointState
 from nodes.parameter_node import ParameterNode
 from nodes.stack import Stack
 
-INTERPOLATION = "servo_interpolation"
+COMPENSATION = "gravity_compensation"
 
 
 class HardwareNodes:
@@ -29,8 +29,8 @@ class HardwareNodes:
         self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.nodes[0].create_timer(1.0, self._publish)
         for component, node in zip(components, self.nodes, strict=True):
-            if switch := stack.set_interpolation.get(component.name):
-                node.declare_parameter(INTERPOLATION, True)
+            if switch := stack.set_compensation.get(component.name):
+                node.declare_parameter(COMPENSATION, True)
                 node.add_on_set_parameters_callback(_switching(switch))
 
     def update(self, state: JointState) -> None:
@@ -128,7 +128,7 @@ def _component_status(component: Component) -> DiagnosticStatus:
 def _switching(switch: Callable[[bool], None]) -> Callable[[list[Parameter]], SetParametersResult]:
     def on_parameters(parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
-            if parameter.name == INTERPOLATION:
+            if parameter.name == COMPENSATION:
                 switch(bool(parameter.value))
         return SetParametersResult(successful=True)
 

@@ -58,6 +58,17 @@ def test_it_fades_in_from_zero_and_begins_anew_with_each_activation() -> None:
         made.restart()
 
 
+def test_switched_off_it_fades_out_and_comes_back_as_slowly() -> None:
+    made = GravityCompensation(JOINTS, GRAVITY)
+    before = settled(made, LEANING)
+    made.enabled = False
+    steps = np.diff([before[1], *(made.offset(LEANING, LEANING, PERIOD_S)[1] for _ in range(25))])
+    assert np.abs(steps).max() <= 1.01 * abs(before[1]) * PERIOD_S
+    assert not settled(made, LEANING).any()
+    made.enabled = True
+    assert settled(made, LEANING) == pytest.approx(before)
+
+
 def test_masses_that_make_no_sense_give_no_more_than_half_of_what_the_servo_can() -> None:
     heavy = Gravity(parse_urdf(URDF.read_text().replace('mass value="', 'mass value="10')), [j.name for j in JOINTS])
     offset = settled(GravityCompensation(JOINTS, heavy), LEANING)

@@ -131,16 +131,6 @@ def test_the_speed_follows_the_way_from_the_last_goal_and_falls_only_as_fast_as_
     assert speeds(bench)[0] < fast / 5
 
 
-def test_without_interpolation_speed_zero_means_as_fast_as_it_can() -> None:
-    bench = Bench().active()
-    bench.hardware.interpolate = False
-    bench.hardware.write(JointCommand(HERE + at(0.06, 0.0, 0.0), PERIOD_S))
-    assert speeds(bench) == [0, 0, 0]
-    bench.hardware.interpolate = True
-    bench.hardware.write(JointCommand(HERE + at(0.06, 0.0, 0.0), PERIOD_S))
-    assert 0 not in speeds(bench)
-
-
 # Silence
 
 
@@ -282,10 +272,9 @@ def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
     assert bench.measured(1) - begin < 2.0 * reach
 
 
-def missed_goals(*, interpolate: bool) -> Bench:
+def missed_goals() -> Bench:
     """The shoulder was silent for ten cycles, is back, and its next goal is where the last one was."""
     bench = Bench().active()
-    bench.hardware.interpolate = interpolate
     bench.servos.faults.silence(1)
     for share in np.linspace(0.05, 0.5, 10):
         bench.cycle(HERE + at(share, 0.0, 0.0))
@@ -295,10 +284,9 @@ def missed_goals(*, interpolate: bool) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("interpolate", [True, False])
-def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: bool) -> None:
+def test_a_servo_that_comes_back_catches_up_in_about_half_a_second() -> None:
     """A resting goal needs no speed; where the servo is does. It must neither creep nor leap."""
-    bench = missed_goals(interpolate=interpolate)
+    bench = missed_goals()
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
     for _ in range(40):
         before = bench.measured(1)
@@ -307,18 +295,14 @@ def test_a_servo_that_comes_back_catches_up_in_about_half_a_second(interpolate: 
         if abs(state.position[0] - 0.5) > 0.1:
             # Told a little faster than needed.
             velocity = bench.held(1, sts.goal_velocity)
-            # 0, as fast as it can, is for goals that it reaches within a period.
-            near = abs(bench.held(1, sts.goal_position) - bench.measured(1)) <= 2.0 * bound * PERIOD_S
             furthest = math.ceil(bound * PERIOD_S) / PERIOD_S
-            assert velocity <= furthest * 1.1 + 101 and (velocity > 0 or (near and not interpolate))
+            assert 0 < velocity <= furthest * 1.1 + 101
     assert state.position[0] == pytest.approx(0.5, abs=0.03)
 
 
-@pytest.mark.parametrize("interpolate", [True, False])
-def test_a_servo_that_was_held_fast_is_not_let_loose(interpolate: bool) -> None:
+def test_a_servo_that_was_held_fast_is_not_let_loose() -> None:
     """It answered all the time, so nothing but its position says that it lies behind."""
     bench = Bench().active()
-    bench.hardware.interpolate = interpolate
     for share in np.linspace(0.05, 0.5, 10):
         bench.place((2048, 2000, 1500))
         bench.cycle(HERE + at(share, 0.0, 0.0))

@@ -14,7 +14,7 @@ from sim_backend.faults import Disturbance
 from sim_backend.port import VirtualPort
 from sim_backend.rig import Rig, Supply
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
-from tests.hal.bench import JOINTS, PERIOD_S, Bench, WatchedPort, at
+from tests.hal.bench import JOINTS, Bench, WatchedPort, at
 
 HERE = at(0.0, 0.0, JOINTS[2].position(1500))
 UNTOLD_PERIOD_S = 0.05
@@ -85,19 +85,6 @@ def test_at_20_hz_there_is_time_for_every_servo_although_one_is_silent(kind: Kin
 
 
 # The speed that goes with a goal
-
-
-@pytest.mark.parametrize(("lag_counts", "free"), [(0, True), (-131, True), (131, True), (-132, False), (132, False)])
-def test_without_interpolation_a_servo_is_let_loose_within_one_period_of_its_goal(lag_counts: int, free: bool) -> None:
-    """At 4 rad/s the shoulder makes 130.4 counts in a period, 131 begun ones."""
-    bench = Bench().active()
-    bench.hardware.interpolate = False
-    bench.servos.servo(1).memory.put(sts.torque_enable, 0)  # or it would not stay where it is placed
-    bench.place((2048 + lag_counts, 2000, 1500))
-    bench.hardware.read()
-    assert bench.measured(1) == 2048 + lag_counts
-    bench.hardware.write(JointCommand(HERE, PERIOD_S))
-    assert (bench.held(1, sts.goal_velocity) == 0) is free
 
 
 def test_a_joint_that_may_be_faster_than_its_register_can_say_is_told_the_most_that_it_can() -> None:

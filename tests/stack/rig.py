@@ -109,7 +109,6 @@ class StackRig:
     def __init__(
         self,
         *,
-        interpolate: bool = True,
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
@@ -136,7 +135,7 @@ class StackRig:
         # Most tests have one line.
         self.bus, self.port = next(iter(self.lines.values())), next(iter(self.ports.values()))
         self.virtual_port = self.port.port
-        self.made = [self._made(component, interpolate) for component in self.files.description.components]
+        self.made = [self._made(component) for component in self.files.description.components]
         self.hardware = self.made[0]
         components = ComponentSet(self.made, self.clock)
         limits = self.files.limits
@@ -166,7 +165,7 @@ class StackRig:
         self.loop.activate()
         return self
 
-    def _made(self, component: HardwareInfo, interpolate: bool) -> ServoHardware:
+    def _made(self, component: HardwareInfo) -> ServoHardware:
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         names = {joint.bus for joint in joints}
 
@@ -176,7 +175,6 @@ class StackRig:
         made = ServoHardware(
             component.name, joints, open_buses, self.clock, self._compensation(joints, self.files.description)
         )
-        made.interpolate = interpolate
         return made
 
     def _open_buses(self) -> dict[str, Bus]:
