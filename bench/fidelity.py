@@ -75,7 +75,7 @@ class Bench:
 
     @classmethod
     def recorded(cls) -> "Bench":
-        """As the steps were recorded on hardware: 7.4 V, no load, a set-point that accelerates without a limit."""
+        """A servo as the steps were recorded: 7.4 V, no load, a set-point that accelerates without a limit."""
         bench = cls(sts.STS3215_C001, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=RECORDED_DAMPING_NM_S)
         return bench.unlimited()
 
@@ -184,7 +184,7 @@ def behind(
 
 
 def follow_line(bench: Bench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> float:
-    """How far it is behind a steady 2 rad/s in the end, counts."""
+    """The shaft's distance behind a steady 2 rad/s in the end, counts."""
     start = bench.read(sts.present_position) - 1000
     bench.write(sts.goal_position, start)
     bench.wait(1.5)

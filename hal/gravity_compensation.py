@@ -68,7 +68,7 @@ class GravityCompensation:
         self.offsets = self.offset(next_one, np.array(measured), command.period_s)
 
     def offset(self, command: FloatArray, measured: FloatArray, dt_s: float) -> FloatArray:
-        """What to add to ``command``, which has passed the gate; ``measured`` is NaN where the servo is missing.
+        """The offsets for ``command``, which has passed the gate; ``measured`` is NaN where the servo is missing.
 
         Command and offset together stay within the joint's limits, and go no faster than the joint may. The offset of
         a joint that is missing stays.

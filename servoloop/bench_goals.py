@@ -99,7 +99,7 @@ def _why_nobody(bus: Bus, servo_ids: Sequence[int]) -> str:
 def _find_goal(
     bus: Bus, servo_id: int, model: ServoModel, state: ServoState, goals: PresentGoals, *, patient: bool
 ) -> None:
-    """One servo's goal into ``goals``, if it may have any. Raises ServoRefused for one with another table.
+    """Put one servo's goal into ``goals``, if it may have any. Raises ServoRefused for one with another table.
 
     ``patient``: no other has been mute yet. Where one has, all may be, and a second look at each would take long.
     """

@@ -112,7 +112,7 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
 
 
 def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
-    """How far servos lag, by joint, as far as is known."""
+    """The compliances of servos by joint, as far as they are known."""
     return {joint.name: joint.compliance for joint in joints if joint.compliance is not None}
 
 

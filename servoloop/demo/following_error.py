@@ -18,7 +18,7 @@ REST_S = 0.5
 class FollowingError:
     """The following error of one run, joint by joint in the arm's order, rad; empty where nothing could be measured.
 
-    What the servos' interpolation does is seen at the joint that moves fastest.
+    Sag is seen at the joints that carry the arm, lag at the one that moves fastest.
     """
 
     largest_rad: tuple[float, ...]

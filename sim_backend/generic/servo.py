@@ -12,6 +12,7 @@ from sim_backend.generic.firmware import GenericFirmware
 from sim_backend.generic.memory import Memory
 from sim_backend.instructions import Instruction
 from sim_backend.packet_servo import PacketServo
+from sim_backend.sts.firmware import touches
 from sim_backend.sts_wire import Code
 
 REBOOT_S: Final = 0.8
@@ -93,4 +94,4 @@ class GenericServo(PacketServo):
     def _covers(self, address: int, data: bytes, register: Register) -> bool:
         """Whether a write of ``data`` at ``address`` touches ``register``."""
         own = self.memory.own(register)
-        return own is not None and address < own.address + own.size and own.address < address + len(data)
+        return own is not None and touches(address, len(data), own)
