@@ -6,8 +6,6 @@ from typing import Any
 
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
-from drivers.servos.xl320 import XL320
-from hal.errors import RobotFileError
 from hal.robot import Robot
 from servoloop.ports import device_paths
 from sim_backend.bus import VirtualBus
@@ -41,8 +39,6 @@ def couplings(robot: Robot) -> list[Coupling]:
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
     """A virtual bus with the servos that the robot file names for it. ``spread``: of STS servos and their supply."""
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
-    if XL320 in models.values():
-        raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
     return VirtualBus.of(plant, models, spread=spread)
