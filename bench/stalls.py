@@ -30,6 +30,7 @@ from servoloop.demo.cell import Cell, cell
 from servoloop.demo.live import Live
 from servoloop.files import read_files
 from servoloop.realtime import LOOP_PRIORITY
+from sim_backend.build import Build
 from sim_backend.world_feed import WorldFeedClient, feed_path
 
 SIDES: Final[Mapping[str, Sequence[str]]] = {
@@ -138,7 +139,7 @@ class Outcome:
 
 def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
     """Run so many jobs in a new cell, with this side's processes stopped again and again."""
-    with Live(console) as live, cell(folder, None, live) as ready:
+    with Live(console) as live, cell(folder, None, Build(), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
 

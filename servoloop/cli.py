@@ -30,6 +30,8 @@ app = typer.Typer(
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 
+BACKLASH_DEG = 1.0
+"""What owners measure at the shaft of an STS3215."""
 LARGEST_BAUD = 12_000_000
 """Of the fastest USB adapters."""
 INTERRUPTED = 130
@@ -37,6 +39,13 @@ INTERRUPTED = 130
 
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
 NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
+BacklashOption = Annotated[
+    float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each virtual servo's shaft is free.")
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, help="A virtual arm of its own: friction, motors, masses and supply differ by 10 %."),
+]
 UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
 
 
@@ -119,6 +128,8 @@ def emulate(
     link: Annotated[Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")],
     urdf: UrdfOption = URDF,
     robot: RobotOption = None,
+    backlash_deg: BacklashOption = BACKLASH_DEG,
+    seed: SeedOption = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -128,6 +139,7 @@ def emulate(
     from servoloop.emulator import emulate as run
     from servoloop.realtime import claim_realtime_priority
     from servoloop.signals import Signals
+    from sim_backend.build import Build
 
     _log_to_terminal()
     if not link.name:
@@ -142,6 +154,7 @@ def emulate(
             files.robot,
             link,
             pictures,
+            Build(backlash_deg, seed),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )
@@ -196,6 +209,8 @@ def demo(
     repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
     robot: RobotOption = None,
+    backlash_deg: BacklashOption = BACKLASH_DEG,
+    seed: SeedOption = None,
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
@@ -207,6 +222,7 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.live import Live
+    from sim_backend.build import Build
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
@@ -216,7 +232,7 @@ def demo(
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, robot, live)
+        report = run(jobs, repeat, out, robot, Build(backlash_deg, seed), live)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

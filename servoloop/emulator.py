@@ -10,6 +10,7 @@ from drivers.servos.xl320 import XL320
 from hal.errors import RobotFileError
 from hal.robot import Robot
 from servoloop.ports import device_paths
+from sim_backend.build import Build
 from sim_backend.bus import VirtualBus
 from sim_backend.common import CommonPlant
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
@@ -63,13 +64,19 @@ def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[
 
 
 def emulate(
-    robot: Robot, link: Path, pictures: Path | None, stop: Callable[[], bool], on_ready: Callable[[], None]
+    robot: Robot,
+    link: Path,
+    pictures: Path | None,
+    build: Build,
+    stop: Callable[[], bool],
+    on_ready: Callable[[], None],
 ) -> None:
     """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
 
     Raises PortBusy where a path is taken.
     """
-    world = World()
+    ways = couplings(robot)
+    world = World(spread=build.spread, backlash=build.gaps(ways))
     feeder = Feeder()
     recorder = Recorder(world) if pictures else None
 
@@ -78,8 +85,8 @@ def emulate(
         if recorder:
             recorder.update(time_s)
 
-    plant = WorldPlant(world, couplings(robot), after_step)
-    lines = virtual_lines(robot, plant)
+    plant = WorldPlant(world, ways, after_step)
+    lines = virtual_lines(robot, plant, build.spread)
     places = device_paths(link, lines)
     with WorldFeed(feed_path(link)) as feed:
         serve_all(

@@ -16,6 +16,7 @@ from servoloop.files import CONFIG, read_files
 from servoloop.ports import device_paths, port_options
 from servoloop.processes import Processes
 from servoloop.signals import Signals
+from sim_backend.build import Build
 from sim_backend.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def cell(out: Path, robot: Path | None, live: Live) -> Iterator[Cell]:
+def cell(out: Path, robot: Path | None, build: Build, live: Live) -> Iterator[Cell]:
     """Start the cell; end it behind the block. ``out``: an existing folder for logs and pictures.
 
     Raises DriverError with a process' last words if one of them fails, Interrupted after a signal.
@@ -76,7 +77,7 @@ def cell(out: Path, robot: Path | None, live: Live) -> Iterator[Cell]:
     link = out / "bus"
     component = read_files(robot=robot).component.name
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
-        process_ids = _start(processes, link, robot, live)
+        process_ids = _start(processes, link, robot, build, live)
         with client_node("servoloop_demo") as (node, executor):
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), ARM_JOINTS)
@@ -96,7 +97,7 @@ def _feed(link: Path, processes: Processes) -> WorldFeedClient:
         raise DriverError(f"the emulator does not show its world at {feed_path(link)}: {error}") from error
 
 
-def _start(processes: Processes, link: Path, robot: Path | None, live: Live) -> dict[str, int]:
+def _start(processes: Processes, link: Path, robot: Path | None, build: Build, live: Live) -> dict[str, int]:
     """Start all three processes, each when the one before it is ready; their process IDs."""
     buses = read_files(robot=robot).robot.file.lines()
     ready = link.with_name("ready")
@@ -104,7 +105,8 @@ def _start(processes: Processes, link: Path, robot: Path | None, live: Live) -> 
     arm = ("--robot", str(robot)) if robot else ()
     started: dict[str, int] = {}
     live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
-    command = ("servoloop", "emulate", str(link), "--pictures", str(link.parent), *arm)
+    built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
+    command = ("servoloop", "emulate", str(link), "--pictures", str(link.parent), *built, *arm)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]
     processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)

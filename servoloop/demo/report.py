@@ -32,11 +32,13 @@ def print_table(report: Report, console: Console) -> None:
     for run in report.runs:
         table.add_row(*_cells(run))
     table.add_section()
-    grade, *rest = _cells(report.comparison)
-    table.add_row(f"{grade} *", *rest)
+    marks = {what: "*" * count for count, what in enumerate(report.comparisons, 1)}
+    for what, run in report.comparisons.items():
+        grade, *rest = _cells(run)
+        table.add_row(f"{grade} {marks[what]}", *rest)
     console.print(table)
     console.print("of the worst joint and of the fastest; RMS while moving, at rest half a second after a motion")
-    console.print("* without gravity compensation\n")
+    console.print(", ".join(f"{mark} without {what}" for what, mark in marks.items()) + "\n")
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
 
@@ -82,10 +84,9 @@ def _content(report: Report) -> dict[str, Any]:
         "loop": {**report.loop, "cpu_percent_of_a_core": report.cpu_percent},
         "following_error": {
             "of": "joint1 to joint6 in all runs, the worst of them; at the cycles and every 5 ms between them",
-            "with_gravity_compensation": worst(run.between_cycles for run in runs).as_dict(),
-            "without_gravity_compensation": report.comparison.between_cycles.as_dict(),
+            **worst(run.between_cycles for run in runs).as_dict(),
         },
-        "comparison_run": _run(report.comparison),
+        "without": {what: _run(run) for what, run in report.comparisons.items()},
     }
 
 

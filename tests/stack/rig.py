@@ -26,11 +26,11 @@ from servoloop.demo.following_error import FollowingError, between_cycles
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
 from servoloop.hardware import compensation, compliances, servo_bus
+from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
 from sim_backend.port import VirtualPort
-from sim_backend.spread import Spread
 from sim_backend.world import World
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))
@@ -42,6 +42,7 @@ BINS = {
     "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
 }
 OPEN_M, CLOSED_M = 0.0, 0.05
+NOMINAL_BUILD = Build()
 MOVE_S = 2.0
 
 
@@ -112,22 +113,20 @@ class StackRig:
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
-        seed: int | None = None,
-        backlash_rad: float = 0.0,
+        build: Build = NOMINAL_BUILD,
         keep_alive: bool = False,
         compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
     ) -> None:
         self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
-        spread = Spread(seed)
-        gaps = {joint.name: backlash_rad * joint.transmission for joint in self.files.robot.joints}
-        self.world = World(initial_position=start, spread=spread, backlash=gaps if backlash_rad else {})
+        ways = couplings(self.files.robot)
+        self.world = World(initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         self.trace = Trace()
         self._feeder = Feeder()
-        plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
+        plant = WorldPlant(self.world, ways, self._after_step)
         robot = self.files.robot
-        self.lines = virtual_lines(robot, plant, spread)
+        self.lines = virtual_lines(robot, plant, build.spread)
         self.ports = {
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()

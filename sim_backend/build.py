@@ -1,0 +1,28 @@
+"""How one virtual arm is built: its gears' backlash, and how its parts differ from the nominal ones."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import radians
+
+from sim_backend.plant import Coupling
+from sim_backend.spread import Spread
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """One virtual arm of many."""
+
+    backlash_deg: float = 0.0
+    """By so much the shaft of each servo is free of its motor."""
+    seed: int | None = None
+    """Gives the arm friction, motors, masses and a supply of its own. None: the nominal ones."""
+
+    @property
+    def spread(self) -> Spread:
+        """The arm's parts."""
+        return Spread(self.seed)
+
+    def gaps(self, couplings: Iterable[Coupling]) -> dict[str, float]:
+        """The backlash by joint, rad or m; empty where there is none."""
+        gap_rad = radians(self.backlash_deg)
+        return {one.joint: gap_rad * one.transmission for one in couplings} if gap_rad else {}
