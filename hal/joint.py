@@ -29,6 +29,8 @@ class Joint:
     """The name of the bus that the servo is on; empty where there is only one."""
     position_p: int | None = None
     """The servo's position P gain, where the robot file chose one."""
+    settings: tuple[tuple[str, int], ...] = ()
+    """Registers of the servo's EEPROM and what they are to hold, as the robot file names them."""
     gravity_compensation: bool = True
     """Whether the servo's goals may differ from the commands to make up for what it gives way under load."""
 
@@ -50,7 +52,7 @@ class Joint:
     @property
     def compliance(self) -> Compliance | None:
         """How far the joint gives way and lags; None where nobody knows."""
-        return compliance_of(self.model, self.position_p, self.transmission)
+        return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def position(self, counts: int) -> float:
         """Joint position in rad or m."""

@@ -12,6 +12,7 @@ from drivers.servos.dynamixel import PROTOCOL_2
 from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
+from hal.servo_settings import mistakes
 from hal.types import JointLimits
 from hal.yaml_file import load
 
@@ -48,6 +49,8 @@ class JointFile(_Strict):
     torque_limit: float = Field(1.0, gt=0, le=1)
     position_p: int | None = Field(None, ge=0, le=16383)
     """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
+    settings: dict[str, int] = {}
+    """Registers of the servo's EEPROM, by name: gains, dead zones, protections. Written where the servo has others."""
     acceleration: Positive
     jerk: Positive
 
@@ -171,6 +174,7 @@ def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
     if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
         problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
+    problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
 
@@ -283,5 +287,6 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         torque_limit=file.torque_limit,
         bus=bus,
         position_p=file.position_p,
+        settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )
