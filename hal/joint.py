@@ -23,6 +23,8 @@ class Joint:
     sign: int = 1
     zero_counts: int = 2048
     transmission: float = 1.0
+    homing_offset: int | None = None
+    """What the servo's homing offset must be for ``zero_counts`` to be true; None: it is not looked at."""
     torque_limit: float = 1.0
     """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""

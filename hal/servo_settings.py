@@ -12,7 +12,7 @@ from typing import Final
 from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.errors import ServoError
+from drivers.errors import ServoError, ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.joint import Joint
@@ -48,6 +48,20 @@ def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
         elif not known[name].smallest <= value <= known[name].largest:
             problems.append(f"{name} takes {known[name].smallest} to {known[name].largest}, not {value}")
     return problems
+
+
+def check_homing_offset(joint: Joint, bus: Bus) -> None:
+    """Raise ServoRefused where the servo counts from another place than when the joint's zero was found."""
+    if joint.homing_offset is None:
+        return
+    register = next(one for one in series_of(joint.model).registers if one.name == "homing_offset")
+    held = retry(partial(bus.read, joint.servo_id, register))
+    if held != joint.homing_offset:
+        raise ServoRefused(
+            joint.servo_id,
+            f"has homing_offset {held}, and {joint.name} was calibrated with {joint.homing_offset}: was the servo "
+            "changed, or reset? Calibrate the arm again, or write the register back",
+        )
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:

@@ -12,7 +12,7 @@ from drivers.errors import DriverError, PortError, ServoError, ServoRefused
 from hal.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
-from hal.servo_settings import settle
+from hal.servo_settings import check_homing_offset, settle
 
 Result = TypeVar("Result")
 
@@ -116,6 +116,7 @@ def _unidentified(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
         try:
             bus.identify(joint.servo_id, joint.model)
             check_reach(joint, bus.position_limits(joint.servo_id))
+            check_homing_offset(joint, bus)
         except ServoError as error:
             errors[joint.servo_id] = error
     return errors

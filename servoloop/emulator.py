@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from drivers.servos.xl320 import XL320
@@ -19,6 +20,7 @@ from sim_backend.feeder import Feeder
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, Plant, WorldPlant
+from sim_backend.servo import VirtualServo
 from sim_backend.spread import NOMINAL, Spread
 from sim_backend.world import World
 from sim_backend.world_feed import WorldFeed, feed_path
@@ -31,7 +33,7 @@ def couplings(robot: Robot) -> list[Coupling]:
             servo_id=joint.servo_id,
             joint=joint.name,
             sign=joint.sign,
-            zero_counts=joint.zero_counts,
+            zero_counts=joint.zero_counts + (joint.homing_offset or 0),
             transmission=joint.transmission,
             counts_per_turn=joint.model.counts_per_turn,
         )
@@ -46,7 +48,12 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
         raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
-    return VirtualBus.of(plant, models, spread=spread)
+    line = VirtualBus.of(plant, models, spread=spread)
+    for joint in robot.joints:
+        servo = line.servo(joint.servo_id) if joint.bus == bus and joint.homing_offset else None
+        if isinstance(servo, VirtualServo):
+            servo.memory.save(sts.homing_offset, joint.homing_offset or 0)
+    return line
 
 
 def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:

@@ -1,0 +1,30 @@
+"""Calibration by hand of arms that nobody aligned: zeros and directions are found, wherever the seam lies."""
+
+from math import tau
+
+import pytest
+
+from commissioning.calibrate.flow import ByHand
+from commissioning.calibrate.result import doubts
+from drivers.servos.sts import torque_enable as TORQUE
+from tests.commissioning.arm import JOINTS, PLANS, Person, UnalignedArm
+
+ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
+FEW, MANY = 4, 20
+SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
+
+
+@pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_zeros_and_directions_are_found(seed: int, backlash_deg: float) -> None:
+    arm = UnalignedArm(seed, backlash_deg)
+    found = ByHand(arm.bus, JOINTS, PLANS, Person(arm)).run()
+    allowed_rad = ZERO_WITH_BACKLASH_RAD if backlash_deg else ZERO_RAD
+    for joint in JOINTS:
+        made, true = found[joint.name], arm.coupling(joint.name)
+        assert made.sign == true.sign, joint.name
+        off = (made.zero_counts + (made.homing_offset or 0) - true.zero_counts + 2048) % 4096 - 2048
+        assert abs(off) * tau / 4096 <= allowed_rad, joint.name
+        assert 0 <= made.lower_counts < made.upper_counts <= 4095
+        assert doubts(joint, made) == ""
+    assert not any(servo.memory.get(torque) for servo in arm.line.servos for torque in (TORQUE,))
