@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from commissioning.calibrate.flow import Task
 from commissioning.calibrate.plan import JointPlan
 from drivers.bus.bus import Bus
@@ -35,11 +37,22 @@ class UnalignedArm:
         self.world = World(backlash=Build(backlash_deg).gaps(self.couplings), initial_position=[0.0] * len(JOINTS))
         self.world.model.geom_contype[:] = 0  # nothing is in its way
         self.hand = Hand(self.world, {joint.name: joint.transmission for joint in JOINTS})
-        plant = WorldPlant(self.world, self.couplings, lambda time_s: self.hand.update())
+        self.fastest_rad_s = 0.0
+        """Of the servos' shafts, so far."""
+        plant = WorldPlant(self.world, self.couplings, self._after_step)
         self.line = virtual_bus(FILES.robot, plant)
-        self.port = VirtualPort(self.line, self.clock)
-        self.bus = Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in JOINTS})
+        self.bus = self.open_bus(JOINTS)
         self.hand.hold()
+
+    def open_bus(self, joints: Sequence[Joint]) -> Bus:
+        """The same line, opened by another program."""
+        self.port = VirtualPort(self.line, self.clock)
+        return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints})
+
+    def _after_step(self, time_s: float) -> None:
+        self.hand.update()
+        reach = [one.transmission for one in self.couplings]
+        self.fastest_rad_s = max(self.fastest_rad_s, float(np.abs(self.world.velocity() / reach).max()))
 
     def coupling(self, joint: str) -> Coupling:
         """How this joint's servo is really mounted."""
@@ -57,6 +70,8 @@ class Person:
     heard: list[str] = field(default_factory=list)
     lazy: Callable[[Task], bool] = lambda task: False
     """Tasks at which nothing is done."""
+    skipped: set[str] = field(default_factory=set)
+    """Joints that are not swept."""
 
     def say(self, text: str) -> None:
         self.heard.append(text)
@@ -66,6 +81,8 @@ class Person:
         if self.lazy(task):
             return
         for name in task.joints:
+            if name in self.skipped and task.kind == "sweep":
+                continue
             joint = next(joint for joint in JOINTS if joint.name == name)
             for position in self._ways(task.kind, joint):
                 self._take(name, position, look)
