@@ -8,6 +8,19 @@ Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+class AutoPlan(BaseModel):
+    """How one joint is driven where the arm calibrates itself."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    order: int = 0
+    """Joints with smaller numbers go first; among equals the first in the robot file."""
+    drive: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    """Share of full drive: enough to lift what hangs on the joint, and no more."""
+    rest: Finite = 0.0
+    """Where the joint waits for the others behind it, as the URDF counts."""
+
+
 class JointPlan(BaseModel):
     """How one joint is calibrated. Angles in rad (m for a prismatic joint), as the URDF counts them."""
 
@@ -21,6 +34,7 @@ class JointPlan(BaseModel):
     """The joint's position there; not said for the middle and the stops: what the URDF's limits say."""
     pose: str = ""
     """A sentence for ``zero: pose``: how the joint stands there."""
+    auto: AutoPlan = AutoPlan()
 
     @model_validator(mode="after")
     def _has_its_pose(self) -> Self:

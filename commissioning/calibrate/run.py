@@ -12,7 +12,8 @@ from commissioning.calibrate.flow import ByHand, Guide, as_joint
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
 from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import SlowMove
+from commissioning.calibrate.verify import check
+from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
@@ -108,8 +109,8 @@ def calibrate(
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
-        with SlowMove(open_bus, calibrated, clock) as move:
-            move.check(asker.say)
+        with SlowArm(open_bus, calibrated, clock) as arm:
+            check(arm, asker.say)
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 

@@ -1,0 +1,187 @@
+"""The calibration by itself: each joint is driven softly to its stops, which it finds by coming to a stand.
+
+Only STS servos: while it lasts, their own position limits are off (in RAM, behind the closed lock), so that the
+encoder's seam may lie anywhere; a restart brings them back.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from math import tau
+from typing import Final, Protocol
+
+from calibration.angles import Travel
+from commissioning.calibrate.flow import anchor_counts
+from commissioning.calibrate.plan import JointPlan
+from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, unit
+from commissioning.calibrate.store import restart
+from commissioning.slow_arm import PERIOD_S, SlowArm
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.bus.types import ServoState
+from drivers.clock import Clock
+from drivers.servos import sts
+from hal.joint import Joint
+from hal.types import JointLimits
+
+SEEK_RAD_S: Final = 0.3
+STAND_RAD: Final = 0.01
+"""A servo that turns by less in ``STAND_S`` stands."""
+STAND_S: Final = 0.4
+AHEAD_RAD: Final = 0.1
+"""So far its goal must be ahead of a servo that stands for it to be at a stop: friction alone does not hold it then."""
+REACH: Final = 1.25
+"""Without a stop within so many times the URDF's range there is none."""
+WIGGLE_RAD: Final = 0.25
+
+
+class Watcher(Protocol):
+    """Whoever looks at the arm while it moves by itself."""
+
+    def moved_so(self, joint: str, text: str) -> bool:
+        """Whether the joint just went the way that ``text`` says (and not the other way), and came back."""
+        ...
+
+    def say(self, text: str) -> None:
+        """Tell what happens next."""
+        ...
+
+
+class ByItself:
+    """One calibration of the joints on one bus without hands."""
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        joints: Sequence[Joint],
+        plans: Mapping[str, JointPlan],
+        watcher: Watcher,
+        clock: Clock,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._open_bus = open_bus
+        self._joints = tuple(joints)
+        self._plans = plans
+        self._watcher = watcher
+        self._clock = clock
+        self._stopped = stopped
+
+    def run(self) -> dict[str, JointCalibration]:
+        """Find all stops and directions; the arm is back where it lay, limp. Raises CalibrationError, StoppedError."""
+        others = [joint.name for joint in self._joints if joint.model not in sts.MODELS.values()]
+        if others:
+            raise CalibrationError(f"{', '.join(others)}: only STS servos calibrate themselves: calibrate by hand")
+        with closing(self._open_bus()) as bus:
+            restart(bus, self._joints, self._clock)  # so that goals are counted from the turn that the servo says
+            here = _readings(bus, self._joints)
+            offsets = {j.name: retry(partial(bus.read, j.servo_id, sts.homing_offset)) for j in self._joints}
+            self._limits_off(bus)
+        try:
+            return self._found(here, offsets)
+        finally:
+            with closing(self._open_bus()) as bus:
+                restart(bus, self._joints, self._clock)
+
+    def _limits_off(self, bus: Bus) -> None:
+        for joint in self._joints:
+            if bus.read(joint.servo_id, sts.lock) != 1:
+                bus.write(joint.servo_id, sts.lock, 1)
+            for register in (sts.min_position, sts.max_position):
+                bus.write(joint.servo_id, register, 0)
+
+    def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
+        counted = [_counted_from(joint, here[joint.name], self._plans[joint.name]) for joint in self._joints]
+        made: dict[str, JointCalibration] = {}
+        with SlowArm(self._open_bus, counted, self._clock, self._stopped) as arm:
+            order = sorted(range(len(counted)), key=lambda i: self._plans[counted[i].name].auto.order)
+            for index in order:
+                made[counted[index].name] = self._calibrated(arm, index, here, offsets)
+            for index in reversed(order):
+                arm.go(index, 0.0)
+        return made
+
+    def _calibrated(
+        self, arm: SlowArm, index: int, here: Mapping[str, int], offsets: Mapping[str, int]
+    ) -> JointCalibration:
+        joint = self._joints[index]
+        plan, begun = self._plans[joint.name], here[joint.name]
+        self._watcher.say(f"{joint.name} goes to its stops")
+        stops = sorted(begun + round(_Seek(arm, index, joint, way).run() / unit(joint)) for way in (-1, 1))
+        travel = Travel(*stops)
+        middle = 0.5 * (travel.lower + travel.upper)
+        arm.go(index, (middle - begun) * unit(joint))
+        sign = self._direction(arm, index, joint, plan)
+        anchor, position = anchor_counts(plan, travel, sign), plan.anchor(joint.limits.lower, joint.limits.upper)
+        if plan.zero == "pose":  # which nobody shows: the middle is the next best
+            anchor, position = middle, 0.5 * (joint.limits.lower + joint.limits.upper)
+        zero = anchor - sign * position / unit(joint)
+        arm.go(index, (zero + sign * plan.auto.rest / unit(joint) - begun) * unit(joint))
+        return calibration_of(joint, Found(travel, sign, anchor, position, offsets[joint.name]))
+
+    def _direction(self, arm: SlowArm, index: int, joint: Joint, plan: JointPlan) -> int:
+        """Turn it a little towards larger counts and back, and have somebody say which way that was."""
+        middle = float(arm.command[index])
+        arm.go(index, middle + WIGGLE_RAD * joint.transmission)
+        arm.go(index, middle)
+        return 1 if self._watcher.moved_so(joint.name, plan.positive) else -1
+
+
+class _Seek:
+    """One joint on its way to one stop."""
+
+    def __init__(self, arm: SlowArm, index: int, joint: Joint, way: int) -> None:
+        self._arm = arm
+        self._index = index
+        self._joint = joint
+        self._way = way
+        self._turn = tau * joint.transmission
+
+    def run(self) -> float:
+        """The joint's position at the stop, from where it began; its goal is taken back to there."""
+        last = self._position(float(self._arm.command[self._index]))
+        stood_s = 0.0
+        while stood_s < STAND_S or self._ahead(last) < AHEAD_RAD * self._joint.transmission:
+            self._step()
+            now = self._position(last)
+            stood_s = stood_s + PERIOD_S if abs(now - last) <= STAND_RAD * self._joint.transmission else 0.0
+            last = now if stood_s == 0.0 else last
+        now = self._position(last)
+        self._arm.go(self._index, now)
+        return now
+
+    def _step(self) -> None:
+        target = float(self._arm.command[self._index]) + self._way * SEEK_RAD_S * self._joint.transmission * PERIOD_S
+        if abs(target) >= self._arm.joints[self._index].limits.upper:
+            raise CalibrationError(
+                f"{self._joint.name} (servo {self._joint.servo_id}) turned {abs(target):.2f} and found no stop: "
+                "calibrate it by hand"
+            )
+        self._arm.cycle(self._index, target)
+
+    def _ahead(self, position: float) -> float:
+        return (float(self._arm.command[self._index]) - position) * self._way
+
+    def _position(self, near: float) -> float:
+        """Where the joint is, turns included: the reading nearest to where it was."""
+        measured = self._arm.measured(self._index)
+        return measured + round((near - measured) / self._turn) * self._turn
+
+
+def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
+    """The counts of all servos, which lie still. Raises CalibrationError with all that do not answer."""
+    readings = bus.read_states([joint.servo_id for joint in joints])
+    silent = [f"{j.name}: {r.text}" for j in joints if not isinstance(r := readings[j.servo_id], ServoState)]
+    if silent:
+        raise CalibrationError("; ".join(silent))
+    return {j.name: r.position_counts for j in joints if isinstance(r := readings[j.servo_id], ServoState)}
+
+
+def _counted_from(joint: Joint, counts: int, plan: JointPlan) -> Joint:
+    """A joint whose position is what its servo has turned from here, towards larger counts, with little drive."""
+    range_ = REACH * (joint.limits.upper - joint.limits.lower)
+    limits = JointLimits(-range_, range_, joint.limits.velocity, joint.limits.acceleration, joint.limits.jerk)
+    drive = min(plan.auto.drive, joint.torque_limit)
+    return replace(
+        joint, sign=1, zero_counts=counts, homing_offset=None, settings=(), limits=limits, torque_limit=drive
+    )
