@@ -10,6 +10,7 @@ from drivers.servos.dynamixel import PROTOCOL_2
 from drivers.servos.xl320 import XL320
 from hal.errors import RobotFileError
 from hal.robot import Robot
+from servoloop.files import Files
 from servoloop.ports import device_paths
 from sim_backend.build import Build
 from sim_backend.bus import VirtualBus
@@ -71,7 +72,7 @@ def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[
 
 
 def emulate(
-    robot: Robot,
+    files: Files,
     link: Path,
     pictures: Path | None,
     build: Build,
@@ -82,8 +83,8 @@ def emulate(
 
     Raises PortBusy where a path is taken.
     """
-    ways = couplings(robot)
-    world = World(spread=build.spread, backlash=build.gaps(ways))
+    ways = couplings(files.robot)
+    world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
     feeder = Feeder()
     recorder = Recorder(world) if pictures else None
 
@@ -93,7 +94,7 @@ def emulate(
             recorder.update(time_s)
 
     plant = WorldPlant(world, ways, after_step)
-    lines = virtual_lines(robot, plant, build.spread)
+    lines = virtual_lines(files.robot, plant, build.spread)
     places = device_paths(link, lines)
     with WorldFeed(feed_path(link)) as feed:
         serve_all(
