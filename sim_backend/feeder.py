@@ -25,7 +25,7 @@ LONG_REST_S: Final = 10.0
 
 
 class Feeder:
-    """Call `update` after every step of one world. State: since when all rests, and where, and whether a cube is due."""
+    """Call `update` after every step of one world. State: since when all rests, where, and whether a cube is due."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
