@@ -58,7 +58,7 @@ class World:
     ) -> None:
         """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
 
-        `initial_position`: values in the order of `joints` (rad, m); by default those of the keyframe `rest` or `ready`.
+        `initial_position`: in the order of `joints` (rad, m); by default that of the keyframe `rest` or `ready`.
         `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
@@ -106,7 +106,7 @@ class World:
         width, depth, _ = self.model.geom("stand").size
         self._on_stand_m = np.array([width + OFF_STAND_M, depth + OFF_STAND_M, LIFTED_M])
 
-    def _place_arm(self, position: Sequence[float]) -> None:
+    def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
         self._place_followers()
         for joint, motor in self._motors.items():
