@@ -13,6 +13,7 @@ from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
+from servoloop.arms.commands import app as arms_app
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
@@ -34,6 +35,7 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
+app.add_typer(arms_app, name="arms")
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
