@@ -16,7 +16,7 @@ SETTINGS = PICK_PLACE.settings()
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 ACTIVATED_S = 2.5
 LARGEST_RAD, RMS_RAD = 0.06, 0.02
-FEW, MANY = 2, 20
+FEW, MANY = 5, 20
 SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
 
 
