@@ -17,7 +17,7 @@ RUNNER = CliRunner()
 
 
 def test_the_arms_that_are_ready() -> None:
-    assert [arm.name for arm in arms()] == ["robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
+    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
     assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
 
@@ -48,7 +48,7 @@ def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
 
 
 def test_an_unknown_arm_is_told_which_there_are() -> None:
-    with pytest.raises(ArmFileError, match=r"no arm so102: name one of robot_arm, .*, so101_12v, or a folder"):
+    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_12v, or a folder"):
         find_arm("so102")
 
 

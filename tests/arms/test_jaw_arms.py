@@ -10,7 +10,7 @@ from sim_backend.build import Build
 from sim_backend.world import World
 from tests.stack.rig import StackRig, UnpacedJob
 
-SCENES = ["so101", "so100"]
+SCENES = ["so101", "so100", "koch"]
 ARMS = [*SCENES, "so101_12v"]
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 GRADES = ["A", "B", "C"]
