@@ -47,7 +47,9 @@ class UnalignedArm:
         gaps = Build(backlash_deg).gaps(self.couplings)
         at = [0.0] * len(self.joints) if start is None else start
         self.world = World(self.files.scene, backlash=gaps, initial_position=at)
-        self._clear_away(everything=start is None)
+        self.world.clear_table()
+        if start is None:
+            self.world.model.geom_contype[:] = 0
         self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
         self.fastest_rad_s = 0.0
         """Of the servos' shafts, so far."""
@@ -57,18 +59,6 @@ class UnalignedArm:
         self.line = virtual_bus(self.files.robot, plant)
         self.bus = self.open_bus(self.joints)
         self.hand.hold()
-
-    def _clear_away(self, everything: bool) -> None:
-        """Take stand, bins and cube off the table, or the table too."""
-        model = self.world.model
-        if everything:
-            model.geom_contype[:] = 0
-        table = model.geom("table").id
-        arm = model.body_rootid[model.geom_bodyid] == model.body("base_link").id
-        for geom in range(model.ngeom):
-            if geom != table and not arm[geom]:
-                model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
-        model.body_gravcomp[model.body("cube").id] = 1.0
 
     def open_bus(self, joints: Sequence[Joint]) -> Bus:
         """The same line, opened by another program."""
