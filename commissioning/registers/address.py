@@ -9,7 +9,7 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import rates_of, register_named
 from commissioning.scan.find import FoundServo, answers
 from commissioning.scan.identify import surely
-from drivers.errors import ServoError
+from drivers.errors import PortLost, ServoError
 from drivers.protocol import v2
 from drivers.servos.register import Register
 
