@@ -20,6 +20,8 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
+from servoloop.verbs import servo
+from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 
@@ -35,6 +37,11 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
+app.add_typer(servo.register_app, name="register")
+for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
+    app.command()(verb)
+app.command()(calibrate)
+app.command()(hand)
 app.add_typer(arms_app, name="arms")
 
 BACKLASH_DEG = 1.0
@@ -144,6 +151,13 @@ def emulate(
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
+        ),
+    ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -168,7 +182,7 @@ def emulate(
             files,
             link,
             pictures,
-            Build(backlash_deg, seed),
+            Build(backlash_deg, seed, practice),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

@@ -184,6 +184,14 @@ class World:
         distance = (mujoco.mj_geomDistance(self.model, self.data, geom, self._place_geom, 0.01, None) for geom in arm)
         return all(gap > 0.0 for gap in distance)
 
+    def clear_table(self) -> None:
+        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
+        for geom in np.flatnonzero(~self._of_arm):
+            if geom != self.model.geom("table").id:
+                self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = 0
+                self.model.geom_rgba[geom][3] = 0.0
+        self.model.body_gravcomp[self.model.body("cube").id] = 1.0
+
     def feed_cube(self) -> None:
         """Lay the cube at rest in the middle of the stand."""
         self.data.qpos[self._cube_qpos] = self._home

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from calibration.angles import Travel
 from commissioning.calibrate.flow import anchor_counts
-from commissioning.calibrate.plan import ArmPlan
+from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, unit
 from commissioning.calibrate.store import restart
 from commissioning.slow_arm import PERIOD_S, SlowArm
@@ -47,6 +47,18 @@ class Watcher(Protocol):
     def say(self, text: str) -> None:
         """Tell what happens next."""
         ...
+
+
+def by_itself(
+    open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
+) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
+    """Measuring by the arm itself, for ``calibrate``, which holds the line and lends it."""
+
+    def measure(bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> dict[str, JointCalibration]:
+        bus.close()
+        return ByItself(open_bus, joints, plan, watcher, clock, stopped).run()
+
+    return measure
 
 
 class ByItself:

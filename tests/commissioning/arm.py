@@ -41,13 +41,16 @@ class UnalignedArm:
     ) -> None:
         """``start``: where the joints are. Without it they are all at 0, and the arm hangs free."""
         self.clock = SimulatedClock()
+        self.plan = find_arm(name).file.calibration
         self.files = read_arm_files(find_arm(name))
         self.joints = self.files.robot.joints
         self.couplings: list[Coupling] = Mounting(seed).couplings(couplings(self.files.robot))
         gaps = Build(backlash_deg).gaps(self.couplings)
         at = [0.0] * len(self.joints) if start is None else start
         self.world = World(self.files.scene, backlash=gaps, initial_position=at)
-        self._clear_away(everything=start is None)
+        self.world.clear_table()
+        if start is None:
+            self.world.model.geom_contype[:] = 0
         self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
         self.fastest_rad_s = 0.0
         """Of the servos' shafts, so far."""
@@ -57,18 +60,6 @@ class UnalignedArm:
         self.line = virtual_bus(self.files.robot, plant)
         self.bus = self.open_bus(self.joints)
         self.hand.hold()
-
-    def _clear_away(self, everything: bool) -> None:
-        """Take stand, bins and cube off the table, or the table too."""
-        model = self.world.model
-        if everything:
-            model.geom_contype[:] = 0
-        table = model.geom("table").id
-        arm = model.body_rootid[model.geom_bodyid] == model.body("base_link").id
-        for geom in range(model.ngeom):
-            if geom != table and not arm[geom]:
-                model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
-        model.body_gravcomp[model.body("cube").id] = 1.0
 
     def open_bus(self, joints: Sequence[Joint]) -> Bus:
         """The same line, opened by another program."""
@@ -117,11 +108,14 @@ class Person:
         self.heard.append(task.text)
         if self.lazy(task):
             return
-        for name in task.joints:
-            if name in self.skipped and task.kind == "sweep":
-                continue
+        left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
+        self.move(task.kind, left, look)
+
+    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+        """Do one kind of task with these joints, one after the other."""
+        for name in joints:
             joint = next(joint for joint in self.arm.joints if joint.name == name)
-            for position in self._ways(task.kind, joint):
+            for position in self._ways(kind, joint):
                 self._take(name, position, look)
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
