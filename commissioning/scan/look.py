@@ -9,6 +9,7 @@ from commissioning.scan.identify import Identity, identify, surely
 from commissioning.scan.modes import mode_text
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
+from drivers.bus.late_replies import HELD_S
 from drivers.bus.types import FaultKind, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.errors import PortLost, ServoCorrupt, ServoError
@@ -16,7 +17,7 @@ from drivers.port import Port
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.protocol import v1
 from drivers.servos.dynamixel import X
-from drivers.servos.feetech import STS
+from drivers.servos.feetech import SCS
 from drivers.servos.series import Series
 
 Kind = Literal[
@@ -67,14 +68,17 @@ def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | Non
         raise
     except ServoError as error:
         corrupt = isinstance(error, ServoCorrupt)
-    series = identity.series if identity else STS if step.packets is v1 else X
-    bus = Bus(port, clock, {servo_id: identity.stand_in if identity else series.models[0]})
+        clock.sleep_until(clock.now() + HELD_S)  # what may still come is an answer to none of the next questions
+        port.discard_input()
+    # Whatever it is: all servos of protocol 1.0 answer the plain reads by which an SCS is asked.
+    unknown = (SCS if step.packets is v1 else X).models[0]
+    bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
     trouble = _line_trouble(bus.name, servo_id, kinds, corrupt)
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
     if identity is None or state is None:
-        return ServoLook(servo_id, step.baud, series.protocol.name, problems=(trouble,) if trouble else ())
+        return ServoLook(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
     return _looked(bus, servo_id, step, identity, state, trouble)
 
 
@@ -94,7 +98,9 @@ def _line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], co
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
         return _collision(servo_id)
-    if kinds["late"] > 1 + kinds[None]:
+    # A first one that comes after a silence counts as late too, for it may be.
+    never_in_time = kinds[None] == kinds["corrupt"] == 0 and kinds["late"] > 0
+    if never_in_time or kinds["late"] > 1 + kinds[None]:
         return Problem("late", f"answers too late: {latency_advice(port) or HELD_BACK}")
     if kinds[None] == 0 and kinds["corrupt"] == 0:
         return (

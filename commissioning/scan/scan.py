@@ -87,7 +87,7 @@ class _Search:
     def take(self, step: Step) -> None:
         """Look at one rate with one kind of packets."""
         if self._packets and step.packets not in self._packets and not self._all_makes:
-            self._skipped[step.text.partition(", ")[2]] = None
+            self._skipped[step.servos] = None
             return
         try:
             self._port.set_baud(step.baud)

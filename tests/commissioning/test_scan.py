@@ -22,7 +22,7 @@ from sim_backend.faults import Disturbance
 from sim_backend.line import Reply
 from sim_backend.port import VirtualPort
 from tests.commissioning.lines import ToolLine
-from tests.drivers.ports import EchoingPort
+from tests.drivers.ports import EchoingPort, WatchedPort
 
 ONE_OF_EACH = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XM430_W350)
 every_make = pytest.mark.parametrize("model", ONE_OF_EACH, ids=lambda model: model.name)
@@ -258,6 +258,24 @@ def test_a_line_that_garbles_nearly_everything_is_called_bad_and_not_a_collision
     line.servos.faults.disturbance = Disturbance(5, drop=0.3, flip=0.3)
     (found,) = kinds(line.scan(bauds=[1_000_000])).values()
     assert found == ["bad_line"]
+
+
+@pytest.mark.parametrize("hold_ms", [4, 16])
+@every_make
+def test_an_adapter_with_a_latency_timer_hides_nobody(model: ServoModel, hold_ms: int) -> None:
+    line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
+    line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
+    report = line.scan(bauds=[1_000_000])
+    assert {one.servo_id: one.model for one in report.servos} == dict.fromkeys((1, 2, 5), model.name)
+    assert {kind for found in kinds(report).values() for kind in found} <= {"late"}
+
+
+@pytest.mark.parametrize("hold_ms", [25, 40, 60, 100, 200])
+@every_make
+def test_replies_that_are_held_back_are_told_from_a_bad_line(model: ServoModel, hold_ms: int) -> None:
+    line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
+    line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
+    assert kinds(line.scan(bauds=[1_000_000])) == {1: ["late"], 2: ["late"], 5: ["late"]}
 
 
 @every_make
