@@ -71,7 +71,8 @@ def main() -> None:
     try:
         app()
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
-        typer.secho(f"servoloop: {error}", fg="red", err=True)
+        for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
+            typer.secho(text, fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(f"servoloop: {error}", err=True)

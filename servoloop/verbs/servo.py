@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servoloop.processes import Interrupted
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
     try:
         with find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
             yield servo
+    except KeyboardInterrupt as error:
+        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        raise Interrupted(f"interrupted, and the port closed{left}") from None
     finally:
         signal.signal(signal.SIGTERM, former)
         line.close()

@@ -161,9 +161,11 @@ def test_a_servo_at_another_rate_is_found_there_and_told_from_an_absent_one() ->
         assert "answers at 115200 baud" in problem.text and "servoloop set-baud 3 1000000" in problem.text
 
 
-@pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, ax_mx.MX_28], ids=lambda model: model.name)
-def test_two_servos_with_one_id_are_told_from_one(model: ServoModel) -> None:
-    report = ToolLine.twins(model).scan()
+@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("seed", range(8))
+@every_make
+def test_servos_with_one_id_are_told_from_one(model: ServoModel, seed: int, count: int) -> None:
+    report = ToolLine.twins(model, count=count, seed=seed).scan(bauds=[1_000_000])
     assert kinds(report) == {1: [], 2: ["collision"]}
     assert "two servos probably have ID 2" in report.servos[1].problems[0].text
 
