@@ -38,16 +38,19 @@ class ToolLine:
         self.port: VirtualPort = Noting(self.servos, self.clock)
 
     @classmethod
-    def twins(cls, model: ServoModel, servo_id: int = 2, count: int = 2, seed: int = 0) -> "ToolLine":
-        """A servo with ID 1 and ``count`` with one ID, as they come from the factory: each stands somewhere else."""
+    def twins(
+        cls, model: ServoModel, servo_id: int = 2, count: int = 2, seed: int = 0, apart: bool = True
+    ) -> "ToolLine":
+        """A servo with ID 1 and ``count`` with one ID, as they come from the factory; ``apart``: each stands somewhere
+        else, and nothing else tells them from one."""
         places = (1, *range(100, 100 + count))
         line, chance = cls(dict.fromkeys(places, model)), random.Random(seed)
         plant = BenchPlant(places, timestep_s=0.005)
-        plant.place([chance.uniform(0.5, 3.5) for _ in places])
+        plant.place([chance.uniform(0.5, 3.5) if apart else 1.0 for _ in places])
         servos: list[Any] = list(line.servos.servos)
         line.servos = type(line.servos)(Rig(servos, plant, Supply(model.rated_voltage_v)))  # type: ignore[call-arg,arg-type]
         for servo in servos[1:]:
-            servo.memory.put(series_of(model).servo_id, servo_id)
+            servo.memory.put(series_of(model).servo_id, 2)
         line._noted(VirtualPort)
         return line
 
