@@ -20,7 +20,7 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
-from servoloop.verbs import servo
+from servoloop.verbs import register, servo
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
@@ -37,7 +37,7 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
-app.add_typer(servo.register_app, name="register")
+app.add_typer(register.register_app, name="register")
 for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)
 app.command()(calibrate)
@@ -71,7 +71,8 @@ def main() -> None:
     try:
         app()
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
-        typer.secho(f"servoloop: {error}", fg="red", err=True)
+        for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
+            typer.secho(text, fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(f"servoloop: {error}", err=True)
