@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from commissioning.calibrate.result import CalibrationError
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
@@ -18,6 +19,7 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
+from servoloop.verbs import calibration
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,6 +31,7 @@ app = typer.Typer(
 
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
+app.add_typer(calibration.app, name="calibration")
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
@@ -53,7 +56,7 @@ def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
+    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
         typer.secho(f"servoloop: {error}", fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
