@@ -21,7 +21,7 @@ from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import CYCLES
 
 LOCK = sts.lock
-WRITE = 0x03
+READ, WRITE = 0x02, 0x03
 EEPROM_END = sts.torque_enable.address
 
 
@@ -294,6 +294,32 @@ def test_a_lost_port_is_reported_as_such(number: int) -> None:
     line.port.before_write = lambda n: line.port.unplug() if n == number else None
     with pytest.raises(PortLost):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
+
+
+@pytest.mark.parametrize("number", range(24))
+def test_a_servo_that_is_reset_in_between_keeps_what_was_written(number: int) -> None:
+    """A reset closes the lock: what is written then acts, reads back as it should, and is gone after power-off."""
+    line = Line()
+    line.port.before_write = lambda n: line.first.power_cycle() if n == number else None
+    values = {sts.position_p: 16, sts.position_d: 20, sts.homing_offset: -85}
+    update(line.bus, 1, LOCK, values)
+    assert line.held(sts.lock) == 1
+    line.first.power_cycle()
+    assert {register: line.held(register) for register in values} == values
+
+
+def test_a_servo_that_is_reset_again_and_again_is_named() -> None:
+    """Each time when its lock has just been seen open."""
+    line = Line()
+
+    def meddle(number: int) -> None:
+        if number and line.port.packets[-1][4:6] == bytes((READ, LOCK.address)):
+            line.first.memory.put(LOCK, 1)
+
+    line.port.before_write = meddle
+    with pytest.raises(EepromError, match=r"servo 1: position_p .* is perhaps not saved: the servo loses its power"):
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert line.held(LOCK) == 1
 
 
 class Stumble(BaseException):
