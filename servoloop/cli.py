@@ -19,7 +19,7 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
-from servoloop.verbs import calibration
+from servoloop.verbs import calibration, passport
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,6 +32,7 @@ app = typer.Typer(
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.add_typer(calibration.app, name="calibration")
+app.add_typer(passport.app, name="passport")
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
@@ -57,7 +58,8 @@ def main() -> None:
     try:
         app()
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
-        typer.secho(f"servoloop: {error}", fg="red", err=True)
+        said = "\n".join([str(error), *getattr(error, "__notes__", [])])
+        typer.secho(f"servoloop: {said}", fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(f"servoloop: {error}", err=True)
