@@ -187,13 +187,13 @@ def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     memory = Eeprom(bus, servo_id, lock)
     try:
         yield memory
-    except BaseException as error:
+        memory.close()
+    except BaseException as error:  # an interrupt may come while the lock is being closed, too
         try:
             memory.close()
         except DriverError as second:
             error.add_note(f"the EEPROM may be left unlocked: {second}")
         raise
-    memory.close()
 
 
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:

@@ -365,6 +365,22 @@ def test_the_lock_is_closed_however_the_scope_ends(at: int, length: int, fault: 
     assert len(line.port.wear) <= len(steps)
 
 
+@pytest.mark.parametrize("number", range(14))
+def test_an_interrupt_at_any_packet_leaves_the_lock_closed(number: int) -> None:
+    """Also at the packet that was to close it."""
+    line = Line()
+
+    def interrupt(n: int) -> None:
+        if n == number:
+            line.port.before_write = lambda n: None
+            raise KeyboardInterrupt
+
+    line.port.before_write = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        update(line.bus, 1, LOCK, {sts.position_p: 16, sts.position_d: 20})
+    assert line.held(sts.lock) == 1
+
+
 def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:
     line = Line()
     with pytest.raises(KeyError, match="mine"), eeprom(line.bus, 1, LOCK) as memory:
