@@ -9,11 +9,23 @@ from commissioning.errors import CommissioningError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
+from drivers.servos import ax_mx, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5
 """A servo needs 0.8 s to come up again."""
+
+
+def persistent_registers(model: ServoModel) -> dict[str, Register]:
+    """The registers in this model's EEPROM by name, by address."""
+    if isinstance(model, x.Model):
+        table = x.registers(model)
+    elif isinstance(model, ax_mx.Model):
+        table = ax_mx.registers(model)
+    else:
+        table = series_of(model).registers
+    return {register.name: register for register in table if register.persistent}
 
 
 def provision(

@@ -31,12 +31,13 @@ class Answer:
 def who_answers(bus: Bus) -> list[Answer]:
     """All that answer at the line's rate, by ID. Only states are read. Raises PortLost."""
     found: dict[int, bool] = {}
-    for look in range(LOOKS):
-        for first in range(0, LARGEST_ID + 1, TOGETHER):
-            _look(bus, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
-        if look == 0 and not found:
-            break  # a whole line that is silent once is silent
-    seen = {servo_id: clear or _seen_closely(bus, servo_id) for servo_id, clear in sorted(found.items())}
+    for _ in range(LOOKS):
+        # A bus that remembers who was silent before does not ask those each time.
+        with bus.at_baud(bus.baud) as forgetful:
+            for first in range(0, LARGEST_ID + 1, TOGETHER):
+                _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
+    with bus.at_baud(bus.baud) as forgetful:
+        seen = {servo_id: clear or _seen_closely(forgetful, servo_id) for servo_id, clear in sorted(found.items())}
     return [Answer(servo_id, bus.baud, clear) for servo_id, clear in seen.items() if clear is not None]
 
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from commissioning.passport.file import Passport, PassportError, ServoPassport, persistent_registers
+from commissioning.passport.file import Passport, PassportError, ServoPassport
+from commissioning.provision import persistent_registers
 from commissioning.who import who_answers
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry

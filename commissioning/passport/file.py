@@ -7,10 +7,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.errors import CommissioningError
+from commissioning.provision import persistent_registers
 from commissioning.whole_file import write_whole
-from drivers.servos import ax_mx, x
-from drivers.servos.catalog import MODELS, series_of
-from drivers.servos.register import Register, ServoModel
+from drivers.servos.catalog import MODELS
+from drivers.servos.register import ServoModel
 from hal.yaml_file import load
 
 HEADER: Final = """\
@@ -23,17 +23,6 @@ END: Final = "...\n"
 
 class PassportError(CommissioningError):
     """A passport that cannot be read, or a servo that cannot be made what it says; the text says what to do."""
-
-
-def persistent_registers(model: ServoModel) -> dict[str, Register]:
-    """The registers in this model's EEPROM by name, by address."""
-    if isinstance(model, x.Model):
-        table = x.registers(model)
-    elif isinstance(model, ax_mx.Model):
-        table = ax_mx.registers(model)
-    else:
-        table = series_of(model).registers
-    return {register.name: register for register in table if register.persistent}
 
 
 class _Strict(BaseModel):

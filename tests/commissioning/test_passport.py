@@ -7,8 +7,9 @@ import pytest
 import yaml
 
 from commissioning.passport.compare import compare, take_passport
-from commissioning.passport.file import Passport, PassportError, persistent_registers, read_passport, write_passport
+from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore
+from commissioning.provision import persistent_registers
 from drivers.bus.bus import Bus
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
