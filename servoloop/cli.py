@@ -14,12 +14,17 @@ from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
-from servoloop.files import CONTROLLERS, URDF, Files, make_folder, read_files, require_writable
+from servoloop.arms.commands import app as arms_app
+from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport
+from servoloop.verbs.calibrate import calibrate, hand
+from servoloop.verbs.ports import ports
+from servoloop.verbs.scan import scan
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -31,6 +36,11 @@ app = typer.Typer(
 
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
+app.command()(ports)
+app.command()(scan)
+app.command()(calibrate)
+app.command()(hand)
+app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")
 
@@ -41,7 +51,8 @@ LARGEST_BAUD = 12_000_000
 INTERRUPTED = 130
 """The exit status that a shell gives a program that Ctrl-C has ended."""
 
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
+ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
 NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
 BacklashOption = Annotated[
     float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each virtual servo's shaft is free.")
@@ -50,7 +61,9 @@ SeedOption = Annotated[
     int | None,
     typer.Option("--seed", min=0, help="A virtual arm of its own: friction, motors, masses and supply differ by 10 %."),
 ]
-UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
+UrdfOption = Annotated[
+    Path | None, typer.Option("--urdf", help="Robot description instead of the arm's; it names the robot file.")
+]
 
 
 def main() -> None:
@@ -76,8 +89,11 @@ def up(
         list[str] | None,
         typer.Option(help="Serial device of the servos; NAME=PATH for each of several buses. Without: virtual servos."),
     ] = None,
-    controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
-    urdf: UrdfOption = URDF,
+    arm: ArmOption = OWN,
+    controllers: Annotated[
+        Path | None, typer.Option(help="Controllers file, as for ros2_control, instead of the arm's.")
+    ] = None,
+    urdf: UrdfOption = None,
     robot: RobotOption = None,
     keep_alive: Annotated[
         bool,
@@ -113,7 +129,7 @@ def up(
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
         require_writable(ready_file.parent)
-    files = read_files(urdf, controllers, robot)
+    files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))
     devices = parse_ports(port or [], files.robot.file.lines())
@@ -131,10 +147,18 @@ def up(
 @app.command()
 def emulate(
     link: Annotated[Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")],
-    urdf: UrdfOption = URDF,
+    arm: ArmOption = OWN,
+    urdf: UrdfOption = None,
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
+        ),
+    ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -151,15 +175,15 @@ def emulate(
         raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
     if pictures is not None:
         make_folder(pictures)
-    files: Files = read_files(urdf, CONTROLLERS, robot)
+    files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
     claim_realtime_priority()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:
         run(
-            files.robot,
+            files,
             link,
             pictures,
-            Build(backlash_deg, seed),
+            Build(backlash_deg, seed, practice),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )
@@ -213,6 +237,7 @@ def demo(
     grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
     repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
+    arm: ArmOption = OWN,
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
@@ -232,12 +257,13 @@ def demo(
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
-    check_grades(jobs)
+    chosen = find_arm(arm)
+    check_grades(jobs, chosen)
     require_ros()
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, robot, Build(backlash_deg, seed), live)
+        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

@@ -81,7 +81,9 @@ class ByHand:
         found: dict[str, JointCalibration] = {}
         for joint in self._joints:
             sign, plan = self._direction(joint), self._plans[joint.name]
-            anchor = self._pose(joint, plan) if plan.zero == "pose" else _anchor(plan, self._swept(joint), sign)
+            anchor = (
+                self._pose(joint, plan) if plan.zero == "pose" else anchor_counts(plan, self._swept(joint).travel, sign)
+            )
             position = plan.anchor(joint.limits.lower, joint.limits.upper)
             register = homing_offset(joint)
             offset = retry(partial(self._bus.read, joint.servo_id, register)) if register else None
@@ -149,9 +151,8 @@ class ByHand:
         look()
 
 
-def _anchor(plan: JointPlan, swept: Swept, sign: int) -> float:
+def anchor_counts(plan: JointPlan, travel: Travel, sign: int) -> float:
     """The continuous counts at the middle or at a stop of the travel."""
-    travel: Travel = swept.travel
     if plan.zero == "middle":
         return 0.5 * (travel.lower + travel.upper)
     at_lower = (plan.zero == "lower_stop") == (sign > 0)

@@ -33,3 +33,36 @@ class JointPlan(BaseModel):
         if self.at is not None:
             return self.at
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
+
+
+Drive = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class AutoPlan(BaseModel):
+    """How an arm that calibrates itself keeps off its table. Positions as the URDF counts; the order counts too."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    start: dict[str, Finite] = {}
+    """How the arm lies at the beginning, roughly: so that it also lies there limp."""
+    clear: dict[str, Finite] = {}
+    """Where joints go one by one before any of them seeks its stops. Only those whose ``start`` is known."""
+    stops: dict[str, Finite] = {}
+    """In this order joints seek their stops, and there each waits then. Those not named come last, and wait at 0."""
+    drive: dict[str, Drive] = {}
+    """Share of full drive: enough to lift what hangs on the joint, and no more; half unless said."""
+
+    @model_validator(mode="after")
+    def _knows_where_from(self) -> Self:
+        if unknown := [name for name in self.clear if name not in self.start]:
+            raise ValueError(f"clear names {', '.join(unknown)}, whose start is not said")
+        return self
+
+
+class ArmPlan(BaseModel):
+    """The calibration of a whole arm, as ``arm.yaml`` has it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    joints: dict[str, JointPlan] = {}
+    auto: AutoPlan = AutoPlan()

@@ -12,7 +12,8 @@ from commissioning.calibrate.flow import ByHand, Guide, as_joint
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
 from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import SlowMove
+from commissioning.calibrate.verify import check
+from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
@@ -97,19 +98,20 @@ def calibrate(
     with closing(open_bus()) as bus:
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)
-        differences = tuple(
-            Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
-            for joint in joints
-        )
-        asker.show(differences)
-        if not asker.confirm(STORE):
-            return Outcome(differences, calibration_path(robot))
+    differences = tuple(
+        Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
+        for joint in joints
+    )
+    asker.show(differences)
+    if not asker.confirm(STORE):
+        return Outcome(differences, calibration_path(robot))
+    with closing(open_bus()) as bus:
         changes = store(robot, bus, joints, made, clock)
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
-        with SlowMove(open_bus, calibrated, clock) as move:
-            move.check(asker.say)
+        with SlowArm(open_bus, calibrated, clock) as arm:
+            check(arm, asker.say)
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 

@@ -31,7 +31,7 @@ def store(
     """
     save(robot, {joint.name: (joint.servo_id, made[joint.name]) for joint in joints})
     changes = {joint.name: _write_offset(bus, joint, made[joint.name]) for joint in joints}
-    _restart(bus, joints, clock)
+    restart(bus, joints, clock)
     _check(bus, joints, made)
     return changes
 
@@ -43,7 +43,7 @@ def _write_offset(bus: Bus, joint: Joint, made: JointCalibration) -> tuple[Chang
     return update(bus, joint.servo_id, series_of(joint.model).lock, {register: made.homing_offset})
 
 
-def _restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
+def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     """Have limp servos forget the turns that they counted while the arm was moved.
 
     One that was turned over its seam would take its next goal for one that is a whole turn away.

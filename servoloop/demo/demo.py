@@ -8,7 +8,8 @@ from typing import Final, TypeVar
 import psutil
 
 from drivers.errors import DriverError
-from servoloop.demo.cell import ARM, ARM_JOINTS, Cell, cell
+from servoloop.arms.folder import Arm
+from servoloop.demo.cell import ARM, Cell, cell
 from servoloop.demo.jobs import Run
 from servoloop.demo.live import Live
 from sim_backend.build import Build
@@ -20,9 +21,11 @@ SAGGING_RAD = 0.2
 """The goal tolerance of the run without gravity compensation: the sag alone is more than the usual one."""
 HARDWARE = ""
 """Stands for the hardware component's node."""
+EACH_JOINT = "constraints.{joint}.goal"
+"""Stands for this parameter of every joint of the arm."""
 WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "gravity compensation": [
-        *((ARM, f"constraints.{joint}.goal", SAGGING_RAD) for joint in ARM_JOINTS),
+        (ARM, EACH_JOINT, SAGGING_RAD),
         (HARDWARE, "gravity_compensation", False),
     ],
     "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
@@ -43,6 +46,8 @@ FIGURES = (
 class Report:
     """A demo's results."""
 
+    joints: tuple[str, ...]
+    """The arm's, in the order of all figures."""
     runs: tuple[Run, ...]
     comparisons: Mapping[str, Run]
     """More runs, by what is missing in each. They need not succeed."""
@@ -50,9 +55,11 @@ class Report:
     cpu_percent: Mapping[str, float]
 
 
-def demo(grades: Sequence[str], repeat: int, out: Path, robot: Path | None, build: Build, live: Live) -> Report:
+def demo(
+    grades: Sequence[str], repeat: int, out: Path, arm: Arm, robot: Path | None, build: Build, live: Live
+) -> Report:
     """Run the demo; ``out`` is a folder. Raises DriverError with a process' last words if one of them fails."""
-    with cell(out, robot, build, live) as ready:
+    with cell(out, arm, robot, build, live) as ready:
         return _measure([grade for _ in range(repeat) for grade in grades], ready)
 
 
@@ -65,15 +72,16 @@ def _measure(jobs: Sequence[str], ready: Cell) -> Report:
     runner.idle(1.5)  # the figures of the last cycles are published once a second
     loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
     comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT}
-    return Report(tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent})
+    return Report(tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent})
 
 
 def _run_without(what: str, grade: str, ready: Cell) -> Run:
     """One more run, with other parameters than before."""
     for node, name, value in WITHOUT[what]:
         node = node or ready.component
-        if not ready.monitor.set_parameter(node, name, value):
-            raise DriverError(f"the stack does not let {name} of {node} be set")
+        for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:
+            if not ready.monitor.set_parameter(node, each, value):
+                raise DriverError(f"the stack does not let {each} of {node} be set")
     ready.runner.idle(FADING_S)
     return ready.runner.run(grade)
 

@@ -1,1 +1,1 @@
-"""The verbs of the command line, one module each; what they do stands below ``servoloop``, as functions for scripts."""
+"""The command line's tools, a module for each group of verbs: they read arguments, call commissioning/ and print."""

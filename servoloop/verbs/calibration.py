@@ -1,90 +1,81 @@
 """``servoloop calibration``: LeRobot's calibration file in and out, and what this arm's calibration is."""
 
-import json as jsons
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pydantic import BaseModel, ConfigDict
 from rich.console import Console
 from rich.table import Table
 
-from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrations import Row, calibration_rows, export_calibration, import_calibration
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
-from hal.yaml_file import load
-from servoloop.files import URDF
-from servoloop.verbs.arm_options import JsonOption, RobotOption, UrdfOption, read_arm
+from servoloop.arms.folder import OWN
+from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
+from servoloop.verbs.output import JsonOption, print_json
 
 app = typer.Typer(no_args_is_help=True, help="An arm's calibration: shown, and exchanged with LeRobot.")
 
 LerobotArgument = Annotated[Path, typer.Argument(help="LeRobot's calibration file, JSON.")]
 
 
-class PlanFile(BaseModel):
-    """How each joint is calibrated, by name."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    joints: dict[str, JointPlan]
-
-
 @app.command("import")
 def import_(
     file: LerobotArgument,
+    arm: ArmOption = OWN,
     robot: RobotOption = None,
-    urdf: UrdfOption = URDF,
-    plan: Annotated[
-        Path | None,
-        typer.Option(help="Where each joint's zero is found (joints: {NAME: {positive, zero, at}}); else the middle."),
-    ] = None,
+    urdf: UrdfOption = None,
     json: JsonOption = False,
 ) -> None:
     """Take LeRobot's calibration for this arm: directions, homing offsets and travel; zeros found anew in the travel.
 
     Nothing is written to servos: they hold LeRobot's offsets already. The former calibration file is kept.
-    Example: `servoloop calibration import my_arm.json --robot so101.yaml`
+    Example: `servoloop calibration import my_arm.json --arm so101`
     """
-    path, joints = read_arm(urdf, robot)
-    plans: Mapping[str, JointPlan] = load(plan, PlanFile, CalibrationError).joints if plan else {}
-    made, written = import_calibration(file, path, joints, plans)
+    known = known_arm(arm, urdf, robot)
+    made, written = import_calibration(file, known.robot, known.joints, known.plans)
     if json:
-        typer.echo(jsons.dumps({"written": str(written), "joints": [_as_json(one) for one in made]}))
+        print_json({"written": str(written), "joints": [_plain(one) for one in made]})
         return
     Console().print(_imported(made))
     typer.echo(f"{ITS_ZERO}.\nWritten: {written}")
 
 
 @app.command()
-def export(file: LerobotArgument, robot: RobotOption = None, urdf: UrdfOption = URDF, json: JsonOption = False) -> None:
+def export(
+    file: LerobotArgument,
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    json: JsonOption = False,
+) -> None:
     """Write this arm's calibration as LeRobot's file. A former file is kept with .1 behind its name.
 
-    Example: `servoloop calibration export my_arm.json --robot so101.yaml`
+    Example: `servoloop calibration export my_arm.json --arm so101`
     """
-    path, _ = read_arm(urdf, robot)
-    export_calibration(file, path)
-    said = f"{file} has the servos' travel and offsets, and no zeros: {ITS_ZERO}"
-    typer.echo(jsons.dumps({"written": str(file)}) if json else said)
+    export_calibration(file, known_arm(arm, urdf, robot).robot)
+    if json:
+        print_json({"written": str(file)})
+    else:
+        typer.echo(f"{file} has the servos' travel and offsets, and no zeros: {ITS_ZERO}")
 
 
 @app.command()
-def show(robot: RobotOption = None, urdf: UrdfOption = URDF, json: JsonOption = False) -> None:
+def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = None, json: JsonOption = False) -> None:
     """Show each joint's direction, zero, homing offset, and its travel against the URDF's.
 
-    Example: `servoloop calibration show --robot so101.yaml`
+    Example: `servoloop calibration show --arm so101`
     """
-    rows = calibration_rows(*read_arm(urdf, robot))
+    known = known_arm(arm, urdf, robot)
+    rows = calibration_rows(known.robot, known.joints)
     if json:
-        typer.echo(jsons.dumps([asdict(row) for row in rows]))
+        print_json(rows)
     else:
         Console().print(_shown(rows))
 
 
-def _as_json(one: Imported) -> dict[str, Any]:
+def _plain(one: Imported) -> dict[str, Any]:
     return {
         "joint": one.joint.name,
         "servo_id": one.joint.servo_id,

@@ -1,6 +1,5 @@
 """``servoloop passport``: every servo's EEPROM in a file, compared with the servos, and written back."""
 
-import json as jsons
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
@@ -19,13 +18,15 @@ from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.servos.catalog import MODELS
 from hal.robot import RobotFile, load_robot_file
-from servoloop.verbs.arm_options import JsonOption
-from servoloop.verbs.line import PortOption, YesOption, adapter_serial, open_line
+from servoloop.arms.folder import find_arm
+from servoloop.verbs.line import PortOption, adapter_serial, open_line
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
 
 FileArgument = Annotated[Path, typer.Argument(help="The passport, YAML.")]
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file: its servos, their joints and rate.")]
+ArmOption = Annotated[str | None, typer.Option("--arm", help="The arm whose servos they are, as in `servoloop arms`.")]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
 BusOption = Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")]
 USUAL_BAUD = 1_000_000
 
@@ -34,6 +35,7 @@ USUAL_BAUD = 1_000_000
 def save(
     file: FileArgument,
     port: PortOption = None,
+    arm: ArmOption = None,
     robot: RobotOption = None,
     bus: BusOption = None,
     baud: Annotated[int | None, typer.Option(help="Bits per second, where no robot file says it.")] = None,
@@ -43,7 +45,7 @@ def save(
 
     Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
     """
-    said = load_robot_file(robot) if robot else None
+    said = _robot_file(arm, robot)
     joints = said.joints_on(_bus_name(said, bus)) if said else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
@@ -51,7 +53,7 @@ def save(
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
     write_passport(file, taken)
     if json:
-        typer.echo(jsons.dumps({"written": str(file), **taken.model_dump()}))
+        print_json({"written": str(file), **taken.model_dump()})
     else:
         servos = ", ".join(map(str, taken.servos))
         typer.echo(f"{file} has servos {servos} of adapter {taken.adapter or 'without serial number'}")
@@ -61,6 +63,7 @@ def save(
 def diff(
     file: FileArgument,
     port: PortOption = None,
+    arm: ArmOption = None,
     robot: RobotOption = None,
     bus: BusOption = None,
     json: JsonOption = False,
@@ -70,10 +73,10 @@ def diff(
     Example: `servoloop passport diff my_arm.passport.yaml`
     """
     passport = read_passport(file)
-    with _line_of(passport, port, robot, bus) as line:
+    with _line_of(passport, port, _robot_file(arm, robot), bus) as line:
         found, adapter = compare(line, passport), adapter_serial(line.name)
     if json:
-        typer.echo(jsons.dumps({**asdict(found), "same": found.same, "adapter": adapter}))
+        print_json({**asdict(found), "same": found.same, "adapter": adapter})
     else:
         _show(found, passport, adapter)
     raise typer.Exit(0 if found.same else 1)
@@ -83,6 +86,7 @@ def diff(
 def restore_(
     file: FileArgument,
     port: PortOption = None,
+    arm: ArmOption = None,
     robot: RobotOption = None,
     bus: BusOption = None,
     servo_id: Annotated[int | None, typer.Option("--id", help="Only this servo of the passport.")] = None,
@@ -102,7 +106,7 @@ def restore_(
     if json and not yes:
         raise PassportError("--json cannot ask: say --yes too")
     passport = read_passport(file)
-    with _line_of(passport, port, robot, bus) as line:
+    with _line_of(passport, port, _robot_file(arm, robot), bus) as line:
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
         else:
@@ -110,15 +114,21 @@ def restore_(
         plans = [plan for plan in found if plan.values]
         if plans and not yes:
             Console().print(_planned(plans))
-            typer.confirm("Write this?", abort=True)
+            confirm("Write this?", yes)
         changes = {plan.servo_id: restore(line, MonotonicClock(), plan) for plan in plans}
     _say_changes(changes, json)
 
 
-def _line_of(passport: Passport, port: str | None, robot: Path | None, bus: str | None) -> AbstractContextManager[Bus]:
-    said = load_robot_file(robot) if robot else None
+def _robot_file(arm: str | None, robot: Path | None) -> RobotFile | None:
+    path = robot or (find_arm(arm).robot if arm else None)
+    return load_robot_file(path) if path else None
+
+
+def _line_of(
+    passport: Passport, port: str | None, robot: RobotFile | None, bus: str | None
+) -> AbstractContextManager[Bus]:
     models = {servo_id: servo.servo_model for servo_id, servo in passport.servos.items()}
-    return open_line(port, _baud(said, bus, passport.baud), models)
+    return open_line(port, _baud(robot, bus, passport.baud), models)
 
 
 def _bus_name(robot: RobotFile, bus: str | None) -> str:
@@ -166,7 +176,7 @@ def _say_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
         for change in made
     ]
     if json:
-        typer.echo(jsons.dumps(written))
+        print_json(written)
         return
     for one in written:
         typer.echo(f"servo {one['servo_id']}: {one['register']} was {one['old']}, is {one['new']}")

@@ -9,19 +9,20 @@ from calibration.eeprom import OPEN, EepromError
 from commissioning.calibrate.flow import ByHand
 from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import FASTEST_RAD_S, SlowMove
+from commissioning.calibrate.verify import check
+from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
-from tests.commissioning.arm import JOINTS, PLANS, Person, UnalignedArm
+from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 
 TURNED_SEED = 3
 """An arm that has the seam of some of its servos within their travel."""
 
 
 def calibrated(arm: UnalignedArm) -> Mapping[str, JointCalibration]:
-    return ByHand(arm.bus, JOINTS, PLANS, Person(arm)).run()
+    return ByHand(arm.bus, JOINTS, PLAN.joints, Person(arm)).run()
 
 
 @pytest.fixture
@@ -42,12 +43,12 @@ def test_the_whole_way_from_an_unaligned_arm_to_one_that_goes_where_it_is_sent(r
     before = arm.world.position()
     arm.hand.release()
     said: list[str] = []
-    with SlowMove(lambda: arm.open_bus(joints), joints, arm.clock) as move:
+    with SlowArm(lambda: arm.open_bus(joints), joints, arm.clock) as move:
         arm.fastest_rad_s = 0.0
-        move.check(said.append)
+        check(move, said.append)
         assert arm.world.position() == pytest.approx(before, abs=0.12), "soft servos sag"
+        assert 0.2 < arm.fastest_rad_s < 2.0 * FASTEST_RAD_S
     assert len(said) == len(joints)
-    assert 0.2 < arm.fastest_rad_s < 2.0 * FASTEST_RAD_S
     assert not any(servo.memory.get(sts.torque_enable) for servo in arm.line.servos)
 
 
@@ -58,8 +59,8 @@ def test_a_joint_that_is_held_does_not_pass_and_the_arm_is_limp_again(robot: Pat
     arm.hand.release()
     arm.hand.hold("joint4")
     in_the_way = pytest.raises(CalibrationError, match=r"joint4 .*is something in its way")
-    with in_the_way, SlowMove(lambda: arm.open_bus(joints), joints, arm.clock) as move:
-        move.check(lambda text: None)
+    with in_the_way, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock) as move:
+        check(move, lambda text: None)
     assert not any(servo.memory.get(sts.torque_enable) for servo in arm.line.servos)
 
 
@@ -91,7 +92,7 @@ def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robo
         store(robot, arm.bus, JOINTS, made, arm.clock)
     joints = read_files(robot=robot).robot.joints
     refused = pytest.raises(DriverError, match="was calibrated with")
-    with refused, SlowMove(lambda: arm.open_bus(joints), joints, arm.clock):
+    with refused, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock):
         pass
 
 

@@ -2,28 +2,31 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
+from hal.joint import Joint
+from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
-from servoloop.files import CONFIG, ROBOT, read_files
 from tests.complaint import complaint
 
-JOINTS = read_files().robot.joints
+FILES = read_arm_files(find_arm())
+JOINTS = FILES.robot.joints
 
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
-    return Path(shutil.copy(CONFIG / ROBOT, tmp_path / "arm.yaml"))
+    return Path(shutil.copy(FILES.robot_path, tmp_path / "arm.yaml"))
 
 
-def theirs() -> dict[str, Any]:
+def theirs(joints: Sequence[Joint] = JOINTS) -> dict[str, Any]:
     """LeRobot's file for an arm whose stops are where the URDF has them, but 20 counts up."""
     entries = {}
-    for joint in JOINTS:
+    for joint in joints:
         low, high = joint.counts_range()
         entries[joint.name] = {
             **{"id": joint.servo_id, "drive_mode": 0, "homing_offset": -300},
@@ -58,12 +61,14 @@ def test_people_are_told_whose_zero_it_is(robot: Path, tmp_path: Path) -> None:
     assert JOINTS[0].name in run("show", "--robot", str(robot))
 
 
-def test_a_plan_names_other_places_for_zeros(robot: Path, tmp_path: Path) -> None:
-    given, plan = tmp_path / "theirs.json", tmp_path / "plan.yaml"
-    given.write_text(json.dumps(theirs()))
-    plan.write_text("joints: {joint1: {positive: to the left, zero: lower_stop}}")
-    said = json.loads(run("import", str(given), "--robot", str(robot), "--plan", str(plan), "--json"))
-    assert [joint["zero"] for joint in said["joints"]][:2] == ["lower_stop", "middle"]
+def test_an_arms_plan_names_other_places_for_zeros(tmp_path: Path) -> None:
+    given = tmp_path / "theirs.json"
+    files = read_arm_files(find_arm("so101"))
+    robot = Path(shutil.copy(files.robot_path, tmp_path / "arm.yaml"))
+    given.write_text(json.dumps(theirs(files.robot.joints)))
+    said = json.loads(run("import", str(given), "--arm", "so101", "--robot", str(robot), "--json"))
+    zeros = {joint["joint"]: joint["zero"] for joint in said["joints"]}
+    assert (zeros["shoulder_pan"], zeros["wrist_roll"], zeros["gripper"]) == ("middle", "lerobot", "lower_stop")
 
 
 def test_a_mistake_is_said_in_words(

@@ -58,7 +58,7 @@ def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: 
 
 def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
-    said = json.loads(run("save", file, "--port", port, "--robot", "config/robot_arm.yaml", "--json"))
+    said = json.loads(run("save", file, "--port", port, "--arm", "robot_arm", "--json"))
     assert said["servos"]["7"]["joint"] == "hand_right_joint"
 
 

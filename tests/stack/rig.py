@@ -22,6 +22,7 @@ from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
+from nodes.pick_place.settings import Settings
 from servoloop.demo.following_error import FollowingError, between_cycles
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
@@ -44,6 +45,7 @@ BINS = {
 OPEN_M, CLOSED_M = 0.0, 0.05
 NOMINAL_BUILD = Build()
 MOVE_S = 2.0
+ROBOT_ARM = Settings()
 
 
 @dataclass(slots=True)
@@ -121,7 +123,7 @@ class StackRig:
         self.files = files or read_files()
         self.clock = SimulatedClock()
         ways = couplings(self.files.robot)
-        self.world = World(initial_position=start, spread=build.spread, backlash=build.gaps(ways))
+        self.world = World(self.files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         self.trace = Trace()
         self._feeder = Feeder()
         plant = WorldPlant(self.world, ways, self._after_step)
@@ -186,7 +188,7 @@ class StackRig:
 
     def go(self, pose: Sequence[float], seconds: float = MOVE_S) -> GoalHandle:
         """One goal as the pick-place node sends it."""
-        goal = TrajectoryGoal(ARM, (GoalPoint(tuple(pose), seconds),))
+        goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), seconds),))
         reason = self.arm.check(goal)
         assert reason is None, reason
         return self.arm.submit(goal)
@@ -194,7 +196,7 @@ class StackRig:
     def _after_step(self, time_s: float) -> None:
         self._feeder.update(self.world, time_s)
         self.trace.world_s.append(time_s)
-        self.trace.actual.append(self.world.position()[:6])
+        self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
 
     def _on_cycle(self, state: JointState) -> None:
         tracking = self.arm.tracking
@@ -208,13 +210,13 @@ class StackRig:
 class UnpacedJob:
     """The pick-place node's job by the letter: the hand is told, and the arm in the same instant."""
 
-    def __init__(self, rig: StackRig, grade: str) -> None:
+    def __init__(self, rig: StackRig, grade: str, settings: Settings = ROBOT_ARM) -> None:
         self._rig = rig
         self._steps = [
-            (None, READY),
-            (OPEN_M, PICK),
-            (CLOSED_M, BINS[grade]),
-            (OPEN_M, READY),
+            (None, settings.ready_rad),
+            (settings.hand_open_m, settings.pick_rad),
+            (settings.hand_closed_m, settings.bins_rad[grade]),
+            (settings.hand_open_m, settings.ready_rad),
         ]
         self.handles: list[GoalHandle] = []
 

@@ -27,7 +27,7 @@ def test_any_arm_gets_its_cube_into_the_bin(seed: int, backlash_deg: float) -> N
     assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
     assert lay - {None} == {grade}
     error = rig.trace.following(since_s=ACTIVATED_S)
-    print(f"seed {seed}: {error.as_dict()}")
+    print(f"seed {seed}: {error.as_dict(rig.arm.joints)}")
     assert max(error.largest_rad) <= LARGEST_RAD
     assert max(error.rms_moving_rad) <= RMS_RAD
     assert max(error.at_rest_rad) <= AT_REST_RAD
