@@ -25,6 +25,7 @@ from servoloop.verbs import calibration, passport
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
+from servoloop.verbs.set_up import setup
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,6 +39,7 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
+app.command()(setup)
 app.command()(calibrate)
 app.command()(hand)
 app.add_typer(arms_app, name="arms")
@@ -159,6 +161,13 @@ def emulate(
             help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
         ),
     ] = None,
+    box: Annotated[
+        bool,
+        typer.Option(
+            "--box",
+            help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
+        ),
+    ] = False,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -183,7 +192,7 @@ def emulate(
             files,
             link,
             pictures,
-            Build(backlash_deg, seed, practice),
+            Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

@@ -4,14 +4,15 @@ All have ID 1. As delivered they wait 500 us with each reply (LeRobot's set-up u
 no more than 8 V (assumed: on 12 V such servos report a wrong input voltage).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from math import tau
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
 from sim_backend.bus import VirtualBus, servo_of
+from sim_backend.control import Command, Handler
 from sim_backend.packet_servo import PacketServo
 from sim_backend.plant import BenchPlant, Plant
 from sim_backend.rig import Rig, Supply
@@ -55,13 +56,19 @@ class VirtualBox:
         return [servo.servo_id for servo in self.servos]
 
 
-def connected(text: str, count: int) -> Iterable[int]:
-    """The numbers in a line of text: ``all``, ``none``, or ``0 3``. ValueError for what is no servo of the box."""
-    words = text.split()
-    numbers = list(range(count)) if words == ["all"] else [] if words == ["none"] else [int(word) for word in words]
-    if not all(0 <= number < count for number in numbers):
-        raise ValueError(f"the box has servos 0 to {count - 1}")
-    return numbers
+def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
+    """Do what ``servoloop hand`` asks of plugs, connect or disconnect; ``hand`` does the rest.
+
+    ``joints``: those of the servos, by number. ValueError for a joint that is none of them.
+    """
+    what, wanted = command.get("do"), command.get("joints") or []
+    if what not in ("connect", "disconnect"):
+        return hand(command)
+    if unknown := [name for name in wanted if name not in joints]:
+        raise ValueError(f"the box has no servo of {', '.join(unknown)}: it has {', '.join(joints)}")
+    chain = joints if what == "connect" else ()
+    box.connect(*(joints.index(name) for name in (wanted or chain) if what == "connect"))
+    return hand({"do": "look"})
 
 
 def _as_delivered(model: ServoModel) -> PacketServo:
