@@ -8,7 +8,6 @@ from calibration.eeprom import LARGEST_ID
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault
 from drivers.errors import PortError, PortLost
-from hal.diagnose import BAUD_RATES
 
 TOGETHER: Final = 100
 """IDs in one question: an STS takes no instruction with more than 128."""
@@ -28,33 +27,34 @@ class Answer:
     clear: bool
 
 
-def who_answers(bus: Bus) -> list[Answer]:
+def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
     """All that answer at the line's rate, by ID. Only states are read. Raises PortLost."""
     found: dict[int, bool] = {}
-    for _ in range(LOOKS):
+    for _ in range(looks):
         # A bus that remembers who was silent before does not ask those each time.
         with bus.at_baud(bus.baud) as forgetful:
             for first in range(0, LARGEST_ID + 1, TOGETHER):
                 _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
+    if not found:
+        return []
     with bus.at_baud(bus.baud) as forgetful:
         seen = {servo_id: clear or _seen_closely(forgetful, servo_id) for servo_id, clear in sorted(found.items())}
     return [Answer(servo_id, bus.baud, clear) for servo_id, clear in seen.items() if clear is not None]
 
 
-def who_answers_anywhere(bus: Bus) -> list[Answer]:
-    """``who_answers``, and at all other rates too. The line has its own rate afterwards."""
-    found = who_answers(bus)
-    for baud in BAUD_RATES:
-        if baud == bus.baud:
-            continue
+def who_answers_elsewhere(bus: Bus, rates: Iterable[int]) -> list[Answer]:
+    """All that answer at the first of these rates at which anybody does. The line has its own rate afterwards."""
+    for baud in rates:
         try:
             with bus.at_baud(baud) as other:
-                found += [replace(answer, baud=baud) for answer in who_answers(other) if answer.clear]
+                found = who_answers(other, looks=1)
         except PortLost:
             raise
         except PortError:  # the adapter does not know this rate
             continue
-    return found
+        if found:
+            return [replace(answer, baud=baud) for answer in found]
+    return []
 
 
 def _look(bus: Bus, servo_ids: Iterable[int], found: dict[int, bool]) -> None:

@@ -6,7 +6,7 @@ from typing import Final
 
 from commissioning.provision import drives, persistent_registers
 from commissioning.set_up.place import FACTORY_ID, Place, SetUpError
-from commissioning.who import CLOSER_LOOKS, Answer, who_answers, who_answers_anywhere
+from commissioning.who import CLOSER_LOOKS, Answer, who_answers, who_answers_elsewhere
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
@@ -24,9 +24,9 @@ class NotYet(SetUpError):
     """What the user can mend by connecting something else: it is asked for again."""
 
 
-def only_servo(bus: Bus) -> Answer:
-    """The one servo that answers, at whatever rate. Raises NotYet where there is none, or several."""
-    found = who_answers(bus) or who_answers_anywhere(bus)
+def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
+    """The one servo that answers, at the line's rate or one of these. Raises NotYet where there is none, or several."""
+    found = who_answers(bus) or who_answers_elsewhere(bus, [rate for rate in rates if rate != bus.baud])
     if not found:
         raise NotYet(
             f"no servo answers on {bus.name} at any baud rate: is its supply on, is its cable plugged in at both ends, "

@@ -13,14 +13,15 @@ from typing import IO
 
 import pytest
 
+from drivers.errors import PortLost
 from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.verbs.set_up import _run
 from sim_backend.control import ask, control_path
+from tests.commissioning.box import Bench, Hands
 
 ROOT = Path(__file__).parents[2]
 JOINTS = [joint.name for joint in read_arm_files(find_arm("so101")).robot.joints]
 LIMIT_S = 60.0
-
-pytestmark = pytest.mark.slow
 
 
 @contextmanager
@@ -65,6 +66,7 @@ def plug(link: Path, setup: "subprocess.Popen[str]", *joints: str) -> None:
     setup.stdin.flush()
 
 
+@pytest.mark.slow
 def test_a_box_becomes_an_arm_over_two_runs(link: Path) -> None:
     words = ("setup", "--arm", "so101", "--port", str(link), "--json")
     with program(*words) as setup:
@@ -97,6 +99,7 @@ def test_a_box_becomes_an_arm_over_two_runs(link: Path) -> None:
     assert {tuple(row["changes"]) for row in json.loads(done.stdout)} == {()}
 
 
+@pytest.mark.slow
 def test_the_end_of_the_input_ends_it_in_words(link: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "servoloop", "setup", "--arm", "so101", "--port", str(link)],
@@ -105,3 +108,18 @@ def test_the_end_of_the_input_ends_it_in_words(link: Path) -> None:
     )
     assert done.returncode == 130
     assert "the input has ended; no servo is set up yet" in done.stderr
+
+
+@pytest.mark.parametrize(("packets", "done"), [(3, "no servo is set up yet"), (250, "set up so far: gripper")])
+def test_a_lost_port_says_what_is_done_and_how_to_go_on(packets: int, done: str) -> None:
+    bench, left = Bench(), [packets]
+
+    def count(data: bytes) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            bench.port.unplug()
+
+    bench.port.before_write = count
+    with pytest.raises(PortLost) as lost:
+        _run(bench.set_up(Hands(bench)))
+    assert done in lost.value.__notes__[-1] and "Run the same again" in lost.value.__notes__[-1]
