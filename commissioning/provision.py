@@ -6,10 +6,10 @@ from typing import Final
 
 from calibration.eeprom import Change, update
 from commissioning.errors import CommissioningError
+from commissioning.registers.tables import registers_of
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.servos import ax_mx, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
 
@@ -19,13 +19,7 @@ RESTART_S: Final = 1.5
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
     """The registers in this model's EEPROM by name, by address."""
-    if isinstance(model, x.Model):
-        table = x.registers(model)
-    elif isinstance(model, ax_mx.Model):
-        table = ax_mx.registers(model)
-    else:
-        table = series_of(model).registers
-    return {register.name: register for register in table if register.persistent}
+    return {register.name: register for register in registers_of(model) if register.persistent}
 
 
 def provision(

@@ -21,7 +21,7 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
-from servoloop.verbs import calibration, passport
+from servoloop.verbs import calibration, passport, servo
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
@@ -40,6 +40,9 @@ app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
 app.command()(setup)
+app.add_typer(servo.register_app, name="register")
+for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
+    app.command()(verb)
 app.command()(calibrate)
 app.command()(hand)
 app.add_typer(arms_app, name="arms")

@@ -6,9 +6,10 @@ from typing import Final, Literal, Protocol
 
 from calibration.eeprom import Change
 from commissioning.provision import provision
+from commissioning.registers.tables import rates_of
 from commissioning.set_up.only_one import NotYet, only_servo, require_fit, voltage
 from commissioning.set_up.place import FACTORY_ID, Place, SetUpError, in_order
-from commissioning.set_up.rate import RATES, bring_to_rate
+from commissioning.set_up.rate import bring_to_rate
 from commissioning.who import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
@@ -119,7 +120,7 @@ class SetUp:
         raise SetUpError(f"{place.joint}: {problem}")
 
     def _set_up(self, place: Place) -> _Made:
-        answer = only_servo(self._bus, RATES.get(place.series.name, ()))
+        answer = only_servo(self._bus, list(rates_of(place.model).values()))
         if answer.baud == self._bus.baud:
             require_fit(self._bus, answer.servo_id, place, self._places)
         else:

@@ -2,26 +2,17 @@
 
 from contextlib import suppress
 from functools import partial
-from typing import Final
 
 from calibration.eeprom import CLOSED, OPEN, eeprom
 from commissioning.provision import persistent_registers, restart
+from commissioning.registers.tables import rates_of
 from commissioning.set_up.place import SetUpError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
 from drivers.errors import ServoError
-from drivers.servos import sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
-
-RATES: Final = {
-    "sts": sts.BAUD_RATES,
-    "scs": sts.BAUD_RATES,
-    "Dynamixel X": x.BAUD_RATES,
-    "Dynamixel XL-320": xl320.BAUD_RATES,
-}
-"""By series: what the numbers in ``baud_rate`` mean."""
 
 
 def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate: int) -> None:
@@ -30,10 +21,10 @@ def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate
     However it ends, its EEPROM is locked. Raises SetUpError, ServoError, PortLost.
     """
     series = series_of(model)
-    rates = RATES.get(series.name, ())
-    if bus.baud not in rates:
+    values = {baud: value for value, baud in rates_of(model).items()}
+    if bus.baud not in values:
         raise SetUpError(f"servo {servo_id} answers at {rate} baud, and a {model.name} cannot be set to {bus.baud}")
-    register, value = persistent_registers(model)["baud_rate"], rates.index(bus.baud)
+    register, value = persistent_registers(model)["baud_rate"], values[bus.baud]
     try:
         with bus.at_baud(rate) as other:
             _write(other, servo_id, series.lock, register, value)

@@ -17,7 +17,7 @@ RUNNER = CliRunner()
 
 
 def test_the_arms_that_are_ready() -> None:
-    assert [arm.name for arm in arms()] == ["robot_arm", "robot_arm_dynamixel", "so101", "so101_12v"]
+    assert [arm.name for arm in arms()] == ["robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
     assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
 

@@ -41,6 +41,7 @@ class UnalignedArm:
     ) -> None:
         """``start``: where the joints are. Without it they are all at 0, and the arm hangs free."""
         self.clock = SimulatedClock()
+        self.plan = find_arm(name).file.calibration
         self.files = read_arm_files(find_arm(name))
         self.joints = self.files.robot.joints
         self.couplings: list[Coupling] = Mounting(seed).couplings(couplings(self.files.robot))
@@ -107,11 +108,14 @@ class Person:
         self.heard.append(task.text)
         if self.lazy(task):
             return
-        for name in task.joints:
-            if name in self.skipped and task.kind == "sweep":
-                continue
+        left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
+        self.move(task.kind, left, look)
+
+    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+        """Do one kind of task with these joints, one after the other."""
+        for name in joints:
             joint = next(joint for joint in self.arm.joints if joint.name == name)
-            for position in self._ways(task.kind, joint):
+            for position in self._ways(kind, joint):
                 self._take(name, position, look)
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
