@@ -1,8 +1,9 @@
-"""The options by which a verb is told which servo, and the servo they mean."""
+"""The line that a verb works on: the options that say which, and the bus or the one servo on it."""
 
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,6 +12,8 @@ from servoloop.processes import Interrupted
 
 if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo
+    from drivers.bus.bus import Bus
+    from drivers.servos.register import ServoModel
 
 PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
 BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
@@ -41,3 +44,24 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
     finally:
         signal.signal(signal.SIGTERM, former)
         line.close()
+
+
+@contextmanager
+def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -> "Iterator[Bus]":
+    """A bus on this port, or on that of the only USB adapter. Raises DriverError."""
+    from commissioning.ports.adapters import only_port
+    from drivers.bus.bus import Bus
+    from drivers.clock import MonotonicClock
+    from drivers.port.serial_port import SerialPort
+
+    clock = MonotonicClock()
+    with closing(Bus(SerialPort(port or only_port(), baud, clock), clock, models)) as bus:
+        yield bus
+
+
+def adapter_serial(device: str) -> str | None:
+    """The serial number of the USB adapter behind a device; None where it has none."""
+    from serial.tools.list_ports import comports
+
+    path = Path(device).resolve()
+    return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)
