@@ -19,6 +19,7 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
+from servoloop.verbs.ports import ports
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -30,6 +31,7 @@ app = typer.Typer(
 
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
+app.command()(ports)
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
