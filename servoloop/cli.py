@@ -20,6 +20,7 @@ from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs.ports import ports
+from servoloop.verbs.scan import scan
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,6 +33,7 @@ app = typer.Typer(
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
+app.command()(scan)
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""

@@ -18,7 +18,7 @@ from commissioning.ports.machine import Machine, User
 from commissioning.ports.plugging import SETTLE_S, wait_for_plugging
 from servoloop import cli
 from sim_backend.clock import SimulatedClock
-from tests.commissioning.machines import BRLTTY_RULES, OWNER, STRANGER, SmallMachine
+from tests.commissioning.machines import BRLTTY_RULES, STRANGER, SmallMachine
 
 ACM, USB = "/dev/ttyACM0", "/dev/ttyUSB0"
 RULES = "usr/lib/udev/rules.d/85-brltty.rules"
