@@ -88,7 +88,6 @@ KINDS: Final[dict[str, Kind]] = {
     "travel_differs": _kind("warning", 33),
     "not_calibrated": _kind("note", 20),
     # What only a motion shows.
-    "moves_the_wrong_way": _kind("fault", 63),
     "does_not_move": _kind("fault", 59),
     "wrong_gear": _kind("warning", 53),
     "gives_way": _kind("warning", 52),

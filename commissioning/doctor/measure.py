@@ -57,9 +57,7 @@ def _failed(snapshot: BusSnapshot, error: PortError) -> BusSnapshot:
     return replace(snapshot, problem=problem, problem_text=str(error))
 
 
-def _measured(
-    snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock: Clock, search: Search
-) -> BusSnapshot:
+def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock: Clock, search: Search) -> BusSnapshot:
     models = {joint.servo_id: joint.model for joint in joints}
     protocol = series_of(joints[0].model).protocol
     echoes = hears_itself(port, clock, protocol.packets, joints[0].servo_id)

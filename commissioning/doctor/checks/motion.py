@@ -1,0 +1,88 @@
+"""What a small slow motion shows of a joint: direction, gear, how far it gives way, whether it shakes, the supply."""
+
+from collections.abc import Iterator
+from math import copysign
+from typing import Final
+
+from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.finding import Finding, Place
+from commissioning.doctor.kinds import finding
+from commissioning.doctor.snapshot import JointMotion, Snapshot
+from hal.joint import Joint
+
+STUCK_SHARE: Final = 0.3
+"""Of the way asked for: a joint that moved by less is held by something, or has no force."""
+SHAKES_COUNTS: Final = 12.0
+"""Between the outermost positions at rest, 1 degree: more than backlash makes of the least drive."""
+GIVES_WAY: Final = 2.0
+"""Times what stiffness, dead band and friction explain."""
+SPEED_FACTOR: Final = 1.6
+"""The next gear of an STS3215 is 1.8 or 1.3 times faster; with other friction, only the first is told apart."""
+LEAST_DRIVE: Final = 0.04
+"""Of full drive: below it friction alone decides."""
+
+
+def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
+    """Every joint that was moved."""
+    places = {servo.joint.name: place_of(bus, servo) for bus in snapshot.buses for servo in bus.servos}
+    if snapshot.not_moved:
+        yield finding("not_moved", Place(), "gears, gains and gravity hold were not tried", snapshot.not_moved)
+    for motion in snapshot.motions:
+        place = places[motion.joint.name]
+        yield from _way(place, motion)
+        yield from _rest(place, motion)
+
+
+def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
+    share, joint = motion.moved / motion.asked, motion.joint
+    if share < STUCK_SHARE:
+        cause = (
+            f"sent by {motion.asked:+.3f} it moved by {motion.moved:+.3f}: something is in its way, it is at a "
+            "stop, its horn is loose, or it has no force (its torque limit, the supply)"
+        )
+        yield finding("does_not_move", place, "the joint does not move when it is sent", cause)
+    elif ratio := gear_ratio(motion):
+        cause = (
+            f"at {abs(motion.speed):.2f} {_unit(joint)}/s it needs {ratio:.1f} times less drive than a "
+            f"{joint.model.name}: its gear is probably another one (1:147 and 1:191 are faster than 1:345, and weaker)"
+        )
+        yield finding("wrong_gear", place, "the joint is weaker and faster than the others", cause)
+
+
+def gear_ratio(motion: JointMotion) -> float | None:
+    """By how much the servo is faster for its drive than its model; None where it is not, or cannot be told."""
+    joint = motion.joint
+    driving = (motion.drive - motion.held_drive) * copysign(1.0, motion.speed)
+    fastest = joint.model.no_load_speed_rad_s * joint.transmission
+    expected = abs(motion.speed) / fastest
+    if expected < LEAST_DRIVE or driving < LEAST_DRIVE / SPEED_FACTOR:
+        return None
+    ratio = expected / driving
+    return ratio if ratio > SPEED_FACTOR else None
+
+
+def _rest(place: Place, motion: JointMotion) -> Iterator[Finding]:
+    joint, count = motion.joint, abs(motion.joint.units_per_count)
+    if motion.swing > SHAKES_COUNTS * count:
+        cause = (
+            f"at rest it swings by {motion.swing:.4f} {_unit(joint)}: its position_p is too high for its load and "
+            "backlash. Lower it (LeRobot takes 16), and name it under settings in the robot file"
+        )
+        command = f"servoloop register write {joint.servo_id} position_p 16"
+        yield finding("shakes", place, "the joint shakes or hums", cause, command)
+        return
+    compliance = joint.compliance
+    if compliance is None:
+        return
+    allowed = GIVES_WAY * (abs(motion.expected_sag) + compliance.uncorrected)
+    if motion.error > allowed:
+        cause = (
+            f"it stays {motion.error:.4f} {_unit(joint)} off, and its gains and the URDF's masses explain "
+            f"{allowed / GIVES_WAY:.4f}: its position_p is lower than the robot file says, it carries more than "
+            "the URDF does, its gear is another one, or something presses on it"
+        )
+        yield finding("gives_way", place, "the joint sags, or stops short of its goals", cause)
+
+
+def _unit(joint: Joint) -> str:
+    return "rad" if joint.transmission == 1.0 else "m"
