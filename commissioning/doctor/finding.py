@@ -57,10 +57,12 @@ def ranked(findings: Iterable[Finding], kinds: dict[str, Kind]) -> tuple[Finding
     return tuple(one for at, one in enumerate(ordered) if not any(_explains(kinds, by, one) for by in ordered[:at]))
 
 
-def _order(finding: Finding) -> tuple[int, int, str, int, str]:
+def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
+    """What nobody cares about decides last, so that the order of the checks does not."""
     place = finding.place
-    where = place.bus or "", -1 if place.servo_id is None else place.servo_id
-    return -finding.rank, SEVERITIES.index(finding.severity), *where, finding.id
+    servo = "" if place.servo_id is None else f"{place.servo_id:03d}"
+    texts = (place.bus or "", servo, finding.id, str(place), repr(finding))
+    return -finding.rank, SEVERITIES.index(finding.severity), texts
 
 
 def _explains(kinds: dict[str, Kind], by: Finding, one: Finding) -> bool:

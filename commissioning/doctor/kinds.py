@@ -43,7 +43,7 @@ KINDS: Final[dict[str, Kind]] = {
     "servo_unsteady": _kind("warning", 70),
     "extra_servo": _kind("warning", 45),
     # The line.
-    "line_loses": _kind("warning", 69, "servo_unsteady"),
+    "line_loses": _kind("warning", 69),
     "line_noisy": _kind("warning", 68),
     "line_late": _kind("warning", 67),
     "slow_round_trip": _kind("warning", 48),

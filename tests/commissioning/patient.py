@@ -44,6 +44,8 @@ class Patient:
     calibrated: bool = True
     machine: Machine = NOBODYS_MACHINE
     open_error: PortError | None = None
+    port: type[VirtualPort] = VirtualPort
+    device: str = "/dev/ttyACM0"
 
     def __post_init__(self) -> None:
         self.files = files_of(self.arm)
@@ -60,7 +62,7 @@ class Patient:
         """The port of the first bus, or what keeps it shut."""
         if self.open_error:
             raise self.open_error
-        return VirtualPort(self.lines[device], self.clock, baud=baud, name="/dev/ttyACM0")
+        return self.port(self.line, self.clock, baud=baud, name=device)
 
     def bus(self) -> Bus:
         """A bus of a program beside the doctor."""
@@ -85,7 +87,7 @@ class Patient:
         (memory.save if hasattr(memory, "save") and register.persistent else memory.put)(register, value)
 
     def examine(self, move: Move = no_move) -> Report:
-        devices = {name: name for name in self.lines}
+        devices = dict.fromkeys(self.lines, self.device)
         return doctor(
             self.robot,
             devices,
@@ -119,5 +121,3 @@ def _perfect(joint: Joint) -> CalibratedJoint:
         lower_counts=lower,
         upper_counts=upper,
     )
-
-
