@@ -80,6 +80,12 @@ class Eeprom:
             raise
         self.changes.append(Change(register, old, value))
 
+    def write_unread(self, register: Register, value: int) -> None:
+        """Unlock and write, once, what takes the servo off this line. The caller finds it and sets ``bus``."""
+        register.check(value)
+        self._unlock(register)
+        self._try_write(register, value)
+
     def _put(self, register: Register, value: int) -> None:
         """Write it once, and look."""
         failure = self._try_write(register, value)

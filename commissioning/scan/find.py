@@ -73,7 +73,7 @@ def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = (
     """
     former = port.baud
     try:
-        yield _found(port, clock, servo_id, tuple(bauds))
+        yield locate(port, clock, servo_id, tuple(bauds))
     finally:
         _set_back(port, former)
 
@@ -87,7 +87,8 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
     return any(servo_id in heard.whole | heard.broken for heard in (wire.ping(servo_id) for _ in range(PINGS)))
 
 
-def _found(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...]) -> FoundServo:
+def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
+    """``find_servo`` that leaves the port at the servo's rate."""
     for step in steps(bauds=bauds):
         try:
             port.set_baud(step.baud)

@@ -24,6 +24,7 @@ LIKELY_IDS: Final = tuple(range(21))
 """Pinged one by one at each rate as long as nobody was found: not every servo answers a broadcast."""
 BROADCASTS: Final = {v1: 2, v2: 1}
 """Of protocol 2.0 one takes a second."""
+MORE_BROADCASTS: Final = {v1: 3, v2: 1}
 MORE_TRIES: Final = 3
 """Where somebody was heard: on a line that loses packets each question reaches four of five."""
 
@@ -112,7 +113,7 @@ class _Search:
         heard = Heard()
         for _ in range(1 if self.found else BROADCASTS[wire.packets]):
             heard |= wire.broadcast()
-        for _ in range(MORE_TRIES if heard.anything else 0):
+        for _ in range(MORE_BROADCASTS[wire.packets] if heard.anything else 0):
             heard |= wire.broadcast()
         unheard = heard.anything and not heard.whole  # they may all have answered at once
         ids = range(wire.largest_id + 1) if unheard else LIKELY_IDS if not self.found or heard.whole else ()

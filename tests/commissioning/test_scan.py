@@ -1,9 +1,13 @@
 """A scan finds every servo at every rate, tells what is wrong with each, and changes nothing."""
 
+import random
+from functools import reduce
+from operator import and_
 from typing import Any
 
 import pytest
 
+from commissioning.registers.tables import rates_of
 from commissioning.scan.identify import identity_of
 from commissioning.scan.look import ServoLook
 from commissioning.scan.scan import ScanReport, scan
@@ -15,12 +19,23 @@ from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
 from sim_backend.faults import Disturbance
+from sim_backend.line import Reply
+from sim_backend.port import VirtualPort
 from tests.commissioning.lines import ToolLine
 from tests.drivers.ports import EchoingPort
 
 ONE_OF_EACH = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XM430_W350)
 every_make = pytest.mark.parametrize("model", ONE_OF_EACH, ids=lambda model: model.name)
 READS_AND_PINGS = {1, 2, 0x82, 0x92, 0x8A}
+
+OFF_THE_FORMULA = {
+    model: {115_200, 57_600, 19_200, 9_600} if series_of(model).name.endswith("1.0") else set() for model in ONE_OF_EACH
+}
+"""Virtual servos of protocol 1.0 are at the exact rate, which is up to 2 % from the usual name."""
+
+
+def series_baud(model: ServoModel) -> Any:
+    return next(register for register in series_of(model).registers if register.name == "baud_rate")
 
 
 def kinds(report: ScanReport) -> dict[int, list[str]]:
@@ -106,6 +121,22 @@ def test_an_mx_of_protocol_1_at_its_own_rates_is_found(value: int, baud: int) ->
     line = ToolLine({3: ax_mx.MX_28})
     line.put(3, ax_mx.baud_rate, value)
     assert (only(line.scan()).model, only(line.scan()).baud) == ("mx-28", baud)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_a_healthy_line_gets_no_complaint_whatever_its_servos_ids_and_rate(seed: int) -> None:
+    chance = random.Random(seed)
+    model = chance.choice(ONE_OF_EACH)
+    rates = {value: rate for value, rate in rates_of(model).items() if rate not in OFF_THE_FORMULA[model]}
+    ids = chance.sample(range(253), chance.randint(1, 8))
+    line = ToolLine(dict.fromkeys(ids, model))
+    value = chance.choice(list(rates))
+    for servo_id in ids:
+        line.put(servo_id, series_baud(model), value)
+    report = line.scan()
+    assert kinds(report) == {servo_id: [] for servo_id in sorted(ids)}
+    assert {one.baud for one in report.servos} == {rates[value]}
+    assert (report.absent, report.noise) == ((), {})
 
 
 # What is wrong
@@ -270,6 +301,25 @@ def test_a_line_that_goes_away_ends_the_scan() -> None:
 
     with pytest.raises(PortLost):
         line.scan(progress=progress)
+
+
+class AllAtOncePort(VirtualPort):
+    """To a ping of protocol 1.0 that calls everybody all servos answer at the same moment."""
+
+    def write(self, data: bytes) -> None:
+        before = len(self._coming)
+        super().write(data)
+        if data[2] == v1.BROADCAST_ID and len(self._coming) > before:
+            replies = [self._coming.pop() for _ in range(len(self._coming) - before)]
+            mixed = bytes(reduce(and_, column) for column in zip(*(reply.data for reply in replies), strict=True))
+            self._coming.append(Reply(replies[-1].due_s, mixed))
+
+
+@pytest.mark.parametrize("ids", [(5, 66), (130, 211, 252)])
+def test_where_all_answer_the_broadcast_at_once_each_id_is_asked(ids: tuple[int, ...]) -> None:
+    line = ToolLine(dict.fromkeys(ids, ax_mx.AX_12A), AllAtOncePort)
+    report = line.scan(bauds=[1_000_000])
+    assert kinds(report) == {servo_id: [] for servo_id in ids}
 
 
 # Makes
