@@ -20,6 +20,7 @@ from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import servo
+from servoloop.verbs.doctor import doctor
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 
@@ -35,6 +36,7 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
+app.command()(doctor)
 app.add_typer(servo.register_app, name="register")
 for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)

@@ -48,7 +48,7 @@ def doctor(
     snapshot = Snapshot(buses, calibration)
     motions, why_not = move(snapshot, judge(snapshot, adapters))
     snapshot = replace(snapshot, motions=motions, not_moved=why_not)
-    return report_of(snapshot, judge(snapshot, adapters))
+    return report_of(snapshot, judge(snapshot, adapters), adapters.adapters)
 
 
 def _serial(clock: Clock, device: str, baud: int) -> Port:

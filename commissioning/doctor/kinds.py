@@ -90,7 +90,7 @@ KINDS: Final[dict[str, Kind]] = {
     # What only a motion shows.
     "does_not_move": _kind("fault", 59),
     "wrong_gear": _kind("warning", 53),
-    "gives_way": _kind("warning", 52),
+    "gives_way": _kind("warning", 26),
     "shakes": _kind("warning", 51),
     "not_moved": _kind("note", 3),
 }

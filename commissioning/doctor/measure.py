@@ -77,4 +77,4 @@ def _servo(bus: Bus, joint: Joint, hearing: Hearing) -> ServoSnapshot:
     registers: Mapping[str, int] = {}
     if hearing.states:
         registers = read_table(bus, joint.servo_id, series_of(joint.model))
-    return ServoSnapshot(joint, hearing.heard, registers, tuple(hearing.states))
+    return ServoSnapshot(joint, hearing.heard, registers, tuple(hearing.states), bus.name)

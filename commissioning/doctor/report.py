@@ -1,11 +1,12 @@
 """The report: ranked findings and the figures that they come from."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from commissioning.doctor.checks.identity import firmware
 from commissioning.doctor.finding import Finding
 from commissioning.doctor.snapshot import BusSnapshot, LineFigures, ServoSnapshot, Snapshot, Stranger
+from commissioning.ports.adapters import Adapter
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,8 @@ class Report:
 
     findings: tuple[Finding, ...]
     buses: tuple[BusFigures, ...]
+    adapters: tuple[str, ...] = ()
+    """The machine's adapters: chip and USB numbers."""
 
     @property
     def healthy(self) -> bool:
@@ -54,9 +57,15 @@ class Report:
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
-def report_of(snapshot: Snapshot, findings: tuple[Finding, ...]) -> Report:
+def report_of(snapshot: Snapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> Report:
     """The snapshot's figures beside the findings."""
-    return Report(findings, tuple(_bus(bus) for bus in snapshot.buses))
+    return Report(findings, tuple(_bus(bus) for bus in snapshot.buses), tuple(map(_adapter, adapters)))
+
+
+def _adapter(adapter: Adapter) -> str:
+    numbers = "" if adapter.vid is None else f", {adapter.vid:04x}:{adapter.pid:04x}"
+    latency = "" if adapter.latency_ms is None else f", latency timer {adapter.latency_ms} ms"
+    return f"{adapter.device}: {adapter.chip}{numbers}{latency}"
 
 
 def _bus(bus: BusSnapshot) -> BusFigures:

@@ -22,6 +22,8 @@ class ServoSnapshot:
     registers: Mapping[str, int] = field(default_factory=dict)
     states: tuple[ServoState, ...] = ()
     """At rest, one after the other."""
+    port: str = ""
+    """The port of its bus."""
     elsewhere_baud: int | None = None
     """A silent one's rate, where it answers at another than the bus's."""
 

@@ -77,7 +77,7 @@ def snapshots(draw: st.DrawFn) -> Snapshot:
         registers = draw(REGISTERS) if states else {}
         elsewhere = draw(st.sampled_from([None, None, 500_000])) if heard == "silent" else None
         wanted = replace(joint, homing_offset=draw(st.sampled_from([None, 0, 12])))
-        servos.append(ServoSnapshot(wanted, heard, registers, states, elsewhere))
+        servos.append(ServoSnapshot(wanted, heard, registers, states, "port", elsewhere))
     line = LineFigures(
         draw(st.integers(0, 700)), *(draw(st.integers(0, 20)) for _ in range(4)), draw(st.floats(0.0, 0.1)), 0.00015
     )

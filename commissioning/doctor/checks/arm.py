@@ -5,6 +5,7 @@ from typing import Final
 
 from commissioning.calibrate.result import JointCalibration, doubts
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import on, write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
@@ -54,22 +55,22 @@ def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding
                 a, b = one.joint, other.joint
                 cause = (
                     f"servo {a.servo_id} has the homing offset that {b.name} was calibrated with, and servo "
-                    f"{b.servo_id} that of {a.name}: the two have exchanged their IDs since. Give them back: "
-                    "connect one alone"
+                    f"{b.servo_id} that of {a.name}: the two have exchanged their IDs since. Give them back, the first "
+                    "by way of a free ID"
                 )
-                command = f"servoloop set-id {a.servo_id} {b.servo_id}"
+                command = on(bus.port, "set-id", a.servo_id, "NEW")
                 yield finding(
                     "ids_exchanged", Place(bus=bus.name), f"{a.name} moves when {b.name} is sent", cause, command
                 )
 
 
 def _offset_differs(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
-    held, wanted = servo.registers["homing_offset"], servo.joint.homing_offset
+    held, wanted = servo.registers["homing_offset"], servo.joint.homing_offset or 0
     cause = (
         f"its homing_offset is {held}, and it was calibrated with {wanted}: the servo was swapped or reset, or another "
         "program has written its own calibration. Write the register back, or calibrate again"
     )
-    command = f"servoloop register write {servo.joint.servo_id} homing_offset {wanted}"
+    command = write(servo, "homing_offset", wanted)
     return finding(
         "homing_offset_differs", place_of(bus, servo), "recalibration is asked for at every run", cause, command
     )

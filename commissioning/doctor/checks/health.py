@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import let_go, on, show
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
@@ -55,20 +56,20 @@ def check_health(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _alarms(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
-    place, servo_id = place_of(bus, servo), servo.joint.servo_id
+    place = place_of(bus, servo)
     for alarm in dict.fromkeys(alarm for state in servo.states for alarm in state.alarms):
         kind = ALARMS.get(alarm, "alarm_other")
         symptom, cause = CAUSES.get(kind, (f"it reports {alarm}", "its maker's manual says what that means"))
-        yield finding(kind, place, symptom, cause, _clear(servo, servo_id, kind))
+        yield finding(kind, place, symptom, cause, _clear(servo, kind))
 
 
-def _clear(servo: ServoSnapshot, servo_id: int, kind: str) -> str | None:
+def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """A Feetech servo forgets an alarm with its cause, an overload when it is let go; a Dynamixel keeps it."""
     if series_of(servo.joint.model).make == "dynamixel":
-        return f"servoloop reboot {servo_id}"
+        return on(servo.port, "reboot", servo.joint.servo_id)
     if kind in ("alarm_overload", "alarm_current"):
-        return f"servoloop register write {servo_id} torque_enable 0"
-    return f"servoloop register list {servo_id}" if kind == "alarm_voltage" else None
+        return let_go(servo)
+    return show(servo) if kind == "alarm_voltage" else None
 
 
 def _heat(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
@@ -99,7 +100,7 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
         place, held = place_of(bus, servo), servo.registers["torque_enable"]
         if held == 2:
             yield finding("damped", place, "it is hard to turn by hand", "it brakes its motor and holds no position",
-                          f"servoloop register write {servo.joint.servo_id} torque_enable 0")  # fmt: skip
+                          let_go(servo))  # fmt: skip
         elif not servo.holds and len(holding) > len(known) / 2:
             cause = (
                 f"{len(holding)} of {len(known)} servos hold, and this one is limp: it was reset (a power dip), let go "

@@ -5,9 +5,10 @@ from math import copysign
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import JointMotion, Snapshot
+from commissioning.doctor.snapshot import JointMotion, ServoSnapshot, Snapshot
 from hal.joint import Joint
 
 STUCK_SHARE: Final = 0.3
@@ -24,13 +25,13 @@ LEAST_DRIVE: Final = 0.04
 
 def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
     """Every joint that was moved."""
-    places = {servo.joint.name: place_of(bus, servo) for bus in snapshot.buses for servo in bus.servos}
+    known = {servo.joint.name: (place_of(bus, servo), servo) for bus in snapshot.buses for servo in bus.servos}
     if snapshot.not_moved:
         yield finding("not_moved", Place(), "gears, gains and gravity hold were not tried", snapshot.not_moved)
     for motion in snapshot.motions:
-        place = places[motion.joint.name]
+        place, servo = known[motion.joint.name]
         yield from _way(place, motion)
-        yield from _rest(place, motion)
+        yield from _rest(place, servo, motion)
 
 
 def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
@@ -61,14 +62,14 @@ def gear_ratio(motion: JointMotion) -> float | None:
     return ratio if ratio > SPEED_FACTOR else None
 
 
-def _rest(place: Place, motion: JointMotion) -> Iterator[Finding]:
+def _rest(place: Place, servo: ServoSnapshot, motion: JointMotion) -> Iterator[Finding]:
     joint, count = motion.joint, abs(motion.joint.units_per_count)
     if motion.swing > SHAKES_COUNTS * count:
         cause = (
             f"at rest it swings by {motion.swing:.4f} {_unit(joint)}: its position_p is too high for its load and "
             "backlash. Lower it (LeRobot takes 16), and name it under settings in the robot file"
         )
-        command = f"servoloop register write {joint.servo_id} position_p 16"
+        command = write(servo, "position_p", 16)
         yield finding("shakes", place, "the joint shakes or hums", cause, command)
         return
     compliance = joint.compliance

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from commissioning.doctor.commands import on
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger
@@ -66,7 +67,7 @@ def _silent(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     symptom = f"missing motor ID {servo_id}"
     if baud is not None:
         cause = f"it answers at {baud} baud, and the bus runs at {bus.baud}"
-        command = f"servoloop set-baud {servo_id} {bus.baud}"
+        command = on(bus.port, "set-baud", servo_id, bus.baud)
         return finding("servo_other_rate", place_of(bus, servo), symptom, cause, command)
     cause = (
         f"it answers at no rate: its cable or plug, its supply, or nobody has ID {servo_id}. Connect it alone to see "
@@ -85,12 +86,12 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
                 f"{FACTORY_ID}). Connect one of them alone and give it another ID; if there is only one, check "
                 "its plugs"
             )
-            command = f"servoloop set-id {servo_id} NEW"
+            command = on(bus.port, "set-id", servo_id, "NEW")
             yield finding("same_id", place, f"'incorrect status packet' from ID {servo_id}", cause, command)
         elif servo.heard == "mute":
             cause = "it answers a ping and no read: its status level keeps it from answering"
             yield finding("servo_mute", place, f"missing motor ID {servo_id}, though it is found by a scan", cause,
-                          f"servoloop factory-reset {servo_id}")  # fmt: skip
+                          on(bus.port, "factory-reset", servo_id))  # fmt: skip
         elif servo.heard == "late":
             cause = "its replies come after the next question: the adapter or a hub holds them back"
             yield finding("servo_late", place, "reads time out now and then", cause, "servoloop ports")
@@ -109,7 +110,7 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
                 f"nobody has ID {wanted}, and a {stranger.model} with ID {stranger.servo_id} is on the line that no "
                 f"joint has: it is probably that of {servo.joint.name}"
             )
-            command = f"servoloop set-id {stranger.servo_id} {wanted}"
+            command = on(bus.port, "set-id", stranger.servo_id, wanted)
             yield finding("id_not_set", Place(bus.name), f"missing motor ID {wanted}", cause, command)
         cause = (
             f"a {stranger.model or 'servo of an unknown model'} answers to an ID that no joint of the robot file has"

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import show, write
 from commissioning.doctor.finding import Finding
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
@@ -25,7 +26,7 @@ def check_protection(snapshot: Snapshot) -> Iterator[Finding]:
             gaps = list(_gaps(held, joint.model.name in sts.MODELS))
             if gaps:
                 cause = f"{'; '.join(gaps)}: a servo that is stalled, as by a gripper's goal beyond the object, burns"
-                command = f"servoloop register list {joint.servo_id}"
+                command = show(servo)
                 yield finding("protection_off", place_of(bus, servo), "a stalled servo gets hot and smells", cause,
                               command)  # fmt: skip
             yield from _may_not_drive(bus, servo)
@@ -36,7 +37,7 @@ def _may_not_drive(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     for register in (series.max_torque, series.torque_limit):
         if register is not None and servo.registers.get(register.name) == 0:
             cause = f"its {register.name} is 0: it may not drive"
-            command = f"servoloop register write {servo.joint.servo_id} {register.name} {series.full_torque}"
+            command = write(servo, register.name, series.full_torque)
             yield finding("no_torque_allowed", place_of(bus, servo), "it has torque and no force", cause, command)
             break
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
@@ -18,6 +19,7 @@ WIDE_COUNTS: Final = 8
 """A dead zone of 0.7 degrees and more."""
 SLOW_COUNTS_S2: Final = 20
 """Of ``max_acceleration``, in its units of 100 counts/s2: a fifth of what goals ask for."""
+TEMPERATURE_LIMITS: Final = ("max_temperature", "temperature_limit")
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
 """Units of 2 us. The factory's 250 of a Dynamixel is half a millisecond for each servo and cycle."""
 
@@ -31,14 +33,9 @@ def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
                 yield from _mode(place, servo)
                 yield from _limits(place, servo)
                 yield from _named(place, servo)
-                yield from _gains(place, servo.joint, servo.registers)
+                yield from _gains(place, servo)
                 yield from _speech(place, servo)
                 yield from _lock(place, servo)
-
-
-def write_command(servo: ServoSnapshot, name: str, value: int) -> str:
-    """The command that writes one register."""
-    return f"servoloop register write {servo.joint.servo_id} {name} {value}"
 
 
 def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
@@ -58,7 +55,7 @@ def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     if wrong:
         mode = "operating_mode" if "operating_mode" in registers else "control_mode"
         value = {"operating_mode": 3 if series.make == "dynamixel" else 0, "control_mode": 2}[mode]
-        command = write_command(servo, mode, value) if mode in registers and registers[mode] != value else None
+        command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
         yield finding("wrong_mode", place, "it answers and looks healthy, and does not go to its goals", f"it {wrong}",
                       command)  # fmt: skip
     if odd:
@@ -90,13 +87,14 @@ def _named(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         yield finding("settings_differ", place, "settings are written again at each start", cause)
 
 
-def _gains(place: Place, joint: Joint, held: Mapping[str, int]) -> Iterator[Finding]:
+def _gains(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+    joint, held = servo.joint, servo.registers
     assumed, named = assumed_settings(joint.model), dict(joint.settings)
     if not assumed:
         return
     has = {name: held[name] for name in assumed if name in held}
     if has.get("position_p") == 0:
-        command = f"servoloop register write {joint.servo_id} position_p {assumed['position_p']}"
+        command = write(servo, "position_p", assumed["position_p"])
         yield finding("no_gain", place, "it holds nothing and goes nowhere", "its position_p is 0", command)
     elif others := _others(joint, assumed, named, has):
         said = "{" + ", ".join(f"{name}: {value}" for name, value in others.items()) + "}"
@@ -129,18 +127,22 @@ def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     level = servo.registers.get(series.status_level.name)
     if level is not None and level < series.answers_all:
         cause = f"its {series.status_level.name} is {level}: writes are not acknowledged"
-        command = write_command(servo, series.status_level.name, series.answers_all)
+        command = write(servo, series.status_level.name, series.answers_all)
         yield finding("writes_unacknowledged", place, "writes to it seem to fail", cause, command)
     for name, long in LONG_DELAYS.items():
         if (delay := servo.registers.get(name, 0)) >= long:
             cause = f"it waits {2 * delay} us before each answer"
             yield finding("return_delay", place, "the loop is slower than it could be", cause,
-                          write_command(servo, name, 0))  # fmt: skip
+                          write(servo, name, 0))  # fmt: skip
 
 
 def _lock(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
-        cause = "its EEPROM was left unlocked: a stray write lasts, and every write to a setting wears it"
-        yield finding("lock_open", place, "settings change by themselves, or did not last", cause,
-                      write_command(servo, lock.name, 1))  # fmt: skip
+        cause = (
+            "its EEPROM was left unlocked: a stray write lasts, and every write to a setting wears it. Any "
+            "careful write locks it, one that changes nothing too"
+        )
+        name = next((name for name in TEMPERATURE_LIMITS if name in servo.registers), None)
+        command = write(servo, name, servo.registers[name]) if name else None
+        yield finding("lock_open", place, "settings change by themselves, or did not last", cause, command)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
+from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
@@ -61,7 +62,7 @@ def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         )
         wrong = next(low if lowest < limits[0] else high for low, high in LIMITS if low in servo.registers)
         value = round((LOW if lowest < limits[0] else TOO_HIGH) * rated / UNIT_V)
-        command = f"servoloop register write {servo.joint.servo_id} {wrong} {value}"
+        command = write(servo, wrong, value)
         yield finding("voltage_limits_wrong", place, "'input voltage error' though the supply is right", cause, command)
 
 
