@@ -13,6 +13,7 @@ from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
+from servoloop.arms.commands import app as arms_app
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
@@ -20,6 +21,7 @@ from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import servo
+from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
@@ -40,6 +42,9 @@ app.command()(doctor)
 app.add_typer(servo.register_app, name="register")
 for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)
+app.command()(calibrate)
+app.command()(hand)
+app.add_typer(arms_app, name="arms")
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
@@ -148,6 +153,13 @@ def emulate(
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
+        ),
+    ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -172,7 +184,7 @@ def emulate(
             files,
             link,
             pictures,
-            Build(backlash_deg, seed),
+            Build(backlash_deg, seed, practice),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

@@ -1,6 +1,7 @@
 """``servoloop emulate``: the virtual bus with its world."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,11 @@ from servoloop.ports import device_paths
 from sim_backend.build import Build
 from sim_backend.bus import VirtualBus
 from sim_backend.common import CommonPlant
+from sim_backend.control import ControlServer, control_path
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.emulator import serve_all
 from sim_backend.feeder import Feeder
+from sim_backend.hand import Hand, obey
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, Plant, WorldPlant
@@ -83,25 +86,31 @@ def emulate(
 
     Raises PortBusy where a path is taken.
     """
-    ways = couplings(files.robot)
+    ways = build.mounted(couplings(files.robot))
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
+    practice = build.practice_seed is not None
+    if practice:
+        world.clear_table()
     feeder = Feeder()
+    hand = Hand(world, {one.joint: one.transmission for one in ways})
     recorder = Recorder(world) if pictures else None
 
     def after_step(time_s: float) -> None:
-        feeder.update(world, time_s)
+        if not practice:
+            feeder.update(world, time_s)
+        hand.update()
         if recorder:
             recorder.update(time_s)
 
     plant = WorldPlant(world, ways, after_step)
     lines = virtual_lines(files.robot, plant, build.spread)
     places = device_paths(link, lines)
-    with WorldFeed(feed_path(link)) as feed:
-        serve_all(
-            {places[name]: line for name, line in lines.items()},
-            stop=stop,
-            on_tick=lambda now_s: feed.tick(now_s, world, max(line.dropped_s for line in lines.values())),
-            on_ready=on_ready,
-        )
+    with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), partial(obey, hand)) as control:
+
+        def on_tick(now_s: float) -> None:
+            feed.tick(now_s, world, max(line.dropped_s for line in lines.values()))
+            control.tick()
+
+        serve_all({places[name]: line for name, line in lines.items()}, stop=stop, on_tick=on_tick, on_ready=on_ready)
     if recorder and pictures:
         recorder.save(pictures)

@@ -60,9 +60,18 @@ class Hand:
             self._grips.pop(joint, None)
             self._world.data.joint(joint).qfrc_applied = 0.0
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All joints that it can take."""
+        return tuple(self._reach)
+
+    def holds(self, joint: str) -> bool:
+        """Whether the hand has the joint."""
+        return joint in self._grips
+
     def arrived(self, joint: str) -> bool:
         """Whether the hand has gone where it was to take the joint; a stop may have kept the joint itself behind."""
-        return self._grips[joint].reference == self._grips[joint].target
+        return joint not in self._grips or self._grips[joint].reference == self._grips[joint].target
 
     def position(self, joint: str) -> float:
         """Where the joint is."""
@@ -81,3 +90,22 @@ class Hand:
         behind = (grip.reference - float(data.qpos[0])) / grip.reach
         torque_nm = STIFFNESS_NM_RAD * behind - DAMPING_NM_S * float(data.qvel[0]) / grip.reach
         data.qfrc_applied = max(-STRONGEST_NM, min(torque_nm, STRONGEST_NM)) / grip.reach
+
+
+def obey(hand: Hand, command: Mapping[str, Any]) -> dict[str, Any]:
+    """Do what ``servoloop hand`` asks, and say where all joints are. ValueError for what a hand cannot do."""
+    joints, what = command.get("joints", []), command.get("do")
+    if unknown := [name for name in joints if name not in hand.joints]:
+        raise ValueError(f"the arm has no joint {', '.join(unknown)}: it has {', '.join(hand.joints)}")
+    if what == "hold":
+        hand.hold(*joints)
+    elif what == "release":
+        hand.release(*joints)
+    elif what == "move" and len(joints) == 1:
+        hand.move(joints[0], float(command["position"]))
+    elif what != "look":
+        raise ValueError(f"a hand holds, releases, moves one joint to a position, or looks, and does not {what}")
+    return {
+        name: {"position": round(hand.position(name), 5), "held": hand.holds(name), "arrived": hand.arrived(name)}
+        for name in hand.joints
+    }

@@ -4,8 +4,9 @@ The world takes joint efforts and gives joint positions and velocities; what lie
 effort (the servo) is not its business. It knows no wall clock: `step` is one timestep, always.
 World frame = base_link. Joint order is `World.joints` everywhere: that of the scene's actuators, the hand's last.
 
-What a scene has: a root body `base_link`; a motor of the same name for each driven joint; a keyframe `ready`; the
-freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and a site `bin_A_inside` for each bin.
+What a scene has: a root body `base_link`; a motor of the same name for each driven joint; a keyframe `ready`, and
+perhaps `rest`; the freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and a site
+`bin_A_inside` for each bin.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,6 +30,8 @@ REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
 READY: Final = "ready"
 """The keyframe with the arm's ready pose, the hand open, and a cube on the stand."""
+REST: Final = "rest"
+"""The keyframe with the pose in which a limp arm lies; a scene without it begins at ready."""
 OFF_STAND_M: Final = 0.002
 """With its middle so far beyond the stand's edges the cube would topple."""
 LIFTED_M: Final = 0.006
@@ -55,7 +58,7 @@ class World:
     ) -> None:
         """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
 
-        `initial_position`: values in the order of `joints` (rad, m); by default those of the keyframe `ready`.
+        `initial_position`: in the order of `joints` (rad, m); by default that of the keyframe `rest` or `ready`.
         `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
@@ -70,7 +73,7 @@ class World:
         self._find_geoms()
         self.ready: FloatArray = self.model.key(READY).qpos[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
-        self._place_arm(self.ready if initial_position is None else initial_position)
+        self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
         """Look names up once: `position` and `velocity` are called in every step."""
@@ -90,6 +93,11 @@ class World:
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
 
+    def _rest(self) -> FloatArray:
+        keys = [self.model.key(i) for i in range(self.model.nkey)]
+        at_rest: FloatArray = next((key.qpos[self._qpos] for key in keys if key.name == REST), self.ready)
+        return at_rest
+
     def _find_geoms(self) -> None:
         arm = self.model.body("base_link").id
         self._of_arm = self.model.body_rootid[self.model.geom_bodyid] == arm
@@ -98,7 +106,7 @@ class World:
         width, depth, _ = self.model.geom("stand").size
         self._on_stand_m = np.array([width + OFF_STAND_M, depth + OFF_STAND_M, LIFTED_M])
 
-    def _place_arm(self, position: Sequence[float]) -> None:
+    def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
         self._place_followers()
         for joint, motor in self._motors.items():
@@ -175,6 +183,14 @@ class World:
         arm = np.flatnonzero(self._of_arm)
         distance = (mujoco.mj_geomDistance(self.model, self.data, geom, self._place_geom, 0.01, None) for geom in arm)
         return all(gap > 0.0 for gap in distance)
+
+    def clear_table(self) -> None:
+        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
+        for geom in np.flatnonzero(~self._of_arm):
+            if geom != self.model.geom("table").id:
+                self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = 0
+                self.model.geom_rgba[geom][3] = 0.0
+        self.model.body_gravcomp[self.model.body("cube").id] = 1.0
 
     def feed_cube(self) -> None:
         """Lay the cube at rest in the middle of the stand."""

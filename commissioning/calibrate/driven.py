@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from calibration.angles import Travel
 from commissioning.calibrate.flow import anchor_counts
-from commissioning.calibrate.plan import JointPlan
+from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, unit
 from commissioning.calibrate.store import restart
 from commissioning.slow_arm import PERIOD_S, SlowArm
@@ -33,19 +33,32 @@ AHEAD_RAD: Final = 0.1
 """So far its goal must be ahead of a servo that stands for it to be at a stop: friction alone does not hold it then."""
 REACH: Final = 1.25
 """Without a stop within so many times the URDF's range there is none."""
-WIGGLE_RAD: Final = 0.25
+WIGGLE_RAD: Final = 0.15
+DRIVE: Final = 0.5
 
 
 class Watcher(Protocol):
     """Whoever looks at the arm while it moves by itself."""
 
     def moved_so(self, joint: str, text: str) -> bool:
-        """Whether the joint just went the way that ``text`` says (and not the other way), and came back."""
+        """Whether the joint just turned the way that ``text`` says (and not the other way), and came back."""
         ...
 
     def say(self, text: str) -> None:
         """Tell what happens next."""
         ...
+
+
+def by_itself(
+    open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
+) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
+    """Measuring by the arm itself, for ``calibrate``, which holds the line and lends it."""
+
+    def measure(bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> dict[str, JointCalibration]:
+        bus.close()
+        return ByItself(open_bus, joints, plan, watcher, clock, stopped).run()
+
+    return measure
 
 
 class ByItself:
@@ -55,14 +68,14 @@ class ByItself:
         self,
         open_bus: Callable[[], Bus],
         joints: Sequence[Joint],
-        plans: Mapping[str, JointPlan],
+        plan: ArmPlan,
         watcher: Watcher,
         clock: Clock,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self._open_bus = open_bus
         self._joints = tuple(joints)
-        self._plans = plans
+        self._plan = plan
         self._watcher = watcher
         self._clock = clock
         self._stopped = stopped
@@ -91,40 +104,64 @@ class ByItself:
                 bus.write(joint.servo_id, register, 0)
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
-        counted = [_counted_from(joint, here[joint.name], self._plans[joint.name]) for joint in self._joints]
+        """Everything with the arm under torque."""
+        auto = self._plan.auto
+        counted = [_counted_from(joint, here[joint.name], auto.drive.get(joint.name, DRIVE)) for joint in self._joints]
+        named = {joint.name: index for index, joint in enumerate(self._joints)}
+        order = [*auto.stops, *(name for name in named if name not in auto.stops)]
         made: dict[str, JointCalibration] = {}
         with SlowArm(self._open_bus, counted, self._clock, self._stopped) as arm:
-            order = sorted(range(len(counted)), key=lambda i: self._plans[counted[i].name].auto.order)
-            for index in order:
-                made[counted[index].name] = self._calibrated(arm, index, here, offsets)
-            for index in reversed(order):
-                arm.go(index, 0.0)
-        return made
+            signs = {joint.name: self._direction(arm, named[joint.name], joint) for joint in self._joints}
 
-    def _calibrated(
-        self, arm: SlowArm, index: int, here: Mapping[str, int], offsets: Mapping[str, int]
-    ) -> JointCalibration:
-        joint = self._joints[index]
-        plan, begun = self._plans[joint.name], here[joint.name]
+            def clear(name: str) -> float:
+                return signs[name] * (auto.clear[name] - auto.start[name]) if name in auto.clear else 0.0
+
+            for name in auto.clear:
+                arm.go(named[name], clear(name))
+            for name in order:
+                found = self._travel(arm, named[name], signs[name], here[name], offsets[name])
+                made[name] = calibration_of(self._joints[named[name]], found)
+                self._wait(arm, named[name], found, here[name])
+            for name in [*reversed(order)]:
+                arm.go(named[name], clear(name))
+            for name in reversed(auto.clear):
+                arm.go(named[name], 0.0)
+        return {joint.name: made[joint.name] for joint in self._joints}
+
+    def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> Found:
+        """Find both stops, and with them the place that the zero is counted from."""
+        joint, plan = self._joints[index], self._plan.joints[self._joints[index].name]
         self._watcher.say(f"{joint.name} goes to its stops")
-        stops = sorted(begun + round(_Seek(arm, index, joint, way).run() / unit(joint)) for way in (-1, 1))
-        travel = Travel(*stops)
-        middle = 0.5 * (travel.lower + travel.upper)
-        arm.go(index, (middle - begun) * unit(joint))
-        sign = self._direction(arm, index, joint, plan)
-        anchor, position = anchor_counts(plan, travel, sign), plan.anchor(joint.limits.lower, joint.limits.upper)
+        travel = Travel(*sorted(begun + round(_Seek(arm, index, joint, way).run() / unit(joint)) for way in (-1, 1)))
         if plan.zero == "pose":  # which nobody shows: the middle is the next best
-            anchor, position = middle, 0.5 * (joint.limits.lower + joint.limits.upper)
-        zero = anchor - sign * position / unit(joint)
-        arm.go(index, (zero + sign * plan.auto.rest / unit(joint) - begun) * unit(joint))
-        return calibration_of(joint, Found(travel, sign, anchor, position, offsets[joint.name]))
+            plan = plan.model_copy(update={"zero": "middle", "at": None})
+        return Found(
+            travel,
+            sign,
+            anchor_counts(plan, travel, sign),
+            plan.anchor(joint.limits.lower, joint.limits.upper),
+            offset,
+        )
 
-    def _direction(self, arm: SlowArm, index: int, joint: Joint, plan: JointPlan) -> int:
-        """Turn it a little towards larger counts and back, and have somebody say which way that was."""
-        middle = float(arm.command[index])
-        arm.go(index, middle + WIGGLE_RAD * joint.transmission)
-        arm.go(index, middle)
-        return 1 if self._watcher.moved_so(joint.name, plan.positive) else -1
+    def _wait(self, arm: SlowArm, index: int, found: Found, begun: int) -> None:
+        """Go where the joint is out of the others' way."""
+        joint = self._joints[index]
+        there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position
+        arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)
+
+    def _direction(self, arm: SlowArm, index: int, joint: Joint) -> int:
+        """Turn it a little and back, and have somebody say which way that was. One at a stop turns the other way."""
+        for way in (1, -1):
+            self._watcher.say(f"{joint.name} turns a little, and back")
+            wiggle = way * WIGGLE_RAD * joint.transmission
+            arm.go(index, wiggle)
+            moved = arm.measured(index)
+            arm.go(index, 0.0)
+            if moved * way >= 0.5 * WIGGLE_RAD * joint.transmission:
+                return way if self._watcher.moved_so(joint.name, self._plan.joints[joint.name].positive) else -way
+        raise CalibrationError(
+            f"{joint.name} (servo {joint.servo_id}) turns neither way: is it blocked, or too weak for what it carries?"
+        )
 
 
 class _Seek:
@@ -177,11 +214,11 @@ def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
     return {j.name: r.position_counts for j in joints if isinstance(r := readings[j.servo_id], ServoState)}
 
 
-def _counted_from(joint: Joint, counts: int, plan: JointPlan) -> Joint:
+def _counted_from(joint: Joint, counts: int, drive: float) -> Joint:
     """A joint whose position is what its servo has turned from here, towards larger counts, with little drive."""
     range_ = REACH * (joint.limits.upper - joint.limits.lower)
     limits = JointLimits(-range_, range_, joint.limits.velocity, joint.limits.acceleration, joint.limits.jerk)
-    drive = min(plan.auto.drive, joint.torque_limit)
+    drive = min(drive, joint.torque_limit)
     return replace(
         joint, sign=1, zero_counts=counts, homing_offset=None, settings=(), limits=limits, torque_limit=drive
     )

@@ -8,19 +8,6 @@ Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class AutoPlan(BaseModel):
-    """How one joint is driven where the arm calibrates itself."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    order: int = 0
-    """Joints with smaller numbers go first; among equals the first in the robot file."""
-    drive: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
-    """Share of full drive: enough to lift what hangs on the joint, and no more."""
-    rest: Finite = 0.0
-    """Where the joint waits for the others behind it, as the URDF counts."""
-
-
 class JointPlan(BaseModel):
     """How one joint is calibrated. Angles in rad (m for a prismatic joint), as the URDF counts them."""
 
@@ -34,7 +21,6 @@ class JointPlan(BaseModel):
     """The joint's position there; not said for the middle and the stops: what the URDF's limits say."""
     pose: str = ""
     """A sentence for ``zero: pose``: how the joint stands there."""
-    auto: AutoPlan = AutoPlan()
 
     @model_validator(mode="after")
     def _has_its_pose(self) -> Self:
@@ -47,3 +33,36 @@ class JointPlan(BaseModel):
         if self.at is not None:
             return self.at
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
+
+
+Drive = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class AutoPlan(BaseModel):
+    """How an arm that calibrates itself keeps off its table. Positions as the URDF counts; the order counts too."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    start: dict[str, Finite] = {}
+    """How the arm lies at the beginning, roughly: so that it also lies there limp."""
+    clear: dict[str, Finite] = {}
+    """Where joints go one by one before any of them seeks its stops. Only those whose ``start`` is known."""
+    stops: dict[str, Finite] = {}
+    """In this order joints seek their stops, and there each waits then. Those not named come last, and wait at 0."""
+    drive: dict[str, Drive] = {}
+    """Share of full drive: enough to lift what hangs on the joint, and no more; half unless said."""
+
+    @model_validator(mode="after")
+    def _knows_where_from(self) -> Self:
+        if unknown := [name for name in self.clear if name not in self.start]:
+            raise ValueError(f"clear names {', '.join(unknown)}, whose start is not said")
+        return self
+
+
+class ArmPlan(BaseModel):
+    """The calibration of a whole arm, as ``arm.yaml`` has it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    joints: dict[str, JointPlan] = {}
+    auto: AutoPlan = AutoPlan()

@@ -98,13 +98,14 @@ def calibrate(
     with closing(open_bus()) as bus:
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)
-        differences = tuple(
-            Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
-            for joint in joints
-        )
-        asker.show(differences)
-        if not asker.confirm(STORE):
-            return Outcome(differences, calibration_path(robot))
+    differences = tuple(
+        Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
+        for joint in joints
+    )
+    asker.show(differences)
+    if not asker.confirm(STORE):
+        return Outcome(differences, calibration_path(robot))
+    with closing(open_bus()) as bus:
         changes = store(robot, bus, joints, made, clock)
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)

@@ -28,12 +28,14 @@ def doctor(
     devices: Mapping[str, str],
     clock: Clock,
     *,
+    arm: str = "NAME",
     calibration: CalibrationFile | None = None,
     machine: Machine | None = None,
     open_port: OpenPort | None = None,
     move: Move = no_move,
 ) -> Report:
-    """Examine the servos of a robot. ``devices``: the port of each bus, by the bus's name.
+    """Examine the servos of a robot. ``devices``: the port of each bus, by the bus's name; ``arm``: its name on
+    the command line, for the commands that mend.
 
     Only pings and reads, and torque stays as it is, unless ``move`` moves the joints (commissioning/doctor/motion.py).
     What is wrong is never raised: it stands in the report.
@@ -45,7 +47,7 @@ def doctor(
         for name, device in devices.items()
     )
     adapters = ports(machine)
-    snapshot = Snapshot(buses, calibration)
+    snapshot = Snapshot(buses, calibration, arm)
     motions, why_not = move(snapshot, judge(snapshot, adapters))
     snapshot = replace(snapshot, motions=motions, not_moved=why_not)
     return report_of(snapshot, judge(snapshot, adapters), adapters.adapters)

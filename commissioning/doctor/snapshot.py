@@ -112,6 +112,8 @@ class Snapshot:
 
     buses: tuple[BusSnapshot, ...]
     calibration: CalibrationFile | None = None
+    arm: str = "NAME"
+    """What the arm is called on the command line."""
     motions: tuple[JointMotion, ...] = ()
     not_moved: str = ""
     """Why the joints were not moved although that was asked for."""

@@ -6,6 +6,7 @@ from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
 from hal.yaml_file import load
 from servoloop.files import CONFIG, Files, read_files
@@ -28,6 +29,8 @@ class ArmFile(BaseModel):
     scene: str = "scene.xml"
     controllers: str = "controllers.yaml"
     pick_place: str = "pick_place.yaml"
+    calibration: ArmPlan = ArmPlan()
+    """How its servos are brought together with the URDF's angles."""
     source: str
     """Where its description comes from, and what was changed."""
     license: str

@@ -65,7 +65,7 @@ def doctor(
         confirm(MOVES, yes)
     clock = MonotonicClock()
     report = examine(
-        files.robot, devices, clock, calibration=load_calibration(files.robot_path), move=_motion(move, clock)
+        files.robot, devices, clock, arm=arm, calibration=load_calibration(files.robot_path), move=_motion(move, clock)
     )
     if report_file is not None:
         report_file.write_text(markdown(report, Machine().user.name, files.robot_path))

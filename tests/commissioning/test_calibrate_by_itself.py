@@ -1,6 +1,6 @@
 """Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import tau
 
 import pytest
@@ -11,25 +11,12 @@ from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
-from tests.commissioning.arm import JOINTS, PLANS, UnalignedArm
+from servoloop.arms.folder import find_arm
+from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm
 
 ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
 FEW, MANY = 2, 20
 SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
-
-
-@dataclass
-class Onlooker:
-    """Somebody who sees which way a joint went, and touches nothing."""
-
-    arm: UnalignedArm
-    heard: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.heard.append(text)
-
-    def moved_so(self, joint: str, text: str) -> bool:
-        return self.arm.coupling(joint).sign > 0
 
 
 def off_rad(arm: UnalignedArm, joint: str, counts: int) -> float:
@@ -42,7 +29,7 @@ def test_zeros_and_directions_are_found(seed: int, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg)
     arm.hand.release()
     arm.fastest_rad_s = 0.0
-    found = ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLANS, Onlooker(arm), arm.clock).run()
+    found = ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLAN, Onlooker(arm), arm.clock).run()
     allowed_rad = ZERO_WITH_BACKLASH_RAD if backlash_deg else ZERO_RAD
     for joint in JOINTS:
         made = found[joint.name]
@@ -57,7 +44,7 @@ def test_zeros_and_directions_are_found(seed: int, backlash_deg: float) -> None:
 def by_itself(arm: UnalignedArm, **options: object) -> ByItself:
     arm.hand.release()
     arm.fastest_rad_s = 0.0
-    return ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLANS, Onlooker(arm), arm.clock, **options)  # type: ignore[arg-type]
+    return ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLAN, Onlooker(arm), arm.clock, **options)  # type: ignore[arg-type]
 
 
 def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
@@ -121,4 +108,26 @@ def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
     with pytest.raises(CalibrationError, match="joint1: only STS servos calibrate themselves"):
-        ByItself(lambda: arm.open_bus(JOINTS), joints, PLANS, Onlooker(arm), arm.clock).run()
+        ByItself(lambda: arm.open_bus(JOINTS), joints, PLAN, Onlooker(arm), arm.clock).run()
+
+
+SO101_FOLDED = (0.0, -1.7, 1.65, 0.9, 0.0, -0.1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(seed: int) -> None:
+    plan = find_arm("so101").file.calibration
+    arm = UnalignedArm(seed, 1.0, "so101", SO101_FOLDED)
+    arm.hand.release()
+    arm.clock.sleep_until(2.0)
+    lay = arm.world.position()
+    found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, Onlooker(arm), arm.clock).run()
+    for joint in arm.joints:
+        made = found[joint.name]
+        assert made.sign == arm.coupling(joint.name).sign, joint.name
+        raw_zero = made.zero_counts + (made.homing_offset or 0)
+        assert off_rad(arm, joint.name, raw_zero) <= ZERO_WITH_BACKLASH_RAD, joint.name
+        assert doubts(joint, made) == ""
+    arm.clock.sleep_until(arm.clock.now() + 1.0)
+    arm.line.advance(arm.clock.now())
+    assert arm.world.position() == pytest.approx(lay, abs=0.1)

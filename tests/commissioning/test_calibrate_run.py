@@ -11,7 +11,7 @@ from drivers.errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
-from tests.commissioning.arm import JOINTS, PLANS, Person, UnalignedArm
+from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 
 SEED = 5
 
@@ -48,13 +48,13 @@ def torque(arm: UnalignedArm) -> list[int]:
 def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_difference(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
-    outcome = calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY]
     assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
     assert torque(arm) == []
     joints = read_files(robot=robot).robot.joints
     arm.hand.hold()
-    again = calibrate(robot, joints, PLANS, lambda: arm.open_bus(joints), Owner(arm), arm.clock)
+    again = calibrate(robot, joints, PLAN.joints, lambda: arm.open_bus(joints), Owner(arm), arm.clock)
     assert all(abs(one.zero_moved) < 0.004 * one.before.transmission for one in again.differences)
     assert not any((again.changes or {}).values()), "what fits is not written again"
 
@@ -62,7 +62,7 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
 def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
-    outcome = calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
+    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
     assert not outcome.stored and not calibration_path(robot).exists()
     assert [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos] == before
 
@@ -71,7 +71,7 @@ def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) 
     arm = UnalignedArm(SEED)
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
     with pytest.raises(CalibrationError, match="joint2 under torque: nothing was changed"):
-        calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), Owner(arm, no=(LIMP,)), arm.clock)
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(LIMP,)), arm.clock)
     assert torque(arm) == [2]
 
 
@@ -79,7 +79,7 @@ def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path)
     arm = UnalignedArm(SEED)
     owner = Owner(arm, no=(STORE,))
     owner.skipped = {"joint3"}
-    calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert any("Not yet from stop to stop: joint3." in text for text in owner.heard)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
@@ -88,7 +88,7 @@ def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> 
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
     with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
-        calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
 
 
@@ -97,9 +97,9 @@ def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked
     owner = Owner(arm)
     arm.line.faults.silence(4)
     with pytest.raises(ServoSilent, match="servo 4"):
-        calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     arm.line.faults.restore(4)
     arm.line.servo(5).memory.put(sts.model_number, 521)
     with pytest.raises(ServoRefused, match="servo 5"):
-        calibrate(robot, JOINTS, PLANS, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert owner.asked == []

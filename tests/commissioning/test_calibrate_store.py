@@ -15,14 +15,14 @@ from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
-from tests.commissioning.arm import JOINTS, PLANS, Person, UnalignedArm
+from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 
 TURNED_SEED = 3
 """An arm that has the seam of some of its servos within their travel."""
 
 
 def calibrated(arm: UnalignedArm) -> Mapping[str, JointCalibration]:
-    return ByHand(arm.bus, JOINTS, PLANS, Person(arm)).run()
+    return ByHand(arm.bus, JOINTS, PLAN.joints, Person(arm)).run()
 
 
 @pytest.fixture

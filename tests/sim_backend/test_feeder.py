@@ -1,7 +1,7 @@
 """The rule of the next cube, told to a world of paper, and once to the real one."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tests.sim_backend.robot_arm import READY
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55, 0.0)
 BIN = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55, 0.0)
 DT_S = 0.005
-SWING_HZ = 1.7
+SWING_RAD_S = 2.0 * math.pi * 1.7
 
 
 @dataclass
@@ -25,10 +25,14 @@ class PaperWorld:
     touched: bool = False
     free: bool = True
     pose: tuple = READY
+    speed: list = field(default_factory=lambda: [0.0] * 7)
     fed: int = 0
     time_s: float = 0.0
     ready = np.array(READY)
     hand_travel = 0.05
+
+    def velocity(self):
+        return np.array(self.speed)
 
     def position(self):
         return np.array(self.pose)
@@ -59,15 +63,18 @@ def run(world):
     feeder = Feeder()
 
     def go(seconds, joint=None, speed=0.0, swing_rad=0.0):
-        rest = world.pose
+        rest, world.speed = world.pose, [0.0] * 7
+        if joint is not None:
+            world.speed[joint] = speed
         for _ in range(round(seconds / DT_S)):
             world.time_s += DT_S
             if joint is not None:
                 world.pose = list(world.pose)
                 world.pose[joint] += speed * DT_S
             if swing_rad:
-                world.pose = [*rest[:-1], rest[-1]]
-                world.pose[0] += swing_rad * math.sin(2.0 * math.pi * SWING_HZ * world.time_s)
+                phase = SWING_RAD_S * world.time_s
+                world.speed[0] = swing_rad * SWING_RAD_S * math.cos(phase)
+                world.pose = [rest[0] + swing_rad * math.sin(phase), *rest[1:]]
             feeder.update(world, world.time_s)
         return world.fed
 

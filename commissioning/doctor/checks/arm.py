@@ -1,7 +1,6 @@
 """The arm: where joints stand against their limits, and the calibration file against EEPROM and URDF."""
 
 from collections.abc import Iterator
-from typing import Final
 
 from commissioning.calibrate.result import JointCalibration, doubts
 from commissioning.doctor.checks.presence import place_of
@@ -12,27 +11,30 @@ from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
 from hal.activation import OUTSIDE_TOLERANCE
 from hal.calibration_file import CalibrationFile
 
-CALIBRATE: Final = "servoloop calibrate"
-
 
 def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
     """What is wrong only for an arm, and would be right for a servo by itself."""
     for bus in snapshot.buses:
         offsets = _wrong_offsets(bus)
+        calibrate = _calibrate(snapshot, bus)
         yield from _exchanged(bus, offsets)
         for servo in bus.servos:
             if servo in offsets:
                 yield _offset_differs(bus, servo)
             if servo.states:
-                yield from _outside(place_of(bus, servo), servo)
-            yield from _calibrated(place_of(bus, servo), servo, snapshot.calibration)
+                yield from _outside(place_of(bus, servo), servo, calibrate)
+            yield from _calibrated(place_of(bus, servo), servo, snapshot.calibration, calibrate)
     if snapshot.calibration is None and any(servo.answers for bus in snapshot.buses for servo in bus.servos):
         cause = (
             "there is no calibration file beside the robot file: the servos' zeros are taken to be those that "
             "the robot file names. Planner and simulator agree with the arm only if somebody has measured them"
         )
         yield finding("not_calibrated", Place(), "the arm stands elsewhere than in RViz or the simulator", cause,
-                      CALIBRATE)  # fmt: skip
+                      _calibrate(snapshot, snapshot.buses[0]))  # fmt: skip
+
+
+def _calibrate(snapshot: Snapshot, bus: BusSnapshot) -> str:
+    return f"servoloop calibrate --arm {snapshot.arm} --port {bus.port}"
 
 
 def _wrong_offsets(bus: BusSnapshot) -> list[ServoSnapshot]:
@@ -76,7 +78,7 @@ def _offset_differs(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     )
 
 
-def _outside(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Finding]:
     joint = servo.joint
     position = joint.position(servo.states[-1].position_counts)
     lower, upper = joint.limits.lower, joint.limits.upper
@@ -87,11 +89,13 @@ def _outside(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
             "the joint really stands there move it by hand; if not, its zero or its direction is wrong: calibrate"
         )
         yield finding(
-            "outside_limits", place, "the arm does not come up: a joint is outside its limits", cause, CALIBRATE
+            "outside_limits", place, "the arm does not come up: a joint is outside its limits", cause, calibrate
         )
 
 
-def _calibrated(place: Place, servo: ServoSnapshot, calibration: CalibrationFile | None) -> Iterator[Finding]:
+def _calibrated(
+    place: Place, servo: ServoSnapshot, calibration: CalibrationFile | None, calibrate: str
+) -> Iterator[Finding]:
     found = calibration.joints.get(servo.joint.name) if calibration else None
     if found is None:
         return
@@ -100,8 +104,8 @@ def _calibrated(place: Place, servo: ServoSnapshot, calibration: CalibrationFile
             f"its travel was measured as {found.lower_counts} to {found.upper_counts} counts, which crosses the end of "
             "the encoder: there the reading leaps by a turn"
         )
-        yield finding("seam_in_range", place, "the joint leaps, or its range is 0 to 4095", cause, CALIBRATE)
+        yield finding("seam_in_range", place, "the joint leaps, or its range is 0 to 4095", cause, calibrate)
         return
     made = JointCalibration(found.sign, found.zero_counts, found.homing_offset, found.lower_counts, found.upper_counts)
     if doubt := doubts(servo.joint, made):
-        yield finding("travel_differs", place, "wrong limits: a stop is hit early, or never reached", doubt, CALIBRATE)
+        yield finding("travel_differs", place, "wrong limits: a stop is hit early, or never reached", doubt, calibrate)
