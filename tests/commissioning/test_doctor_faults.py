@@ -28,7 +28,7 @@ FIRST: list[Case] = [
     (ailments.narrow_limits, "limits_too_narrow", ""),
     (ailments.foreign_offset, "homing_offset_differs", "--id 3 homing_offset 120"),
     (ailments.exchanged_ids, "ids_exchanged", "set-id 2 NEW"),
-    (ailments.open_lock, "lock_open", "--id 3 max_temperature 70"),
+    (ailments.open_lock, "lock_open", "reboot 3"),
     (ailments.no_acknowledgement, "writes_unacknowledged", "status_level 1"),
     (ailments.lerobots_gains, "gains_differ", ""),
     (ailments.no_gain, "no_gain", "position_p 32"),

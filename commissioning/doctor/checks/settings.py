@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import write
+from commissioning.doctor.commands import on, write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
@@ -19,7 +19,6 @@ WIDE_COUNTS: Final = 8
 """A dead zone of 0.7 degrees and more."""
 SLOW_COUNTS_S2: Final = 20
 """Of ``max_acceleration``, in its units of 100 counts/s2: a fifth of what goals ask for."""
-TEMPERATURE_LIMITS: Final = ("max_temperature", "temperature_limit")
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
 """Units of 2 us. The factory's 250 of a Dynamixel is half a millisecond for each servo and cycle."""
 
@@ -140,9 +139,7 @@ def _lock(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
         cause = (
-            "its EEPROM was left unlocked: a stray write lasts, and every write to a setting wears it. Any "
-            "careful write locks it, one that changes nothing too"
+            "its EEPROM was left unlocked: a stray write lasts, and every write to a setting wears it. A restart locks it"
         )
-        name = next((name for name in TEMPERATURE_LIMITS if name in servo.registers), None)
-        command = write(servo, name, servo.registers[name]) if name else None
-        yield finding("lock_open", place, "settings change by themselves, or did not last", cause, command)
+        command = on(servo.port, "reboot", servo.joint.servo_id)
+        yield finding("lock_open", place, "settings change by themselves", cause, command)
