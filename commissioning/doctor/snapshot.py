@@ -89,13 +89,10 @@ class JointMotion:
     asked: float
     """The way that it was to go, with its direction."""
     moved: float
-    lag: float
-    """How far it was behind while it moved at ``speed``."""
     speed: float
+    """The difference of two speeds at which it went there and back,"""
     drive: float
-    """The mean drive while it moved, as a share of full drive, in the joint's direction."""
-    held_drive: float
-    """The drive that held it before, the same way."""
+    """and of the mean drives, as shares of full drive: friction and gravity are in both, and drop out."""
     error: float
     """The largest distance from where it was sent, at rest."""
     expected_sag: float

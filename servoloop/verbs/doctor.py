@@ -1,5 +1,6 @@
 """``servoloop doctor``: what ails the arm, the likeliest root first, each with the command that mends it."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
     from commissioning.doctor.motion import Move
     from commissioning.doctor.report import BusFigures, Report
+    from drivers.clock import Clock
+    from servoloop.files import Files
 
 STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
 MOVES = (
@@ -56,6 +59,7 @@ def doctor(
     from drivers.clock import MonotonicClock
     from hal.calibration_file import load_calibration
     from servoloop.files import require_writable
+    from servoloop.signals import Signals
 
     if report_file is not None:
         require_writable(report_file.parent)
@@ -64,9 +68,10 @@ def doctor(
     if move:
         confirm(MOVES, yes)
     clock = MonotonicClock()
-    report = examine(
-        files.robot, devices, clock, arm=arm, calibration=load_calibration(files.robot_path), move=_motion(move, clock)
-    )
+    with Signals("servos that were under torque hold") as signals:
+        motion = _motion(move, files, clock, lambda: signals.count > 0)
+        calibration = load_calibration(files.robot_path)
+        report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
     if report_file is not None:
         report_file.write_text(markdown(report, Machine().user.name, files.robot_path))
     if json:
@@ -76,10 +81,15 @@ def doctor(
     raise typer.Exit(0 if report.healthy else 1)
 
 
-def _motion(wanted: bool, clock: object) -> "Move":
-    from commissioning.doctor.motion import no_move
+def _motion(wanted: bool, files: "Files", clock: "Clock", stopped: Callable[[], bool]) -> "Move":
+    from commissioning.doctor.motion import SmallMotions, no_move
+    from drivers.port.serial_port import SerialPort
+    from hal.gravity import Gravity
 
-    return no_move
+    if not wanted:
+        return no_move
+    gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
+    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, stopped)
 
 
 def _devices(said: list[str] | None, buses: list[str]) -> dict[str, str]:

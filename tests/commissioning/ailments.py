@@ -230,16 +230,16 @@ def stall(patient: Patient, torque: int) -> None:
     """The hand is held where it is, and its servo sent far beyond, with so much of its force."""
     patient.hold()
     bus, finger = patient.bus(), patient.robot.joints[-1]
-    _block(patient)
+    block(patient, LAST)
     bus.write(LAST, sts.torque_limit, torque)
     bus.write(LAST, sts.goal_position, finger.counts(finger.limits.upper))
     patient.wait(0.6)
 
 
-def _block(patient: Patient) -> None:
-    """Something hard between the fingers."""
+def block(patient: Patient, servo_id: int) -> None:
+    """A joint is held where it is, by something hard."""
     plant = patient.plant
-    at, speed = plant.joints.position_at[LAST - 1], plant.joints.velocity_at[LAST - 1]
+    at, speed = plant.joints.position_at[servo_id - 1], plant.joints.velocity_at[servo_id - 1]
     here, before = float(plant.joints.position[at]), plant._after_step
 
     def stay(time_s: float) -> None:

@@ -1,26 +1,24 @@
 """What a small slow motion shows of a joint: direction, gear, how far it gives way, whether it shakes, the supply."""
 
 from collections.abc import Iterator
-from math import copysign
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
+from commissioning.doctor.motion import STUCK_SHARE
 from commissioning.doctor.snapshot import JointMotion, ServoSnapshot, Snapshot
 from hal.joint import Joint
 
-STUCK_SHARE: Final = 0.3
-"""Of the way asked for: a joint that moved by less is held by something, or has no force."""
 SHAKES_COUNTS: Final = 12.0
 """Between the outermost positions at rest, 1 degree: more than backlash makes of the least drive."""
 GIVES_WAY: Final = 2.0
 """Times what stiffness, dead band and friction explain."""
-SPEED_FACTOR: Final = 1.6
-"""The next gear of an STS3215 is 1.8 or 1.3 times faster; with other friction, only the first is told apart."""
+SPEED_FACTOR: Final = 1.5
+"""The other gears of an STS3215 are 1.8 (1:191) and 2.3 times (1:147) faster than 1:345."""
 LEAST_DRIVE: Final = 0.04
-"""Of full drive: below it friction alone decides."""
+"""Of full drive: what is less is lost in the steps in which goals are sent."""
 
 
 def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
@@ -44,8 +42,8 @@ def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
         yield finding("does_not_move", place, "the joint does not move when it is sent", cause)
     elif ratio := gear_ratio(motion):
         cause = (
-            f"at {abs(motion.speed):.2f} {_unit(joint)}/s it needs {ratio:.1f} times less drive than a "
-            f"{joint.model.name}: its gear is probably another one (1:147 and 1:191 are faster than 1:345, and weaker)"
+            f"for each rad/s it needs {ratio:.1f} times less drive than a {joint.model.name}: its gear is probably "
+            "another one (1:147 and 1:191 are faster than 1:345, and weaker)"
         )
         yield finding("wrong_gear", place, "the joint is weaker and faster than the others", cause)
 
@@ -53,12 +51,10 @@ def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
 def gear_ratio(motion: JointMotion) -> float | None:
     """By how much the servo is faster for its drive than its model; None where it is not, or cannot be told."""
     joint = motion.joint
-    driving = (motion.drive - motion.held_drive) * copysign(1.0, motion.speed)
-    fastest = joint.model.no_load_speed_rad_s * joint.transmission
-    expected = abs(motion.speed) / fastest
-    if expected < LEAST_DRIVE or driving < LEAST_DRIVE / SPEED_FACTOR:
+    expected = motion.speed / (joint.model.no_load_speed_rad_s * joint.transmission)
+    if expected < LEAST_DRIVE or motion.drive <= 0.0:
         return None
-    ratio = expected / driving
+    ratio = expected / motion.drive
     return ratio if ratio > SPEED_FACTOR else None
 
 

@@ -138,8 +138,6 @@ def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
 def _lock(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
-        cause = (
-            "its EEPROM was left unlocked: a stray write lasts, and every write to a setting wears it. A restart locks it"
-        )
+        cause = "its EEPROM was left unlocked: a stray write lasts, and each write wears it. A restart locks it"
         command = on(servo.port, "reboot", servo.joint.servo_id)
         yield finding("lock_open", place, "settings change by themselves", cause, command)
