@@ -26,10 +26,12 @@ from rich.table import Table
 
 from bench.arguments import positive
 from bench.busy import busy
+from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import Cell, cell
 from servoloop.demo.live import Live
 from servoloop.files import read_files
 from servoloop.realtime import LOOP_PRIORITY
+from sim_backend.build import Build
 from sim_backend.world_feed import WorldFeedClient, feed_path
 
 SIDES: Final[Mapping[str, Sequence[str]]] = {
@@ -138,7 +140,7 @@ class Outcome:
 
 def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
     """Run so many jobs in a new cell, with this side's processes stopped again and again."""
-    with Live(console) as live, cell(folder, None, live) as ready:
+    with Live(console) as live, cell(folder, find_arm(), None, Build(), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
 

@@ -3,6 +3,7 @@
 HalError
 ├── DescriptionError   the URDF
 ├── RobotFileError     the robot file
+├── ArmFileError       an arm's folder
 ├── LifecycleError     a call that this state does not allow
 └── ActivationError    torque may not go on now
 
@@ -22,6 +23,10 @@ class DescriptionError(HalError):
 
 class RobotFileError(HalError):
     """The robot file has mistakes; the text lists all of them."""
+
+
+class ArmFileError(HalError):
+    """There is no such arm, or its folder has mistakes; the text lists all of them."""
 
 
 class LifecycleError(HalError):

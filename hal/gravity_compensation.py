@@ -12,6 +12,7 @@ import numpy as np
 
 from hal.gravity import Gravity
 from hal.joint import Joint
+from hal.limit_cycle import LimitCycle
 from hal.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
 
@@ -41,7 +42,7 @@ class GravityCompensation:
         self._uncorrected = np.array([one.uncorrected if one else 0.0 for one in known])
         self._dead_band = np.array([one.dead_band if one else math.inf for one in known])
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
-        self._velocity = np.array([one.velocity for one in limits])
+        self._limit_cycle = LimitCycle(self._dead_band, np.array([joint.transmission for joint in joints]))
         self.enabled = True
         """Whether there are offsets; they come and go slowly."""
         self.restart()
@@ -52,6 +53,7 @@ class GravityCompensation:
         self._offset = np.zeros(len(self._softness))
         self._correction = np.zeros(len(self._softness))
         self._rested_s = np.zeros(len(self._softness))
+        self._limit_cycle.restart()
         self._command: FloatArray | None = None
         self._last: FloatArray | None = None
         self.offsets = self._offset
@@ -70,16 +72,19 @@ class GravityCompensation:
     def offset(self, command: FloatArray, measured: FloatArray, dt_s: float) -> FloatArray:
         """The offsets for ``command``, which has passed the gate; ``measured`` is NaN where the servo is missing.
 
-        Command and offset together stay within the joint's limits, and go no faster than the joint may. The offset of
-        a joint that is missing stays.
+        Command and offset together stay within the joint's limits; how fast they go is limited where they become
+        counts. The offset of a joint that is missing stays.
         """
         before = command if self._command is None else self._command
         missing = np.isnan(measured)
+        sag = self._sag(command)
+        # Where gravity turns the joint by more than the servo leaves alone, it holds the link against the gear's teeth.
+        loose = (command == before) & (np.abs(sag) < self._dead_band)
+        self._limit_cycle.update(command - measured, loose, dt_s)
         self._correct(command, before, measured, dt_s)
-        wanted = np.where(missing, self._offset, self._share * (self._sag(command) + self._correction))
-        goal = np.clip(command + wanted, np.minimum(self._lower, command), np.maximum(self._upper, command))
-        last, reach = before + self._offset, self._velocity * dt_s
-        self._offset = np.clip(goal, last - reach, last + reach) - command
+        found = self._share * (sag + self._correction + self._limit_cycle.offset)
+        goal = command + np.where(missing, self._offset, found)
+        self._offset = np.clip(goal, np.minimum(self._lower, command), np.maximum(self._upper, command)) - command
         self._command = command.copy()
         change = dt_s / FADE_IN_S
         self._share = min(self._share + change, 1.0) if self.enabled else max(self._share - change, 0.0)
@@ -98,7 +103,8 @@ class GravityCompensation:
         off = np.abs(error)
         goal = before + self._offset
         free = (self._rested_s > REST_S) & (off > self._dead_band) & (off < BLOCKED * self._uncorrected)  # NaN: not
-        free &= (goal > self._lower) & (goal < self._upper)
+        free &= ~self._limit_cycle.swinging & (goal > self._lower) & (goal < self._upper)
+        self._correction[self._limit_cycle.swinging] = 0.0
         if self._share >= 1.0 and free.any():
             step = np.where(free, error * min(dt_s / CORRECTION_S, 1.0), 0.0)
             self._correction = np.clip(self._correction + step, -self._uncorrected, self._uncorrected)

@@ -23,12 +23,16 @@ class Joint:
     sign: int = 1
     zero_counts: int = 2048
     transmission: float = 1.0
+    homing_offset: int | None = None
+    """What the servo's homing offset must be for ``zero_counts`` to be true; None: it is not looked at."""
     torque_limit: float = 1.0
     """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""
     """The name of the bus that the servo is on; empty where there is only one."""
     position_p: int | None = None
     """The servo's position P gain, where the robot file chose one."""
+    settings: tuple[tuple[str, int], ...] = ()
+    """Registers of the servo's EEPROM and what they are to hold, as the robot file names them."""
     gravity_compensation: bool = True
     """Whether the servo's goals may differ from the commands to make up for what it gives way under load."""
 
@@ -50,7 +54,7 @@ class Joint:
     @property
     def compliance(self) -> Compliance | None:
         """How far the joint gives way and lags; None where nobody knows."""
-        return compliance_of(self.model, self.position_p, self.transmission)
+        return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def position(self, counts: int) -> float:
         """Joint position in rad or m."""

@@ -9,9 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2
+from hal.calibration_file import CalibrationFile, calibration_path, load_calibration
 from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
+from hal.servo_settings import mistakes
 from hal.types import JointLimits
 from hal.yaml_file import load
 
@@ -44,10 +46,14 @@ class JointFile(_Strict):
     sign: Literal[1, -1] = 1
     zero_counts: int | None = Field(None, ge=-32767, le=32767)
     """Not said: the middle of the servo's range."""
+    homing_offset: int | None = Field(None, ge=-32767, le=32767)
+    """What the servo's register must hold for ``zero_counts`` to be true; not said: it is not looked at."""
     metres_per_radian: Positive | None = None
     torque_limit: float = Field(1.0, gt=0, le=1)
     position_p: int | None = Field(None, ge=0, le=16383)
     """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
+    settings: dict[str, int] = {}
+    """Registers of the servo's EEPROM, by name: gains, dead zones, protections. Written where the servo has others."""
     acceleration: Positive
     jerk: Positive
 
@@ -171,6 +177,7 @@ def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
     if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
         problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
+    problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
 
@@ -201,8 +208,26 @@ class Robot:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read the robot file. Raises RobotFileError with every mistake, its file and line."""
-    return load(path, RobotFile, RobotFileError)
+    """Read the robot file and the calibration beside it. Raises RobotFileError with every mistake, file and line."""
+    file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
+    return file if calibration is None else _calibrated(file, calibration, calibration_path(path))
+
+
+def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
+    """The robot file with what calibration found. One that is not of this robot is refused."""
+    problems: list[str] = []
+    joints = dict(file.joints)
+    for name, found in calibration.joints.items():
+        joint = joints.get(name)
+        if joint is None or joint.servo_id != found.servo_id:
+            has = "no such joint" if joint is None else f"servo {joint.servo_id} there"
+            problems.append(f"{path}: {name} was calibrated with servo {found.servo_id}, and the robot file has {has}")
+            continue
+        update = {"sign": found.sign, "zero_counts": found.zero_counts, "homing_offset": found.homing_offset}
+        joints[name] = joint.model_copy(update=update)
+    if problems:
+        raise RobotFileError("\n".join([*problems, "calibrate again, or take the calibration file away"]))
+    return file.model_copy(update={"joints": joints})
 
 
 def assemble(file: RobotFile, description: Description, component: HardwareInfo) -> Robot:
@@ -283,5 +308,7 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         torque_limit=file.torque_limit,
         bus=bus,
         position_p=file.position_p,
+        homing_offset=file.homing_offset,
+        settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )

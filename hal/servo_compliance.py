@@ -5,7 +5,7 @@ and full drive is the stall torque; the damper is the motor's back-EMF, which at
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,16 +15,14 @@ from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
 from hal.types import FloatArray
 
-STS_P_GAIN: Final = 32
-"""The factory's."""
+STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "max_acceleration": 100}
+"""The factory's, as far as a joint's compliance hangs on them."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
 """Share of full drive a count and unit of P: the firmware's P / 4 of 1000; BAM's identification is 2 % more."""
-STS_PROFILE_COUNTS_S2: Final = float(sts.GOAL_ACCELERATION * sts.ACCELERATION_UNIT_COUNTS_S2)
-"""The profile's acceleration, which each goal brings along."""
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia over damping, from step responses recorded on hardware; BAM identified 0.047."""
-STS_DEAD_BAND_COUNTS: Final = 2.0
-"""The dead zone of one count, which is taken off the error, and the count in which the encoder's steps lie."""
+ENCODER_STEP_COUNTS: Final = 1.0
+"""Beside the dead zone, which is taken off the error, a servo leaves the count in which its encoder's steps lie."""
 STS_FRICTION_SHARE: Final = 0.04
 """Share of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), as load adds to it."""
 
@@ -70,20 +68,34 @@ def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
     return np.array(known).T
 
 
-def compliance_of(model: ServoModel, position_p: int | None = None, transmission: float = 1.0) -> Compliance | None:
-    """The compliance of a joint; ``position_p`` is its servo's gain, if somebody chose one.
+def assumed_settings(model: ServoModel) -> Mapping[str, int]:
+    """The settings, by register, that a servo is taken to have where nobody says otherwise."""
+    return STS_SETTINGS if model in sts.MODELS.values() else {}
+
+
+def compliance_of(
+    model: ServoModel,
+    position_p: int | None = None,
+    transmission: float = 1.0,
+    settings: Mapping[str, int] | None = None,
+) -> Compliance | None:
+    """The compliance of a joint; ``position_p`` is a Dynamixel's gain, if somebody chose one, ``settings`` an STS's.
 
     None where loop or gain are unknown: SCS, AX, MX and XL-320 publish no scale, and the X series' gain differs by
     model and lives in RAM.
     """
     if model in sts.MODELS.values():
-        per_count = STS_P_GAIN * STS_DRIVE_PER_COUNT
-        facts = STS_MOTOR_TIME_S, STS_PROFILE_COUNTS_S2, STS_DEAD_BAND_COUNTS, STS_FRICTION_SHARE
+        held = {**STS_SETTINGS, **(settings or {})}
+        per_count = held["position_p"] * STS_DRIVE_PER_COUNT
+        dead_band = max(held["cw_dead_zone"], held["ccw_dead_zone"]) + ENCODER_STEP_COUNTS
+        facts = STS_MOTOR_TIME_S, _profile_counts_s2(held["max_acceleration"]), dead_band, STS_FRICTION_SHARE
     elif model in x.MODELS.values() and position_p:
         per_count = position_p * X_DRIVE_PER_COUNT
         facts = 0.0, math.inf, X_DEAD_BAND_COUNTS, X_FRICTION_SHARE
     else:
         return None
+    if not per_count:
+        return None  # a servo without a position gain holds nothing
     motor_time_s, profile_counts_s2, dead_band_counts, friction_share = facts
     rad_per_count = 2.0 * math.pi / model.counts_per_turn
     stiffness = per_count / rad_per_count * model.stall_torque_nm
@@ -96,3 +108,9 @@ def compliance_of(model: ServoModel, position_p: int | None = None, transmission
         dead_band=dead_band_counts * rad_per_count * transmission,
         friction=friction_share * model.stall_torque_nm / transmission,
     )
+
+
+def _profile_counts_s2(max_acceleration: int) -> float:
+    """The acceleration that each goal brings along, as far as the servo's own limit (0: none) lets it."""
+    units = min(sts.GOAL_ACCELERATION, max_acceleration or sts.GOAL_ACCELERATION)
+    return float(units * sts.ACCELERATION_UNIT_COUNTS_S2)

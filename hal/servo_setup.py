@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
+from calibration.eeprom import EepromError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoFault
@@ -11,6 +12,7 @@ from drivers.errors import DriverError, PortError, ServoError, ServoRefused
 from hal.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
+from hal.servo_settings import check_homing_offset, settle
 
 Result = TypeVar("Result")
 
@@ -22,10 +24,22 @@ class ServoSetup:
         self._buses = buses
 
     def check(self) -> None:
-        """Check that every servo is there and is what the robot file says. Raises DriverError with all that are not."""
-        problems = [problem for name, bus in self._buses.buses.items() for problem in self._strangers(name, bus)]
+        """Check that every servo is there and is what the robot file says, and make its settings those of the file.
+
+        Raises DriverError with all that are not, or whose settings could not be made so.
+        """
+        buses = self._buses.buses.items()
+        problems = [problem for name, bus in buses for problem in self._strangers(name, bus)]
+        problems = problems or [problem for name, bus in buses for problem in self._unsettled(name, bus)]
         if problems:
             raise DriverError("\n".join(problems))
+
+    def _unsettled(self, name: str, bus: Bus) -> list[str]:
+        joints = self._buses.joints_on[name]
+        with self._buses.named(name):
+            errors = settle(joints, bus)
+        problems = {i: str(e) if isinstance(e, EepromError) else now_and_then(i) for i, e in errors.items()}
+        return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _strangers(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
@@ -102,6 +116,7 @@ def _unidentified(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
         try:
             bus.identify(joint.servo_id, joint.model)
             check_reach(joint, bus.position_limits(joint.servo_id))
+            check_homing_offset(joint, bus)
         except ServoError as error:
             errors[joint.servo_id] = error
     return errors

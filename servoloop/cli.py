@@ -8,16 +8,25 @@ from typing import Annotated
 
 import typer
 
+from commissioning.calibrate.result import CalibrationError
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
-from servoloop.files import CONTROLLERS, URDF, Files, make_folder, read_files, require_writable
+from servoloop.arms.commands import app as arms_app
+from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
+from servoloop.verbs import calibration, passport, register, servo
+from servoloop.verbs.calibrate import calibrate, hand
+from servoloop.verbs.doctor import doctor
+from servoloop.verbs.ports import ports
+from servoloop.verbs.scan import scan
+from servoloop.verbs.set_up import setup
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,23 +38,48 @@ app = typer.Typer(
 
 bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
+app.command()(ports)
+app.command()(scan)
+app.command()(setup)
+app.add_typer(register.register_app, name="register")
+app.command()(doctor)
+for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
+    app.command()(verb)
+app.command()(calibrate)
+app.command()(hand)
+app.add_typer(arms_app, name="arms")
+app.add_typer(calibration.app, name="calibration")
+app.add_typer(passport.app, name="passport")
 
+BACKLASH_DEG = 1.0
+"""What owners measure at the shaft of an STS3215."""
 LARGEST_BAUD = 12_000_000
 """Of the fastest USB adapters."""
 INTERRUPTED = 130
 """The exit status that a shell gives a program that Ctrl-C has ended."""
 
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file; by default the one the URDF names.")]
+ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
 NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
-UrdfOption = Annotated[Path, typer.Option("--urdf", help="Robot description.")]
+BacklashOption = Annotated[
+    float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each virtual servo's shaft is free.")
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, help="A virtual arm of its own: friction, motors, masses and supply differ by 10 %."),
+]
+UrdfOption = Annotated[
+    Path | None, typer.Option("--urdf", help="Robot description instead of the arm's; it names the robot file.")
+]
 
 
 def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
-        typer.secho(f"servoloop: {error}", fg="red", err=True)
+    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
+        for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
+            typer.secho(text, fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(f"servoloop: {error}", err=True)
@@ -62,8 +96,11 @@ def up(
         list[str] | None,
         typer.Option(help="Serial device of the servos; NAME=PATH for each of several buses. Without: virtual servos."),
     ] = None,
-    controllers: Annotated[Path, typer.Option(help="Controllers file, as for ros2_control.")] = CONTROLLERS,
-    urdf: UrdfOption = URDF,
+    arm: ArmOption = OWN,
+    controllers: Annotated[
+        Path | None, typer.Option(help="Controllers file, as for ros2_control, instead of the arm's.")
+    ] = None,
+    urdf: UrdfOption = None,
     robot: RobotOption = None,
     keep_alive: Annotated[
         bool,
@@ -99,7 +136,7 @@ def up(
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
         require_writable(ready_file.parent)
-    files = read_files(urdf, controllers, robot)
+    files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))
     devices = parse_ports(port or [], files.robot.file.lines())
@@ -117,8 +154,25 @@ def up(
 @app.command()
 def emulate(
     link: Annotated[Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")],
-    urdf: UrdfOption = URDF,
+    arm: ArmOption = OWN,
+    urdf: UrdfOption = None,
     robot: RobotOption = None,
+    backlash_deg: BacklashOption = BACKLASH_DEG,
+    seed: SeedOption = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
+        ),
+    ] = None,
+    box: Annotated[
+        bool,
+        typer.Option(
+            "--box",
+            help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
+        ),
+    ] = False,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -128,20 +182,22 @@ def emulate(
     from servoloop.emulator import emulate as run
     from servoloop.realtime import claim_realtime_priority
     from servoloop.signals import Signals
+    from sim_backend.build import Build
 
     _log_to_terminal()
     if not link.name:
         raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
     if pictures is not None:
         make_folder(pictures)
-    files: Files = read_files(urdf, CONTROLLERS, robot)
+    files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
     claim_realtime_priority()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:
         run(
-            files.robot,
+            files,
             link,
             pictures,
+            Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )
@@ -195,7 +251,10 @@ def demo(
     grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
     repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
+    arm: ArmOption = OWN,
     robot: RobotOption = None,
+    backlash_deg: BacklashOption = BACKLASH_DEG,
+    seed: SeedOption = None,
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
@@ -207,16 +266,18 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.live import Live
+    from sim_backend.build import Build
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
-    check_grades(jobs)
+    chosen = find_arm(arm)
+    check_grades(jobs, chosen)
     require_ros()
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, robot, live)
+        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

@@ -18,6 +18,7 @@ HOME = Path(__file__).resolve().parent.parent
 CONFIG = HOME / "config"
 URDF = HOME / "urdf" / "robot_arm.urdf"
 CONTROLLERS = CONFIG / "arm_controllers.yaml"
+SCENE = HOME / "urdf" / "scene.xml"
 OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
 """The plug-ins that cannot do without a robot file."""
 ROBOT = "robot_arm.yaml"
@@ -38,6 +39,8 @@ class Files:
     urdf_path: Path
     robot_paths: dict[str, Path]
     """By component; one that needs no robot file has none."""
+    scene: Path = SCENE
+    """The simulated world."""
 
     @property
     def robot_path(self) -> Path:
@@ -45,7 +48,9 @@ class Files:
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
 
-def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None) -> Files:
+def read_files(
+    urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None, scene: Path = SCENE
+) -> Files:
     """Read and check a robot's files. ``robot`` is by default the file that the URDF's ``robot`` param names.
 
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
@@ -63,6 +68,7 @@ def read_files(urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path |
         load_controllers_file(controllers, whole.file.controller_defaults, component),
         urdf,
         paths,
+        scene,
     )
 
 

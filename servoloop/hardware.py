@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TypeVar
 
 from controller.manager.plugins import PluginError
@@ -89,7 +90,7 @@ def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], c
     """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
-    world = _World(clock) if HardwareKind.MUJOCO in kinds.values() else None
+    world = _World(clock, files.scene) if HardwareKind.MUJOCO in kinds.values() else None
     if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
     buses: dict[str, Line] = {}
@@ -204,10 +205,10 @@ def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:
 class _World:
     """The arm in MuJoCo, and the things around it."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, scene: Path) -> None:
         from sim_backend.world import World
 
-        self._world = World()
+        self._world = World(scene)
         self._clock = clock
 
     def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:

@@ -28,6 +28,9 @@ def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
     spec: Any = mujoco.MjSpec.from_file(str(scene))
     for joint, gap in gaps.items():
         _add_motor(spec, joint, gap)
+    if gaps:  # the motors' joints are behind all others
+        for key in spec.keys:
+            key.qpos = [*key.qpos, *(0.0 for _ in gaps)]
     return spec.compile()
 
 

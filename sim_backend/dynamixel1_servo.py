@@ -75,6 +75,7 @@ class Dynamixel1Memory(Memory):
 
     FACTORY: ClassVar[Mapping[Register, int]]
     EEPROM_END = dxl.torque_enable.address
+    RESET_ID = 1
     BAUDS = 255
 
     def __init__(self, model: dxl.Model, servo_id: int) -> None:

@@ -2,7 +2,11 @@
 
 The world takes joint efforts and gives joint positions and velocities; what lies between a goal and an
 effort (the servo) is not its business. It knows no wall clock: `step` is one timestep, always.
-World frame = base_link. Joint order is `World.joints` everywhere.
+World frame = base_link. Joint order is `World.joints` everywhere: that of the scene's actuators, the hand's last.
+
+What a scene has: a root body `base_link`; a motor of the same name for each driven joint; a keyframe `ready`, and
+perhaps `rest`; the freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and a site
+`bin_A_inside` for each bin.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,15 +27,17 @@ from sim_backend.spread import NOMINAL, Spread
 FloatArray = NDArray[np.float64]
 
 SCENE: Final = Path(__file__).resolve().parent.parent / "urdf" / "scene.xml"
-JOINTS: Final = (*(f"joint{i}" for i in range(1, 7)), "hand_right_joint")
-READY: Final = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828, 0.0)
-"""The ready pose with the hand open: six angles (rad) and the right finger (m)."""
-
 BINS: Final = ("A", "B", "C")
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
-ON_STAND_M: Final = np.array([0.012, 0.032, 0.006])
-"""So far from its place on the stand the cube still lies on it; further out it would topple."""
+READY: Final = "ready"
+"""The keyframe with the arm's ready pose, the hand open, and a cube on the stand."""
+REST: Final = "rest"
+"""The keyframe with the pose in which a limp arm lies; a scene without it begins at ready."""
+OFF_STAND_M: Final = 0.002
+"""With its middle so far beyond the stand's edges the cube would topple."""
+LIFTED_M: Final = 0.006
+"""So much higher or lower than on the stand the cube lies on something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +51,6 @@ class Pose:
 class World:
     """One arm at work. Deterministic: the same efforts give the same positions, bit for bit."""
 
-    joints: tuple[str, ...] = JOINTS
-
     def __init__(
         self,
         scene: Path | None = None,
@@ -56,7 +60,7 @@ class World:
     ) -> None:
         """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
 
-        `initial_position`: seven values in the order of `joints` (rad, m); default `READY`.
+        `initial_position`: in the order of `joints` (rad, m); by default that of the keyframe `rest` or `ready`.
         `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
         self._gears: JointGears | None = None
@@ -67,9 +71,12 @@ class World:
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # what follows from the masses
         self.data: Any = mujoco.MjData(self.model)
         self.timestep_s = float(self.model.opt.timestep)
+        self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
         self._find_geoms()
-        self._place_arm(READY if initial_position is None else initial_position)
+        self.ready: FloatArray = self.model.key(READY).qpos[self._qpos]
+        """The ready pose with the hand open, in the order of `joints`."""
+        self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
         """Look names up once: `position` and `velocity` are called in every step."""
@@ -77,25 +84,34 @@ class World:
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
         motors = [self.model.joint(self._motors.get(name, name)).dofadr[0] for name in self.joints]
-        actuators = [self.model.actuator(name).id for name in self.joints]
         # A servo's encoder sits on its output shaft; what it feels of the speed, the back-EMF, is its motor's.
         self.arrays = JointArrays(
-            self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, actuators
+            self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, range(self.model.nu)
         )
+        low, high = joints[-1].range
+        self.hand_travel = float(high - low)
+        """How far the hand's joint goes, rad or m."""
         cube = self.model.joint("cube")
         self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
+
+    def _rest(self) -> FloatArray:
+        keys = [self.model.key(i) for i in range(self.model.nkey)]
+        at_rest: FloatArray = next((key.qpos[self._qpos] for key in keys if key.name == REST), self.ready)
+        return at_rest
 
     def _find_geoms(self) -> None:
         arm = self.model.body("base_link").id
         self._of_arm = self.model.body_rootid[self.model.geom_bodyid] == arm
         self._cube_geom = self.model.geom("cube").id
         self._place_geom = self.model.geom("cube_place").id
+        width, depth, _ = self.model.geom("stand").size
+        self._on_stand_m = np.array([width + OFF_STAND_M, depth + OFF_STAND_M, LIFTED_M])
 
-    def _place_arm(self, position: Sequence[float]) -> None:
+    def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
-        self.data.qpos[self.model.joint("hand_left_joint").qposadr[0]] = position[6]
+        self._place_followers()
         for joint, motor in self._motors.items():
             self.data.joint(motor).qpos = self.data.joint(joint).qpos
         mujoco.mj_forward(self.model, self.data)
@@ -106,17 +122,25 @@ class World:
             (name, self.data.site(site).xpos.copy(), self.model.site(site).size.copy()) for name, site in sites
         ]
 
+    def _place_followers(self) -> None:
+        """Bring each joint that an equality couples to another, as a left finger is, to where the other has it."""
+        model, qpos = self.model, self.data.qpos
+        for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
+            follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
+            moved = qpos[leader] - model.qpos0[leader]
+            qpos[follower] = model.qpos0[follower] + np.polynomial.polynomial.polyval(moved, model.eq_data[row, :5])
+
     @property
     def time_s(self) -> float:
         """Simulated time since the world was made, s."""
         return float(self.data.time)
 
     def position(self) -> FloatArray:
-        """Joint positions, shape (7,): rad, the last one m."""
+        """Joint positions, shape (n,): rad, or m where a joint is prismatic."""
         return self.arrays.position.take(self._qpos)
 
     def velocity(self) -> FloatArray:
-        """Joint velocities, shape (7,): rad/s, the last one m/s."""
+        """Joint velocities, shape (n,): rad/s, or m/s."""
         return self.arrays.velocity.take(self._qvel)
 
     def fit_gears(self, gears: Mapping[str, Gears]) -> None:
@@ -132,7 +156,7 @@ class World:
         mujoco.mj_step(self.model, self.data)
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
-        """Advance by one timestep under the given joint efforts, shape (7,): N m, the last one N."""
+        """Advance by one timestep under the given joint efforts, shape (n,): N m, or N."""
         self.data.ctrl[:] = effort
         self.advance()
 
@@ -158,7 +182,7 @@ class World:
     def cube_on_stand(self) -> bool:
         """Whether the cube lies at rest on the stand."""
         offset = np.abs(self.data.qpos[self._cube_qpos][:3] - self._home[:3])
-        return bool((offset < ON_STAND_M).all()) and self.cube_at_rest()
+        return bool((offset < self._on_stand_m).all()) and self.cube_at_rest()
 
     def cube_touched(self) -> bool:
         """Whether the arm touches the cube."""
@@ -170,6 +194,14 @@ class World:
         arm = np.flatnonzero(self._of_arm)
         distance = (mujoco.mj_geomDistance(self.model, self.data, geom, self._place_geom, 0.01, None) for geom in arm)
         return all(gap > 0.0 for gap in distance)
+
+    def clear_table(self) -> None:
+        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
+        for geom in np.flatnonzero(~self._of_arm):
+            if geom != self.model.geom("table").id:
+                self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = 0
+                self.model.geom_rgba[geom][3] = 0.0
+        self.model.body_gravcomp[self.model.body("cube").id] = 1.0
 
     def feed_cube(self) -> None:
         """Lay the cube at rest in the middle of the stand."""

@@ -86,7 +86,7 @@ class WorldFeed:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         try:
-            _remove_remains(path)
+            remove_remains(path)
             self._socket.bind(str(path))
         except OSError as error:
             self._socket.close()
@@ -142,7 +142,7 @@ def _sent(client: socket.socket, line: bytes) -> bool:
     return False
 
 
-def _remove_remains(path: Path) -> None:
+def remove_remains(path: Path) -> None:
     """Remove the socket of an ended emulator; leave everything else alone."""
     if not path.exists() and not path.is_symlink():
         return

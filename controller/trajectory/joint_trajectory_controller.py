@@ -37,6 +37,7 @@ class JointTrajectoryController:
             "allow_integration_in_goal_trajectories",
             "allow_nonzero_velocity_at_trajectory_end",
             "cmd_timeout",
+            "command_lead",
             "constraints",
         }
     )
@@ -66,6 +67,7 @@ class JointTrajectoryController:
         self._planner.warm_up()
         self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, lags)
         self.scaling = self._sampler.scaling
+        self._lead_s = parameters.command_lead
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
@@ -82,7 +84,7 @@ class JointTrajectoryController:
         kinds = [context.description.joints[joint].kind for joint in parameters.joints]
         endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
         limits = limits_of(parameters.joints, context.limits)
-        lags = context.lags(parameters.joints) if parameters.command_lead is None else None
+        lags = context.lags(parameters.joints)
         return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
 
     # Called from any thread.
@@ -159,7 +161,9 @@ class JointTrajectoryController:
         measured, velocity = state.position[self._index], state.velocity[self._index]
         error = shorter_way(reference.position - measured, self._planner.endless)
         self._execution.cycle(Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances))
-        self.command = sampler.ahead(period_s, parameters.command_lead or 0.0)
+        if not sampler.on_goal:  # on the way the command would leap
+            self._lead_s = parameters.command_lead
+        self.command = sampler.ahead(period_s, self._lead_s)
         self.period_s = period_s
         assert sampler.path is not None, "activated before the first update"
         now = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate

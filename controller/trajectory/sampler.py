@@ -79,12 +79,15 @@ class TrajectorySampler:
         assert self.path is not None, "activated before the first update"
         return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
-    def ahead(self, period_s: float, lead_s: float) -> FloatArray:
-        """The command that brings joints to the reference so much later (n,): beyond it by as much as they lag.
+    def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
+        """The command that brings joints to the reference at the cycle's end (n,): beyond it by as much as they lag.
 
         A servo brakes for each goal until the next one comes; in the middle of that it is as far behind as it must.
+        ``lead_s``: a lag that is the same for all joints, instead of what is known of each.
         """
-        to = self.reference(period_s + lead_s)
+        if lead_s is not None:
+            return self.reference(period_s + lead_s).position
+        to = self.reference(period_s)
         brakes_from = np.maximum(np.abs(to.velocity) - self._braking * (period_s / 4.0), 0.0)
         behind = np.sign(to.velocity) * brakes_from**2 / (2.0 * self._braking)
         lag = self._lag_s * to.velocity + behind + self._inertia_s2 * to.acceleration

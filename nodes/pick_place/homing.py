@@ -19,8 +19,8 @@ _SPIN_S: Final = 0.05
 class Homing:
     """Uses the arm's and the hand's controllers as the pick-place node does. The caller's thread spins ``executor``."""
 
-    def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        self._settings = Settings()
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: Settings) -> None:
+        self._settings = settings
         self._arm = RosArm(node, self._settings)
         self._executor = executor
 

@@ -3,18 +3,34 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import psutil
 
 from drivers.errors import DriverError
-from servoloop.demo.cell import Cell, cell
+from servoloop.arms.folder import Arm
+from servoloop.demo.cell import ARM, Cell, cell
 from servoloop.demo.jobs import Run
 from servoloop.demo.live import Live
+from sim_backend.build import Build
 
 IDLE_S = 3.0
+FADING_S = 1.5
+"""So long gravity compensation takes to come and go."""
 SAGGING_RAD = 0.2
-"""The goal tolerance of the run without gravity compensation."""
+"""The goal tolerance of the run without gravity compensation: the sag alone is more than the usual one."""
+HARDWARE = ""
+"""Stands for the hardware component's node."""
+EACH_JOINT = "constraints.{joint}.goal"
+"""Stands for this parameter of every joint of the arm."""
+WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
+    "gravity compensation": [
+        (ARM, EACH_JOINT, SAGGING_RAD),
+        (HARDWARE, "gravity_compensation", False),
+    ],
+    "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
+}
+"""The parameters to set, node, name and value, for each run without something that soft servos need."""
 Result = TypeVar("Result")
 FIGURES = (
     "cycles",
@@ -30,37 +46,44 @@ FIGURES = (
 class Report:
     """A demo's results."""
 
+    joints: tuple[str, ...]
+    """The arm's, in the order of all figures."""
     runs: tuple[Run, ...]
-    comparison: Run
-    """One more run, without gravity compensation. It need not succeed."""
+    comparisons: Mapping[str, Run]
+    """More runs, by what is missing in each. They need not succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
 
-def demo(grades: Sequence[str], repeat: int, out: Path, robot: Path | None, live: Live) -> Report:
+def demo(
+    grades: Sequence[str], repeat: int, out: Path, arm: Arm, robot: Path | None, build: Build, live: Live
+) -> Report:
     """Run the demo; ``out`` is a folder. Raises DriverError with a process' last words if one of them fails."""
-    with cell(out, robot, live) as ready:
+    with cell(out, arm, robot, build, live) as ready:
         return _measure([grade for _ in range(repeat) for grade in grades], ready)
 
 
 def _measure(jobs: Sequence[str], ready: Cell) -> Report:
-    """Run all jobs, then one more without gravity compensation, for the difference."""
-    from nodes.manager.hardware_nodes import COMPENSATION
-
+    """Run all jobs, then one more without each help that soft servos get, for the difference."""
     runner, monitor = ready.runner, ready.monitor
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
     moving_percent, runs = _cpu(stack, lambda: [runner.run(grade) for grade in jobs])
     runner.idle(1.5)  # the figures of the last cycles are published once a second
     loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
-    # The sag alone is more than the goal tolerance.
-    tolerances = [("arm_controller", f"constraints.joint{i}.goal", SAGGING_RAD) for i in range(1, 7)]
-    for node, name, value in (*tolerances, (ready.component, COMPENSATION, False)):
-        if not monitor.set_parameter(node, name, value):
-            raise DriverError(f"the stack does not let {name} of {node} be set")
-    runner.idle(1.5)  # it fades out
-    comparison = runner.run(jobs[0])
-    return Report(tuple(runs), comparison, loop, {"idle": idle_percent, "moving": moving_percent})
+    comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT}
+    return Report(tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent})
+
+
+def _run_without(what: str, grade: str, ready: Cell) -> Run:
+    """One more run, with other parameters than before."""
+    for node, name, value in WITHOUT[what]:
+        node = node or ready.component
+        for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:
+            if not ready.monitor.set_parameter(node, each, value):
+                raise DriverError(f"the stack does not let {each} of {node} be set")
+    ready.runner.idle(FADING_S)
+    return ready.runner.run(grade)
 
 
 def _cpu(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, Result]:

@@ -28,8 +28,8 @@ class FollowingError:
     fastest: int
     """Index of the joint with the largest reference velocity."""
 
-    def as_dict(self) -> dict[str, Any]:
-        """The figures for result.json: the worst joint, the fastest one, and all."""
+    def as_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """The figures for result.json: the worst joint, the fastest one, and all; ``joints`` are the arm's names."""
         if not self.largest_rad:
             return {"largest_rad": None, "rms_moving_rad": None, "at_rest_rad": None}
         return {
@@ -37,7 +37,7 @@ class FollowingError:
             "rms_moving_rad": max(self.rms_moving_rad),
             "at_rest_rad": max(self.at_rest_rad),
             "fastest_joint": {
-                "joint": f"joint{self.fastest + 1}",
+                "joint": joints[self.fastest],
                 "largest_rad": self.largest_rad[self.fastest],
                 "rms_moving_rad": self.rms_moving_rad[self.fastest],
             },

@@ -1,7 +1,7 @@
 """The demo's report: a table in the terminal and result.json."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +30,15 @@ def print_table(report: Report, console: Console) -> None:
     for column in (*table.columns[2:6], *table.columns[7:]):
         column.justify = "right"
     for run in report.runs:
-        table.add_row(*_cells(run))
+        table.add_row(*_cells(run, report.joints))
     table.add_section()
-    grade, *rest = _cells(report.comparison)
-    table.add_row(f"{grade} *", *rest)
+    marks = {what: "*" * count for count, what in enumerate(report.comparisons, 1)}
+    for what, run in report.comparisons.items():
+        grade, *rest = _cells(run, report.joints)
+        table.add_row(f"{grade} {marks[what]}", *rest)
     console.print(table)
     console.print("of the worst joint and of the fastest; RMS while moving, at rest half a second after a motion")
-    console.print("* without gravity compensation\n")
+    console.print(", ".join(f"{mark} without {what}" for what, mark in marks.items()) + "\n")
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
 
@@ -57,7 +59,7 @@ def _loop_table(report: Report) -> Table:
     return table
 
 
-def _cells(run: Run) -> tuple[str, ...]:
+def _cells(run: Run, joints: Sequence[str]) -> tuple[str, ...]:
     place = ("[green]" if run.success else "[red]") + (run.bin or "none") + "[/]"
     error = run.between_cycles
     cells = (run.grade, place, f"{run.duration_s:.2f} s")
@@ -66,7 +68,7 @@ def _cells(run: Run) -> tuple[str, ...]:
     i = error.fastest
     worst_joint = (max(error.largest_rad), max(error.rms_moving_rad), max(error.at_rest_rad))
     fastest_joint = (error.largest_rad[i], error.rms_moving_rad[i])
-    return (*cells, *_texts(worst_joint), f"joint{i + 1}", *_texts(fastest_joint))
+    return (*cells, *_texts(worst_joint), joints[i], *_texts(fastest_joint))
 
 
 def _texts(numbers: Iterable[float]) -> list[str]:
@@ -78,24 +80,23 @@ def _content(report: Report) -> dict[str, Any]:
     return {
         "success": succeeded(report),
         "cubes": {"in_their_bins": sum(run.success for run in runs), "of": len(runs)},
-        "runs": [_run(run) for run in runs],
+        "runs": [_run(run, report.joints) for run in runs],
         "loop": {**report.loop, "cpu_percent_of_a_core": report.cpu_percent},
         "following_error": {
-            "of": "joint1 to joint6 in all runs, the worst of them; at the cycles and every 5 ms between them",
-            "with_gravity_compensation": worst(run.between_cycles for run in runs).as_dict(),
-            "without_gravity_compensation": report.comparison.between_cycles.as_dict(),
+            "of": f"{', '.join(report.joints)}: the worst of all runs, at the cycles and every 5 ms between them",
+            **worst(run.between_cycles for run in runs).as_dict(report.joints),
         },
-        "comparison_run": _run(report.comparison),
+        "without": {what: _run(run, report.joints) for what, run in report.comparisons.items()},
     }
 
 
-def _run(run: Run) -> dict[str, Any]:
+def _run(run: Run, joints: Sequence[str]) -> dict[str, Any]:
     return {
         "grade": run.grade,
         "success": run.success,
         "bin": run.bin,
         "duration_s": round(run.duration_s, 3),
         "message": run.message,
-        "following_error_at_the_cycles": run.at_cycles.as_dict(),
-        "following_error_between_them": run.between_cycles.as_dict(),
+        "following_error_at_the_cycles": run.at_cycles.as_dict(joints),
+        "following_error_between_them": run.between_cycles.as_dict(joints),
     }

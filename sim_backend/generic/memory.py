@@ -32,6 +32,8 @@ class Memory:
     """
 
     EEPROM_END: ClassVar[int] = EEPROM_END
+    RESET_ID: ClassVar[int | None] = None
+    """The ID after a factory reset; None where the servo keeps its own."""
     BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
     """As many values as ``baud_rate`` may have."""
 
@@ -62,7 +64,7 @@ class Memory:
         """Bits per second. Decoded with each write: every packet on the line is held against these two."""
         self.put(sts.servo_id, servo_id)
         self._save()
-        self.restore_factory()
+        self._restore(servo_id)
         self.power_up()
 
     def _decode_baud(self) -> int:
@@ -122,8 +124,10 @@ class Memory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def restore_factory(self) -> None:
-        """Instruction 0x06: EEPROM to factory values, saved, except for the ID."""
-        servo_id = self.get(sts.servo_id)
+        """Instruction 0x06: EEPROM to factory values, saved; the ID too where ``RESET_ID`` says so."""
+        self._restore(self.get(sts.servo_id) if self.RESET_ID is None else self.RESET_ID)
+
+    def _restore(self, servo_id: int) -> None:
         self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
         for register, value in self._factory.items():
             if register.persistent:

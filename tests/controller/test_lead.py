@@ -18,19 +18,21 @@ from tests.controller.bench import ARM_LIMITS, PERIOD_S
 
 FILES = read_files()
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
+ZEROS = np.zeros(len(FILES.component.joints))
 lags = st.tuples(st.floats(0.0, 0.1), st.one_of(st.just(np.inf), st.floats(10.0, 100.0)), st.floats(0.0, 0.01))
 
 
-@given(lags, lags, st.floats(0.0, 2.5), st.sampled_from([1.0, 0.5]))
+@given(lags, lags, st.floats(0.0, 2.5), st.sampled_from([1.0, 0.5]), st.floats(0.0, 0.1))
 def test_each_joint_is_commanded_as_far_ahead_as_its_servo_lags(
-    one: tuple[float, ...], other: tuple[float, ...], ahead_s: float, rate: float
+    one: tuple[float, ...], other: tuple[float, ...], at_s: float, rate: float, lead_s: float
 ) -> None:
     """By a time, by the way that braking takes, and by the rotor's inertia; never out of the limits."""
     limits, of_joints = [ARM_LIMITS] * 2, np.array([one, other]).T
     start, end = (Kinematics.at_rest(np.array(position)) for position in ((0.0, 1.9), (1.95, -1.9)))
     sampler = TrajectorySampler(limits, rate, of_joints)
     sampler.follow(motion_to(start, end, limits, 2.0), start)
-    to = sampler.reference(ahead_s + PERIOD_S)
+    sampler.elapsed_s = at_s
+    to = sampler.reference(PERIOD_S)
     lag_s, braking, inertia_s2 = of_joints
     speed = np.abs(to.velocity)
     brakes = [
@@ -38,29 +40,46 @@ def test_each_joint_is_commanded_as_far_ahead_as_its_servo_lags(
         for v, a in zip(speed, braking, strict=True)
     ]
     behind = lag_s * to.velocity + np.copysign(brakes, to.velocity) + inertia_s2 * to.acceleration
-    assert sampler.ahead(PERIOD_S, ahead_s) == pytest.approx(np.clip(to.position + behind, -2.0, 2.0))
-    assert sampler.ahead(PERIOD_S, 60.0) == pytest.approx(end.position)
+    assert sampler.ahead(PERIOD_S) == pytest.approx(np.clip(to.position + behind, -2.0, 2.0))
+    assert sampler.ahead(PERIOD_S, lead_s) == pytest.approx(sampler.reference(PERIOD_S + lead_s).position)
+    sampler.elapsed_s = 60.0
+    assert sampler.ahead(PERIOD_S) == pytest.approx(end.position)
 
 
-def command_after_a_while(command_lead: float | None) -> float:
-    """Where joint1 is sent 0.4 s after the beginning of its way up."""
+def arm_with(command_lead: float | None) -> JointTrajectoryController:
+    """An active controller at zero."""
     known = compliances(FILES.robot.joints)
     context = ControllerContext(FILES.description, FILES.component, FILES.limits, lambda name: True, known)
     parameters = TrajectoryParameters(joints=JOINTS, interpolation_method="ruckig", command_lead=command_lead)
     arm = JointTrajectoryController.build("arm", parameters, context)
-    zeros = np.zeros(len(context.component.joints))
-    arm.activate(JointState(0.0, zeros, zeros, zeros), np.zeros(6))
+    arm.activate(JointState(0.0, ZEROS, ZEROS, ZEROS), np.zeros(6))
+    return arm
+
+
+def command_after_a_while(arm: JointTrajectoryController, set_on_the_way: float | None = None) -> float:
+    """Where joint1 is sent 0.4 s after the beginning of its way up."""
     goal = TrajectoryGoal(JOINTS, (GoalPoint((1.0, *[0.0] * 5), 1.0),))
     assert arm.check(goal) is None
     arm.submit(goal)
     for cycle in range(1, 10):
-        arm.update(JointState(cycle * PERIOD_S, zeros, zeros, zeros), cycle * PERIOD_S, PERIOD_S)
+        arm.update(JointState(cycle * PERIOD_S, ZEROS, ZEROS, ZEROS), cycle * PERIOD_S, PERIOD_S)
+        if cycle == 5 and set_on_the_way is not None:
+            arm.reconfigure(arm.parameters.model_copy(update={"command_lead": set_on_the_way}))
     return float(arm.command[0])
 
 
 def test_a_lead_that_the_parameters_name_counts_instead_of_what_is_known_of_the_servos() -> None:
-    assert command_after_a_while(0.0) < command_after_a_while(0.02) < command_after_a_while(None)
-    assert command_after_a_while(PERIOD_S) == pytest.approx(command_after_a_while(0.0) + 0.05 * 1.5, abs=0.04)
+    none, some, known = (command_after_a_while(arm_with(lead)) for lead in (0.0, 0.02, None))
+    assert none < some < known
+    assert command_after_a_while(arm_with(PERIOD_S)) == pytest.approx(none + 0.05 * 1.5, abs=0.04)
+
+
+def test_a_lead_that_is_set_on_the_way_counts_from_the_next_goal_on() -> None:
+    assert command_after_a_while(arm_with(0.0), set_on_the_way=0.05) == command_after_a_while(arm_with(0.0))
+    arm = arm_with(0.0)
+    arm.reconfigure(arm.parameters.model_copy(update={"command_lead": 0.05}))
+    arm.update(JointState(0.0, ZEROS, ZEROS, ZEROS), 0.0, PERIOD_S)
+    assert command_after_a_while(arm) == command_after_a_while(arm_with(0.05))
 
 
 def test_a_joint_of_whose_servo_nothing_is_known_follows_at_once() -> None:

@@ -12,6 +12,7 @@ from drivers.servos.catalog import MODELS
 from hal.description import parse_urdf
 from hal.gravity import Gravity
 from hal.gravity_compensation import LARGEST_LOAD, GravityCompensation
+from hal.limit_cycle import GIVE_WAY_RAD
 from hal.types import FloatArray, JointLimits
 from servoloop.files import URDF, read_files
 
@@ -131,12 +132,13 @@ cycles = st.lists(st.tuples(st.one_of(st.none(), shares), errors), min_size=1, m
 
 
 @given(shares, cycles, st.sampled_from([0.01, 0.05, 0.2]))
-def test_whatever_comes_the_goals_stay_within_the_limits_and_the_velocity(
+def test_whatever_comes_the_goals_stay_within_the_limits(
     start: FloatArray, todo: list[tuple[FloatArray | None, FloatArray]], dt_s: float
 ) -> None:
     made = GravityCompensation(JOINTS, GRAVITY)
-    command = last = LOWER + start * (UPPER - LOWER)
-    largest = np.array([0.5 * 2.94 * j.transmission / 15.0 + j.compliance.uncorrected for j in JOINTS if j.compliance])
+    command = LOWER + start * (UPPER - LOWER)
+    known = [(joint.transmission, joint.compliance.uncorrected) for joint in JOINTS if joint.compliance]
+    largest = np.array([(0.5 * 2.94 / 15.0 + GIVE_WAY_RAD) * ratio + left for ratio, left in known])
     for number, (target, error) in enumerate(todo):
         if target is not None:  # as the gate lets it through
             wanted = LOWER + target * (UPPER - LOWER)
@@ -146,9 +148,7 @@ def test_whatever_comes_the_goals_stay_within_the_limits_and_the_velocity(
         assert np.isfinite(goal).all()
         assert number or not offset.any()
         assert (goal >= LOWER - 1e-12).all() and (goal <= UPPER + 1e-12).all()
-        assert (np.abs(goal - last) <= VELOCITY * dt_s + 1e-9).all()
         assert (np.abs(offset) <= largest).all()
-        last = goal
 
 
 def test_a_joint_that_stands_beyond_its_limit_is_not_thrown_back() -> None:

@@ -11,8 +11,10 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 
+from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import cell
 from servoloop.demo.live import Live
+from sim_backend.build import Build
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -39,7 +41,7 @@ class StopsEmulator(Live):
 def test_the_job_after_one_that_failed_succeeds(ros_domain: int, tmp_path: Path, phase: str) -> None:
     words = io.StringIO()
     live = StopsEmulator(Console(file=words, width=200), phase)
-    with cell(tmp_path, None, live) as ready:
+    with cell(tmp_path, find_arm(), None, Build(1.0), live) as ready:
         live.emulator = ready.process_ids["emulator"]
         first, second = ready.runner.run("A"), ready.runner.run("B")
     assert not first.success

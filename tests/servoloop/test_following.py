@@ -26,7 +26,7 @@ def test_at_rest_is_what_is_seen_half_a_second_after_the_reference_has_stopped()
 
 def test_nothing_measured_is_nothing_said() -> None:
     assert following_error(np.empty(0), np.empty((0, 6)), np.empty((0, 6))) is UNKNOWN
-    assert UNKNOWN.as_dict()["largest_rad"] is None
+    assert UNKNOWN.as_dict([])["largest_rad"] is None
     assert worst([UNKNOWN]) is UNKNOWN
 
 

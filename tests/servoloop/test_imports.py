@@ -21,7 +21,7 @@ class NoRos:
             raise ImportError("no ROS here: " + name)
 
 sys.meta_path.insert(0, NoRos())
-for package in ("drivers", "hal", "controller", "sim_backend", "servoloop"):
+for package in ("drivers", "calibration", "hal", "commissioning", "controller", "sim_backend", "servoloop"):
     for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
@@ -33,6 +33,15 @@ def test_all_rooms_but_nodes_import_without_ros() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "servoloop.demo.demo" in done.stdout and "controller.loop" in done.stdout
+
+
+def test_the_tools_for_ports_and_servos_need_nothing_that_is_compiled_for_a_machine() -> None:
+    """Neither physics nor ROS nor numbers: they start on whatever a servo's adapter can be plugged into."""
+    tools = "commissioning.ports.plugging, commissioning.scan.scan, commissioning.registers.reset"
+    heavy = ("mujoco", "numba", "numpy", "ruckig", "rclpy", "PIL")
+    program = f"import sys, {tools}, commissioning.registers.access; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
 def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
@@ -65,10 +74,12 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
     [
         (["--help"], 0, "Bring the arm up under ROS 2"),
         (["bench", "bus", "--help"], 0, "--ids"),
+        (["ports", "--json"], 0, '"udev_rule"'),
+        (["scan", "/dev/ttyACM77"], 1, "there is no /dev/ttyACM77"),
         (["up", "--hardware", "mock"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
         (["pick", "A"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
     ],
-    ids=["help", "bench", "up", "pick"],
+    ids=["help", "bench", "ports", "scan", "up", "pick"],
 )
 def test_a_verb_that_needs_ros_says_so_and_the_others_do_not(arguments: list[str], status: int, words: str) -> None:
     verb = start(*arguments)

@@ -6,7 +6,8 @@ import pytest
 
 from sim_backend.backlash import OUTPUT_SHARE, motor_name
 from sim_backend.plant import Coupling, WorldPlant
-from sim_backend.world import JOINTS, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import JOINTS
 
 GAP = 0.02
 UPRIGHT = (0.0,) * 7

@@ -115,6 +115,16 @@ def test_eeprom_lasts_until_it_is_locked_and_the_lock_ends_with_the_power(model:
 
 
 @every_model
+def test_a_factory_reset_takes_the_id_back_to_1_for_good(model: str) -> None:
+    bench = Bench(model)
+    bench.bus.factory_reset(3)
+    servo = bench.servos.servos[2]
+    servo.power_cycle()  # type: ignore[attr-defined]
+    assert servo.servo_id == 1
+    assert [one.servo_id for one in bench.servos.servos] == [1, 2, 1]
+
+
+@every_model
 def test_what_a_servo_does_not_know_is_an_instruction_error(model: str) -> None:
     reply = Bench(model).ask(wire.packet(1, 0x08, b""))
     assert (reply[2], reply[4]) == (1, 1 << 6)

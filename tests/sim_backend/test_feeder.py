@@ -1,16 +1,19 @@
 """The rule of the next cube, told to a world of paper, and once to the real one."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from sim_backend.feeder import Feeder
-from sim_backend.world import READY, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import READY
 
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55, 0.0)
 BIN = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55, 0.0)
 DT_S = 0.005
+SWING_RAD_S = 2.0 * math.pi * 1.7
 
 
 @dataclass
@@ -25,6 +28,8 @@ class PaperWorld:
     speed: list = field(default_factory=lambda: [0.0] * 7)
     fed: int = 0
     time_s: float = 0.0
+    ready = np.array(READY)
+    hand_travel = 0.05
 
     def velocity(self):
         return np.array(self.speed)
@@ -57,12 +62,19 @@ def world():
 def run(world):
     feeder = Feeder()
 
-    def go(seconds, joint=None, speed=0.0):
-        world.speed = [0.0] * 7
+    def go(seconds, joint=None, speed=0.0, swing_rad=0.0):
+        rest, world.speed = world.pose, [0.0] * 7
         if joint is not None:
             world.speed[joint] = speed
         for _ in range(round(seconds / DT_S)):
             world.time_s += DT_S
+            if joint is not None:
+                world.pose = list(world.pose)
+                world.pose[joint] += speed * DT_S
+            if swing_rad:
+                phase = SWING_RAD_S * world.time_s
+                world.speed[0] = swing_rad * SWING_RAD_S * math.cos(phase)
+                world.pose = [rest[0] + swing_rad * math.sin(phase), *rest[1:]]
             feeder.update(world, world.time_s)
         return world.fed
 
@@ -127,15 +139,21 @@ def test_a_moving_hand_alone_is_no_new_job(run):
     assert run(2.0, joint=6, speed=0.08) == 0
 
 
-def test_the_hum_of_a_holding_servo_is_rest(run):
-    run(2.0, joint=3, speed=0.03)
-    assert run(0.1, joint=3, speed=0.3) == 1
+def test_a_joint_that_swings_through_its_backlash_rests(run):
+    assert run(2.0, swing_rad=0.012) == 0
+    assert run(0.2, joint=3, speed=0.3) == 1
+
+
+def test_an_arm_that_is_still_on_its_way_to_ready_does_not_rest(run, world):
+    world.pose = [*READY[:5], READY[5] - 0.1, 0.0]
+    run(1.0, joint=5, speed=0.1)
+    assert run(0.5, joint=5, speed=0.1) == 0
 
 
 def test_never_into_a_finger(run, world):
     run(2.0)
     world.free = False
-    assert run(1.0, joint=5, speed=1.0) == 0
+    assert run(0.1, joint=5, speed=1.0) == 0
     world.free = True
     assert run(0.1, joint=5, speed=1.0) == 1
 

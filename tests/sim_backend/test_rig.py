@@ -8,7 +8,8 @@ from sim_backend.packet_servo import PacketServo
 from sim_backend.plant import Coupling, WorldPlant
 from sim_backend.rig import Rig, Supply
 from sim_backend.servo import VirtualServo
-from sim_backend.world import JOINTS, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import JOINTS
 
 COUPLINGS = [
     Coupling(servo_id, joint, sign=1 if servo_id % 2 else -1, transmission=0.03 if joint == JOINTS[6] else 1.0)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sim_backend.world import JOINTS, READY, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import JOINTS, READY
 
 POSES = {
     "ready": READY[:6],

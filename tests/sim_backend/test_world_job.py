@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 import pytest
 
-from sim_backend.world import READY, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import READY
 
 STALL_NM: Final = 2.94
 NO_LOAD_RAD_S: Final = 4.71

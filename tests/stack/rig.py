@@ -22,15 +22,16 @@ from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointState
+from nodes.pick_place.settings import Settings
 from servoloop.demo.following_error import FollowingError, between_cycles
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
 from servoloop.hardware import compensation, compliances, servo_bus
+from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
 from sim_backend.feeder import Feeder
 from sim_backend.plant import WorldPlant
 from sim_backend.port import VirtualPort
-from sim_backend.spread import Spread
 from sim_backend.world import World
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))
@@ -42,7 +43,9 @@ BINS = {
     "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
 }
 OPEN_M, CLOSED_M = 0.0, 0.05
+NOMINAL_BUILD = Build()
 MOVE_S = 2.0
+ROBOT_ARM = Settings()
 
 
 @dataclass(slots=True)
@@ -112,22 +115,20 @@ class StackRig:
         files: Files | None = None,
         wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
-        seed: int | None = None,
-        backlash_rad: float = 0.0,
+        build: Build = NOMINAL_BUILD,
         keep_alive: bool = False,
         compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
     ) -> None:
         self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
-        spread = Spread(seed)
-        gaps = {joint.name: backlash_rad * joint.transmission for joint in self.files.robot.joints}
-        self.world = World(initial_position=start, spread=spread, backlash=gaps if backlash_rad else {})
+        ways = couplings(self.files.robot)
+        self.world = World(self.files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         self.trace = Trace()
         self._feeder = Feeder()
-        plant = WorldPlant(self.world, couplings(self.files.robot), self._after_step)
+        plant = WorldPlant(self.world, ways, self._after_step)
         robot = self.files.robot
-        self.lines = virtual_lines(robot, plant, spread)
+        self.lines = virtual_lines(robot, plant, build.spread)
         self.ports = {
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()
@@ -187,7 +188,7 @@ class StackRig:
 
     def go(self, pose: Sequence[float], seconds: float = MOVE_S) -> GoalHandle:
         """One goal as the pick-place node sends it."""
-        goal = TrajectoryGoal(ARM, (GoalPoint(tuple(pose), seconds),))
+        goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), seconds),))
         reason = self.arm.check(goal)
         assert reason is None, reason
         return self.arm.submit(goal)
@@ -195,7 +196,7 @@ class StackRig:
     def _after_step(self, time_s: float) -> None:
         self._feeder.update(self.world, time_s)
         self.trace.world_s.append(time_s)
-        self.trace.actual.append(self.world.position()[:6])
+        self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
 
     def _on_cycle(self, state: JointState) -> None:
         tracking = self.arm.tracking
@@ -209,13 +210,13 @@ class StackRig:
 class UnpacedJob:
     """The pick-place node's job by the letter: the hand is told, and the arm in the same instant."""
 
-    def __init__(self, rig: StackRig, grade: str) -> None:
+    def __init__(self, rig: StackRig, grade: str, settings: Settings = ROBOT_ARM) -> None:
         self._rig = rig
         self._steps = [
-            (None, READY),
-            (OPEN_M, PICK),
-            (CLOSED_M, BINS[grade]),
-            (OPEN_M, READY),
+            (None, settings.ready_rad),
+            (settings.hand_open_m, settings.pick_rad),
+            (settings.hand_closed_m, settings.bins_rad[grade]),
+            (settings.hand_open_m, settings.ready_rad),
         ]
         self.handles: list[GoalHandle] = []
 

@@ -1,0 +1,1 @@
+"""Calibration: how the servos' counts become joint positions of the URDF."""

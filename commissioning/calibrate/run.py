@@ -1,0 +1,133 @@
+"""The whole calibration of an arm on one line: limp, measured, shown as a difference, stored, and tried."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from calibration.eeprom import Change
+from commissioning.calibrate.flow import ByHand, Guide, as_joint
+from commissioning.calibrate.plan import JointPlan
+from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.calibrate.store import store
+from commissioning.calibrate.verify import check
+from commissioning.slow_arm import SlowArm
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.clock import Clock
+from drivers.servos.catalog import series_of
+from hal.calibration_file import calibration_path
+from hal.joint import Joint
+
+LIMP = "The arm goes limp now and falls: hold it. Switch its torque off?"
+STORE = "Store this calibration?"
+TRY = "Each joint will move a little now, slowly and under torque; then the arm is limp again: hold it. Try?"
+
+Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
+
+
+class Asker(Guide, Protocol):
+    """Whoever moves the arm and decides."""
+
+    def confirm(self, question: str) -> bool:
+        """Ask a question that yes or no answers."""
+        ...
+
+    def show(self, differences: Sequence["Difference"]) -> None:
+        """Show what has been measured, before it is stored."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One joint before and behind the calibration."""
+
+    joint: str
+    servo_id: int
+    before: Joint
+    made: JointCalibration
+    doubt: str
+    """What is doubtful; empty where nothing is."""
+
+    @property
+    def zero_moved(self) -> float:
+        """How far the zero has moved, rad or m; only with the sign unchanged it says anything."""
+        offset = (self.made.homing_offset or 0) - (self.before.homing_offset or 0)
+        half = self.before.model.counts_per_turn // 2
+        counts = (self.made.zero_counts + offset - self.before.zero_counts + half) % (2 * half) - half
+        return counts * abs(self.before.units_per_count)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A calibration that was stored; or not, where the user did not want it."""
+
+    differences: tuple[Difference, ...]
+    path: Path
+    stored: bool = False
+    changes: Mapping[str, tuple[Change, ...]] | None = None
+    """What was written to the servos, by joint."""
+    tried: bool = False
+    """Whether each joint was moved under torque and came to where it was sent."""
+
+
+def by_hand(asker: Asker) -> Measure:
+    """Measuring with the arm in somebody's hands."""
+    return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run()
+
+
+def calibrate(
+    robot: Path,
+    joints: Sequence[Joint],
+    plans: Mapping[str, JointPlan],
+    open_bus: Callable[[], Bus],
+    asker: Asker,
+    clock: Clock,
+    measure: Measure | None = None,
+) -> Outcome:
+    """Calibrate the joints of a robot file, all on one bus; by hand unless ``measure`` says otherwise.
+
+    Until the user has said yes nothing is written. Torque is off behind it, whatever happens. Raises
+    CalibrationError, ServoError, PortLost.
+    """
+    missing = [joint.name for joint in joints if joint.name not in plans]
+    if missing:
+        raise CalibrationError(f"the arm's file does not say how to calibrate {', '.join(missing)}")
+    with closing(open_bus()) as bus:
+        _make_limp(bus, joints, asker)
+        made = (measure or by_hand(asker))(bus, joints, plans)
+    differences = tuple(
+        Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
+        for joint in joints
+    )
+    asker.show(differences)
+    if not asker.confirm(STORE):
+        return Outcome(differences, calibration_path(robot))
+    with closing(open_bus()) as bus:
+        changes = store(robot, bus, joints, made, clock)
+    calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
+    tried = asker.confirm(TRY)
+    if tried:
+        with SlowArm(open_bus, calibrated, clock) as arm:
+            check(arm, asker.say)
+    return Outcome(differences, calibration_path(robot), True, changes, tried)
+
+
+def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
+    """See that all are there, of the right model, and limp. Raises ServoError, CalibrationError."""
+    for joint in joints:
+        bus.identify(joint.servo_id, joint.model)
+    on = [joint for joint in joints if _drives(bus, joint)]
+    if not on:
+        return
+    if not asker.confirm(LIMP):
+        raise CalibrationError(f"{', '.join(joint.name for joint in on)} under torque: nothing was changed")
+    if failed := bus.torque_off([joint.servo_id for joint in joints]):
+        raise CalibrationError("torque may still be on: " + "; ".join(map(str, failed)))
+
+
+def _drives(bus: Bus, joint: Joint) -> bool:
+    """Whether the servo does anything with its motor, damping too."""
+    return retry(partial(bus.read, joint.servo_id, series_of(joint.model).torque_enable)) != 0

@@ -1,0 +1,64 @@
+"""The sweep: joints are moved from stop to stop, and their servos' readings become continuous counts.
+
+No middle pose is needed to begin from, and the encoder's seam may lie anywhere in the travel: a reading is taken to be
+the one nearest to the reading before.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from calibration.angles import Travel, unwrap
+from drivers.bus.bus import Bus
+from drivers.bus.types import Reading, ServoState
+from hal.joint import Joint
+
+
+@dataclass(slots=True)
+class Swept:
+    """One joint's sweep so far, in continuous counts."""
+
+    counts: int
+    lower: int
+    upper: int
+    readings: int = 1
+
+    @property
+    def travel(self) -> Travel:
+        """From end to end."""
+        return Travel(self.lower, self.upper)
+
+    def take(self, reading: int, turn: int) -> None:
+        """Note the next reading."""
+        self.counts = unwrap(self.counts, reading, turn)
+        self.lower, self.upper = min(self.lower, self.counts), max(self.upper, self.counts)
+        self.readings += 1
+
+
+class Sweep:
+    """The sweeps of all joints on one bus, side by side."""
+
+    def __init__(self, bus: Bus, joints: Sequence[Joint]) -> None:
+        self.joints = tuple(joints)
+        self.swept: dict[str, Swept] = {}
+        """By joint, as soon as its servo has answered."""
+        self.missing: dict[str, str] = {}
+        """Joints whose servos did not answer the last time, and why."""
+        self._bus = bus
+
+    def look(self) -> None:
+        """Read all servos once. One that does not answer keeps what is known of it, and is named."""
+        readings = self._bus.read_states([joint.servo_id for joint in self.joints])
+        self.missing = {}
+        for joint in self.joints:
+            self._take(joint, readings)
+
+    def _take(self, joint: Joint, readings: Mapping[int, Reading]) -> None:
+        reading = readings[joint.servo_id]
+        if not isinstance(reading, ServoState):
+            self.missing[joint.name] = reading.text
+            return
+        counts, known = reading.position_counts, self.swept.get(joint.name)
+        if known is None:
+            self.swept[joint.name] = Swept(counts, counts, counts)
+        else:
+            known.take(counts, joint.model.counts_per_turn)

@@ -1,0 +1,124 @@
+"""Registers of one servo: the whole table, one value, one careful write.
+
+with find_servo(port, clock, 3) as servo:
+    print(read_register(servo, "present_voltage").text)
+    write_register(servo, "max_temperature", "65C")
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from calibration.eeprom import update
+from commissioning.errors import CommissioningError
+from commissioning.registers.tables import register_named, registers_of
+from commissioning.registers.torque import hold_where_it_stands, let_go
+from commissioning.registers.values import RegisterValue, parse, value_of
+from commissioning.scan.find import FoundServo
+from commissioning.scan.identify import surely
+from drivers.errors import ServoRefused
+from drivers.servos.register import Access, Register
+
+ELSEWHERE: Final = {
+    "id": "'servoloop set-id' changes it",
+    "baud_rate": "'servoloop set-baud' changes it",
+    "protocol_type": "it takes the servo off this line",
+    "lock": "the tools open and close it themselves",
+}
+GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
+"""Orders to move: an STS servo that is limp switches its torque on for them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterWrite:
+    """What a write has changed; ``before`` and ``after`` are alike where the servo held the value already."""
+
+    servo_id: int
+    before: RegisterValue
+    after: RegisterValue
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was written."""
+        return self.before.raw != self.after.raw
+
+
+def list_registers(servo: FoundServo) -> tuple[RegisterValue, ...]:
+    """The table of the servo's model with present values."""
+    return tuple(value_of(servo.model, register, _held(servo, register)) for register in registers_of(servo.model))
+
+
+def read_register(servo: FoundServo, name: str) -> RegisterValue:
+    """One register."""
+    register = register_named(servo.model, name)
+    return value_of(servo.model, register, servo.read(register))
+
+
+def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bool = False) -> RegisterWrite:
+    """Write one register and read it back. ``value``: raw, or a quantity with its unit.
+
+    EEPROM is written under its lock and only where it differs. Refused are goals, and everything under torque but the
+    torque switch, which takes ``torque``: with 1 the servo is held where it stands, with 0 it lets go.
+    """
+    register = register_named(servo.model, name)
+    raw = parse(servo.model, register, str(value))
+    before = value_of(servo.model, register, servo.read(register))
+    check_writable(servo, register, raw)
+    if register == servo.series.torque_enable:
+        _switch(servo, raw, torque)
+    elif raw != before.raw:
+        if servo.holds_torque():
+            raise CommissioningError(
+                f"servo {servo.servo_id}: {name} is not written while it holds torque. Support the arm, then "
+                f"'servoloop register write --id {servo.servo_id} torque_enable 0'"
+            )
+        _write(servo, register, raw)
+    return RegisterWrite(servo.servo_id, before, value_of(servo.model, register, servo.read(register)))
+
+
+def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
+    """Raise CommissioningError for what no user should write by hand."""
+    name = register.name
+    text = ""
+    if register.access is Access.READ:
+        text = "can only be read"
+    elif name in ELSEWHERE:
+        text = f"is not written by hand: {ELSEWHERE[name]}"
+    elif name in GOALS:
+        text = "is an order to move, and to a limp STS servo to switch its torque on: 'servoloop up' gives goals"
+    elif register == servo.series.status_level and raw == 0:
+        text = "0 keeps the servo from answering"
+    elif register == servo.series.torque_enable and raw not in (0, 1):
+        text = f"takes 0 (off) and 1 (on) here, not {raw}: other values move the servo's zero or brake its motor"
+    if text:
+        raise CommissioningError(f"servo {servo.servo_id}: {name} {text}")
+
+
+def _switch(servo: FoundServo, raw: int, torque: bool) -> None:
+    if not torque:
+        raise CommissioningError(f"servo {servo.servo_id}: its torque is not switched unless you say so (--yes)")
+    if raw:
+        hold_where_it_stands(servo)
+    else:
+        let_go(servo)
+
+
+def _write(servo: FoundServo, register: Register, raw: int) -> None:
+    servo_id, series = servo.servo_id, servo.series
+    if register.persistent:
+        try:
+            update(servo.bus, servo_id, series.lock, {register: raw})
+        except ValueError as error:
+            raise CommissioningError(f"servo {servo_id}: {error}") from error
+        return
+    bus = servo.bus
+    surely(partial(bus.write, servo_id, register, raw))
+    if (held := servo.read(register)) != raw:
+        raise CommissioningError(f"servo {servo_id}: {register.name} stays {held}, not {raw}: it does not take it")
+
+
+def _held(servo: FoundServo, register: Register) -> int | None:
+    try:
+        return servo.read(register)
+    except ServoRefused:  # not in this firmware
+        return None

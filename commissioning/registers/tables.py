@@ -1,0 +1,71 @@
+"""The control table of one model: its registers by name, its rates, and what values mean that are no quantities."""
+
+from difflib import get_close_matches
+from typing import Final
+
+from commissioning.errors import CommissioningError
+from commissioning.scan.modes import MODES
+from drivers.servos import ax_mx, sts, x, xl320
+from drivers.servos.catalog import known_as, series_of
+from drivers.servos.dynamixel1 import AX_MX
+from drivers.servos.register import Register, ServoModel
+
+AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 500_000, 400_000)) if rate} | {
+    7: 250_000,
+    9: 200_000,
+    16: 115_200,
+    34: 57_600,
+    103: 19_200,
+    207: 9_600,
+}
+"""By the register of protocol 1.0, by their usual names: 2 Mbit/s divided by one more than this."""
+MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+
+
+def registers_of(model: ServoModel) -> tuple[Register, ...]:
+    """The whole table, by address."""
+    if isinstance(model, x.Model):
+        return x.registers(model)
+    if isinstance(model, ax_mx.Model):
+        return ax_mx.registers(model)
+    return series_of(model).registers
+
+
+def register_named(model: ServoModel, name: str) -> Register:
+    """One register. CommissioningError, with the names that come near, where the table has none such."""
+    table = {register.name: register for register in registers_of(model)}
+    if name in table:
+        return table[name]
+    near = get_close_matches(name, table)
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    raise CommissioningError(f"{model.name} has no register {name}: {meant}'servoloop register list' shows them all")
+
+
+def rates_of(model: ServoModel) -> dict[int, int]:
+    """Baud rates by the value of ``baud_rate``."""
+    series = series_of(model)
+    if series is AX_MX:
+        return AX_RATES | (MX_RATES if model in series.bulk_models else {})
+    if series.make == "feetech":
+        return dict(enumerate(sts.BAUD_RATES))
+    rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if model in x.X330 else None]
+    return dict(enumerate(rates))
+
+
+def meaning(model: ServoModel, register: Register, raw: int) -> str:
+    """What a value stands for that is no quantity; empty where nothing is known of it."""
+    series = series_of(model)
+    mode, names = MODES.get(series.name, (None, {}))
+    if register == mode:
+        return names.get(raw, "")
+    if register.name == "model_number":
+        return known_as(raw, series)
+    if register.name == "baud_rate":
+        return f"{rates_of(model)[raw]} baud" if raw in rates_of(model) else ""
+    if register.name == "torque_enable":
+        return {0: "off", 1: "on"}.get(raw, "")
+    if register.name == "status":
+        return ", ".join(sts.alarms(raw))
+    if series.hardware_error and register == series.hardware_error[0]:
+        return ", ".join(series.hardware_error[1](raw))
+    return ""

@@ -1,0 +1,116 @@
+"""A look at one servo that answers pings: its state, and what is wrong with it. Nothing is written."""
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from commissioning.scan.identify import Identity, identify, surely
+from commissioning.scan.modes import mode_text
+from commissioning.scan.problems import Problem, line_trouble, own_troubles
+from commissioning.scan.steps import Step
+from drivers.bus.bus import Bus
+from drivers.bus.late_replies import HELD_S
+from drivers.bus.types import FaultKind, ServoFault, ServoState
+from drivers.clock import Clock
+from drivers.errors import PortLost, ServoCorrupt, ServoError
+from drivers.port import Port
+from drivers.protocol import v1
+from drivers.servos.dynamixel import X
+from drivers.servos.feetech import SCS
+from drivers.servos.register import Register
+
+GOOD: Final = 3
+"""So many states in one piece, and it is one servo: of two with one ID each read is a mixture of two positions."""
+TRIES: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class ServoLook:
+    """One servo as the scan found it. What could not be read is None."""
+
+    servo_id: int
+    baud: int
+    protocol: str
+    make: str | None = None
+    model: str | None = None
+    """Its name in files; None where the number is unknown."""
+    model_number: int | None = None
+    firmware: str | None = None
+    voltage_v: float | None = None
+    temperature_c: float | None = None
+    position_counts: int | None = None
+    torque: bool | None = None
+    operating_mode: str | None = None
+    alarms: tuple[str, ...] = ()
+    problems: tuple[Problem, ...] = ()
+
+
+def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | None:
+    """The servo with this ID at the step's rate, which is the port's. None where it answers nothing after all."""
+    identity: Identity | None = None
+    corrupt = False
+    try:
+        identity = identify(port, clock, step.packets, servo_id)
+    except PortLost:
+        raise
+    except ServoError as error:
+        corrupt = isinstance(error, ServoCorrupt)
+        clock.sleep_until(clock.now() + HELD_S)  # what may still come is an answer to none of the next questions
+        port.discard_input()
+    # Whatever it is: all servos of protocol 1.0 answer the plain reads by which an SCS is asked.
+    unknown = (SCS if step.packets is v1 else X).models[0]
+    bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
+    state, kinds = _states(bus, servo_id)
+    trouble = line_trouble(bus.name, servo_id, kinds, corrupt)
+    if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
+        return None
+    if identity is None or state is None:
+        return ServoLook(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
+    return _looked(bus, servo_id, step, identity, state, trouble)
+
+
+def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:
+    """Its state, and how each try ended."""
+    state: ServoState | None = None
+    kinds: Counter[FaultKind | None] = Counter()
+    while kinds[None] < GOOD and kinds.total() < TRIES:
+        reading = bus.read_states([servo_id])[servo_id]
+        kinds[reading.kind if isinstance(reading, ServoFault) else None] += 1
+        state = state if isinstance(reading, ServoFault) else reading
+    return state, kinds
+
+
+def _pings(bus: Bus, servo_id: int) -> bool:
+    try:
+        surely(partial(bus.ping, servo_id))
+    except PortLost:
+        raise
+    except ServoError:
+        return False
+    return True
+
+
+def _looked(
+    bus: Bus, servo_id: int, step: Step, identity: Identity, state: ServoState, trouble: Problem | None
+) -> ServoLook:
+    series, problems = identity.series, [trouble] if trouble else []
+    torque: int | None = None
+    mode: str | None = None
+
+    def read(register: Register) -> int:
+        return surely(partial(bus.read, servo_id, register))
+
+    try:
+        torque, mode = read(series.torque_enable), mode_text(series, read)
+        problems += own_troubles(identity, state, read)
+    except PortLost:
+        raise
+    except ServoError as error:  # the line is so bad that not even many tries have helped
+        problems.append(Problem("bad_line", error.text))
+    return ServoLook(
+        servo_id, step.baud, series.protocol.name, series.make,
+        identity.model.name if identity.model else None, identity.number, identity.firmware,
+        round(state.voltage_v, 1), state.temperature_c, state.position_counts,
+        None if torque is None else torque == 1, mode, state.alarms, tuple(problems),
+    )  # fmt: skip

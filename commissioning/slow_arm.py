@@ -1,0 +1,135 @@
+"""An arm under torque that moves slowly, one joint at a time: for tools, beside no other program."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import cos, pi
+from typing import Final, Self
+
+import numpy as np
+
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.errors import DriverError
+from hal.gate import SafetyGate
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+
+PERIOD_S: Final = 0.05
+SPEED_SHARE: Final = 0.25
+"""Of the joint's velocity limit; tools never move faster."""
+FASTEST_RAD_S: Final = 0.4
+"""Of a servo's shaft."""
+SETTLE_S: Final = 0.4
+PATIENCE_CYCLES: Final = 4
+"""A packet that is lost is no reason to let the arm go."""
+LETTING_DOWN: Final = (0.3, 0.2, 0.12, 0.06)
+"""Shares of full drive on the way to none: an arm in the air sinks, and does not fall."""
+LETTING_DOWN_S: Final = 0.4
+"""The time at each share."""
+
+
+class StoppedError(DriverError):
+    """Somebody stopped the arm, or one of its servos failed."""
+
+
+class SlowArm:
+    """A context manager: the arm is limp before it and behind it. Positions in rad or m, in the order of the joints."""
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        joints: Sequence[Joint],
+        clock: Clock,
+        stopped: Callable[[], bool] = lambda: False,
+        fastest_rad_s: float = FASTEST_RAD_S,
+    ) -> None:
+        """``stopped`` is asked in each cycle; once it says yes, the arm is let down, and StoppedError raised.
+
+        ``fastest_rad_s``: of a servo's shaft, within ``SPEED_SHARE`` of the joint's limit.
+        """
+        self.joints = tuple(replace(joint, limits=_slow(joint, fastest_rad_s)) for joint in joints)
+        self._open_bus = open_bus
+        self._bus: Bus | None = None
+        self._clock = clock
+        self._stopped = stopped
+        self._hardware = ServoHardware("arm", self.joints, self._opened, clock)
+        self._gate = SafetyGate([joint.limits for joint in self.joints])
+        self._state: JointState | None = None
+        self._faulty_cycles = 0
+        self.command: FloatArray = np.zeros(len(joints))
+        """Where the joints are sent, (n,)."""
+
+    def _opened(self) -> Bus:
+        self._bus = self._open_bus()
+        return self._bus
+
+    def __enter__(self) -> Self:
+        """Torque on, every goal at its measured position. Raises DriverError, HalError."""
+        self._hardware.configure()
+        try:
+            self._hardware.activate()
+            self._state = self._hardware.read()
+        except BaseException:
+            self._hardware.cleanup()
+            raise
+        self.command = self._state.position.copy()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let the arm down and go. Raises StoppedError where torque may still be on."""
+        try:
+            self._let_down()
+            if problems := self._hardware.deactivate(relax=True):
+                raise StoppedError("torque may still be on: " + "; ".join(problems))
+        finally:
+            self._hardware.cleanup()
+
+    @property
+    def state(self) -> JointState:
+        """The newest measurement of all joints."""
+        assert self._state is not None
+        return self._state
+
+    def measured(self, index: int) -> float:
+        """The newest measured position of one joint."""
+        return float(self.state.position[index])
+
+    def go(self, index: int, target: float) -> None:
+        """Move one joint there on a smooth way at its slow speed, and wait until it has settled."""
+        start, limits = float(self.command[index]), self.joints[index].limits
+        cycles = round(0.5 * pi * abs(target - start) / limits.velocity / PERIOD_S) + 1
+        for cycle in range(1, cycles + 1):
+            self.cycle(index, start + (target - start) * 0.5 * (1.0 - cos(pi * cycle / cycles)))
+        for _ in range(round(SETTLE_S / PERIOD_S)):
+            self.cycle(index, target)
+
+    def cycle(self, index: int, position: float) -> None:
+        """One cycle in which one joint is sent to a position, and the others stay. Raises StoppedError."""
+        if self._stopped():
+            raise StoppedError("stopped: the arm is limp")
+        wanted = self.command.copy()
+        wanted[index] = position
+        self.command = self._gate.limit(wanted, self.command, PERIOD_S).values
+        self._hardware.write(JointCommand(self.command, PERIOD_S))
+        self._clock.sleep_until(self._clock.now() + PERIOD_S)
+        self._state = self._hardware.read()
+        self._faulty_cycles = self._faulty_cycles + 1 if self._state.faults else 0
+        if self._faulty_cycles > PATIENCE_CYCLES:
+            raise StoppedError("; ".join(fault.text for fault in self._state.faults.values()))
+
+    def _let_down(self) -> None:
+        """Take the torque back step by step; a servo that does not take it is let go with the others in the end."""
+        assert self._bus is not None
+        for share in LETTING_DOWN:
+            for joint in self.joints:
+                try:
+                    self._bus.limit_torque(joint.servo_id, min(share, joint.torque_limit))
+                except DriverError:
+                    continue
+            self._clock.sleep_until(self._clock.now() + LETTING_DOWN_S)
+
+
+def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:
+    fastest = min(SPEED_SHARE * joint.limits.velocity, fastest_rad_s * joint.transmission)
+    return replace(joint.limits, velocity=fastest)

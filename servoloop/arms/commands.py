@@ -1,0 +1,66 @@
+"""``servoloop arms``: what is ready, and what is wrong with a folder."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from servoloop.arms.folder import PATHS, Arm, arms, find_arm
+
+app = typer.Typer(help="The arms that are ready to use.")
+
+JsonOption = Annotated[bool, typer.Option("--json", help="JSON instead of words.")]
+
+
+@app.callback(invoke_without_command=True)
+def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
+    """List the arms that are ready: what `--arm` takes.
+
+    Example: `servoloop arms`
+    """
+    if context.invoked_subcommand:
+        return
+    found = arms()
+    if as_json:
+        typer.echo(json.dumps([_content(arm) for arm in found], indent=2))
+    else:
+        print_table(found, Console())
+
+
+def print_table(found: list[Arm], console: Console) -> None:
+    """Print the arms for people."""
+    table = Table("arm", "what it is", "licence of the description")
+    for arm in found:
+        table.add_row(arm.name, escape(arm.file.description), arm.file.license)
+    console.print(table)
+
+
+@app.command()
+def check(
+    folder: Annotated[str, typer.Argument(help="An arm's folder, or the name of one that is ready.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Say all that is wrong with an arm, at once; exit with 0 if it is nothing.
+
+    Example: `servoloop arms check ./my_arm`
+    """
+    from servoloop.arms.check import check_arm
+
+    place = Path(folder) if Path(folder).is_dir() else find_arm(folder).folder
+    problems = check_arm(place)
+    if as_json:
+        typer.echo(json.dumps({"folder": str(place), "problems": problems}, indent=2))
+    else:
+        typer.echo("\n".join(problems) or f"{place.name} is right")
+    raise typer.Exit(1 if problems else 0)
+
+
+def _content(arm: Arm) -> dict[str, str]:
+    """The arm for programs; files are absolute paths."""
+    files = {name: str(getattr(arm, name)) for name in PATHS}
+    about = {"description": arm.file.description, "source": arm.file.source, "license": arm.file.license}
+    return {"name": arm.name, **about, "folder": str(arm.folder), **files}

@@ -1,0 +1,76 @@
+"""An arm's pick-place parameters: what the node is started with, read without ROS."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+from pydantic import BaseModel, Field, model_validator
+
+from hal.errors import ArmFileError
+from hal.yaml_file import load
+
+if TYPE_CHECKING:
+    from nodes.pick_place.settings import Settings
+
+Pose = Annotated[tuple[float, ...], Field(min_length=1)]
+
+
+class PickPlacePoses(BaseModel):
+    """The two poses of every job, rad."""
+
+    ready: Pose
+    pick: Pose
+
+
+class PickPlace(BaseModel):
+    """The parameters that belong to the arm and its cell; the others are the node's business."""
+
+    joints: tuple[str, ...]
+    """The arm's, without the hand: the order of all poses."""
+    poses: PickPlacePoses
+    grades: tuple[str, ...]
+    bins: dict[str, Pose]
+    """By grade."""
+    hand_open_m: float
+    """rad for a hand whose joint is revolute."""
+    hand_closed_m: float
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        homeless = [grade for grade in self.grades if grade not in self.bins]
+        short = [name for name, pose in self.all_poses().items() if len(pose) != len(self.joints)]
+        if homeless or short:
+            problems = [f"grade {grade} has no pose under bins" for grade in homeless]
+            problems += [f"{name} has not one number for each of the {len(self.joints)} joints" for name in short]
+            raise ValueError("; ".join(problems))
+        return self
+
+    def all_poses(self) -> dict[str, Pose]:
+        """Every pose by its name in the file."""
+        bins = {f"bins.{grade}": pose for grade, pose in self.bins.items()}
+        return {"poses.ready": self.poses.ready, "poses.pick": self.poses.pick, **bins}
+
+    def settings(self) -> "Settings":
+        """The same for the node's own code, its times as they are by default."""
+        from nodes.pick_place.settings import Settings
+
+        return Settings(
+            joints=self.joints,
+            ready_rad=self.poses.ready,
+            pick_rad=self.poses.pick,
+            bins_rad={grade: self.bins[grade] for grade in self.grades},
+            hand_open_m=self.hand_open_m,
+            hand_closed_m=self.hand_closed_m,
+        )
+
+
+class _Parameters(BaseModel):
+    ros__parameters: PickPlace
+
+
+class _File(BaseModel):
+    vision_pick_place_controller: _Parameters
+
+
+def load_pick_place(path: Path) -> PickPlace:
+    """Read the file. Raises ArmFileError with every mistake, its file and line."""
+    return load(path, _File, ArmFileError).vision_pick_place_controller.ros__parameters

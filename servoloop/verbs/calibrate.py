@@ -1,0 +1,128 @@
+"""``servoloop calibrate``: the servos' counts become the URDF's angles."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivers.errors import DriverError
+from hal.errors import DescriptionError
+from servoloop.verbs.output import JsonOption, YesOption, print_json
+
+if TYPE_CHECKING:
+    from commissioning.calibrate.run import Outcome
+    from servoloop.arms.folder import Arm
+    from servoloop.files import Files
+
+AUTO = "The arm moves by itself now, slowly, from stop to stop: clear its table, keep away. Any key stops it. Begin?"
+
+
+def calibrate(
+    port: Annotated[str, typer.Option(help="Serial device of the servos.")],
+    arm: Annotated[str, typer.Option(help="The arm: a name that `servoloop arms` lists, or its folder.")],
+    auto: Annotated[
+        bool, typer.Option("--auto", help="Nobody moves the arm: it is driven softly to its stops.")
+    ] = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find each joint's zero and direction, and store them beside the arm's robot file.
+
+    Torque is off unless a sentence says that it goes on, and off at the end, whatever happens. Nothing is written
+    before you have seen what was found. With --auto somebody still looks on, and says which way each joint moved.
+    Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
+    """
+    from commissioning.calibrate.result import CalibrationError
+    from servoloop.arms.folder import find_arm, read_arm_files
+    from servoloop.signals import Signals
+    from servoloop.verbs.terminal import Terminal
+
+    found = find_arm(arm)
+    files = read_arm_files(found)
+    if len(files.robot.file.lines()) != 1:
+        raise DescriptionError(
+            f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
+        )
+    with Signals("servos that were under torque hold") as signals:
+        try:
+            outcome = _calibrated(found, files, port, Terminal(signals, yes), auto)
+        except CalibrationError as error:
+            raise DriverError(str(error)) from error
+    if json:
+        print_json(_plain(outcome))
+    elif outcome.stored:
+        typer.echo(f"stored in {outcome.path}; what was there before is beside it, with .1 behind its name")
+    raise typer.Exit(0 if outcome.stored else 1)
+
+
+def _calibrated(arm: "Arm", files: "Files", port: str, terminal: Any, auto: bool) -> "Outcome":
+    from commissioning.calibrate.driven import by_itself
+    from commissioning.calibrate.run import calibrate as run
+    from drivers.bus.bus import Bus
+    from drivers.clock import MonotonicClock
+    from drivers.port.serial_port import SerialPort
+    from servoloop.hardware import servo_bus
+    from servoloop.processes import Interrupted
+
+    clock, joints, plan = MonotonicClock(), files.robot.joints, arm.file.calibration
+    baud = next(iter(files.robot.file.lines().values())).baud
+
+    def open_bus() -> Bus:
+        return servo_bus(files.robot.file, SerialPort(port, baud, clock), clock)
+
+    if auto and not terminal.confirm(AUTO):
+        raise Interrupted("nothing was moved")
+    measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
+    return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure)
+
+
+def _plain(outcome: "Outcome") -> dict[str, Any]:
+    """The outcome for programs."""
+    return {
+        "stored": outcome.stored,
+        "file": str(outcome.path),
+        "tried_under_torque": outcome.tried,
+        "joints": {
+            one.joint: {
+                "servo_id": one.servo_id,
+                "sign": one.made.sign,
+                "zero_counts": one.made.zero_counts,
+                "homing_offset": one.made.homing_offset,
+                "lower_counts": one.made.lower_counts,
+                "upper_counts": one.made.upper_counts,
+                "zero_moved": one.zero_moved,
+                "doubt": one.doubt or None,
+            }
+            for one in outcome.differences
+        },
+    }
+
+
+def hand(
+    link: Annotated[Path, typer.Argument(help="Where `servoloop emulate` serves the bus.")],
+    do: Annotated[str, typer.Argument(help="hold, release, move or look; connect or disconnect servos of a box.")],
+    joint: Annotated[str | None, typer.Argument(help="One joint; hold, release and connect take all without.")] = None,
+    position: Annotated[float | None, typer.Argument(help="Where to move it, rad or m as the URDF counts.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Take the virtual arm by the hand, to practise: hold joints, move one to a position, let go.
+
+    Example: `servoloop hand ./bus hold`, `servoloop hand ./bus move elbow_flex 1.2`
+    """
+    from sim_backend.control import ask, control_path
+
+    command: dict[str, Any] = {"do": do, "joints": [joint] if joint else []}
+    if do == "move" and (joint is None or position is None):
+        raise DriverError("move takes a joint and a position: servoloop hand ./bus move elbow_flex 1.2")
+    if position is not None:
+        command["position"] = position
+    try:
+        found = ask(control_path(link), command)
+    except ValueError as error:
+        raise DriverError(str(error)) from error
+    if json:
+        print_json(found)
+        return
+    for name, state in found.items():
+        held = "held" if state["held"] else "free"
+        typer.echo(f"{name:18} {state['position']:+8.4f}  {held}{'' if state['arrived'] else ', on its way'}")

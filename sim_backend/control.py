@@ -1,0 +1,107 @@
+"""Commands to a running emulator, on a Unix socket beside the bus: what somebody at the bench does with their hands.
+
+One JSON line asks, one JSON line answers. The emulator's loop polls and never waits.
+"""
+
+import contextlib
+import json
+import socket
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from drivers.errors import PortError
+from sim_backend.world_feed import remove_remains
+
+ANSWER_S: Final = 5.0
+"""So long a client waits for an emulator's answer."""
+
+Command = Mapping[str, Any]
+Handler = Callable[[Command], Mapping[str, Any]]
+
+
+def control_path(link: Path) -> Path:
+    """Where the emulator of the bus at ``link`` takes commands."""
+    return link.with_name(link.name + ".control")
+
+
+class ControlServer:
+    """The emulator's side; a context manager. ``tick`` belongs in its loop."""
+
+    def __init__(self, path: Path, handle: Handler) -> None:
+        """``handle`` does a command and says what came of it; ValueError for one that it does not take."""
+        self.path = path
+        self._handle = handle
+        self._clients: dict[socket.socket, bytes] = {}
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.setblocking(False)
+        try:
+            remove_remains(path)
+            self._socket.bind(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
+        self._socket.listen()
+
+    def tick(self) -> None:
+        """Do what has been asked since the last call."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                client, _ = self._socket.accept()
+                client.setblocking(False)
+                self._clients[client] = b""
+        for client in list(self._clients):
+            self._serve(client)
+
+    def _serve(self, client: socket.socket) -> None:
+        try:
+            data = client.recv(65536)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        *lines, self._clients[client] = (self._clients[client] + data).split(b"\n")
+        with contextlib.suppress(OSError):
+            for line in lines:
+                client.sendall(json.dumps(self._answer(line)).encode() + b"\n")
+        if not data:
+            client.close()
+            del self._clients[client]
+
+    def _answer(self, line: bytes) -> Mapping[str, Any]:
+        try:
+            return self._handle(json.loads(line))
+        except (ValueError, TypeError, KeyError) as error:
+            return {"error": str(error)}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for end in (*self._clients, self._socket):
+            end.close()
+        self.path.unlink(missing_ok=True)
+
+
+def ask(path: Path, command: Command) -> dict[str, Any]:
+    """Give a command to the emulator behind ``path``; its answer. Raises PortError, ValueError where it refuses."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(ANSWER_S)
+        try:
+            line.connect(str(path))
+            line.sendall(json.dumps(command).encode() + b"\n")
+            answer = b""
+            while not answer.endswith(b"\n"):
+                more = line.recv(65536)
+                if not more:
+                    raise ConnectionError("it hung up")
+                answer += more
+        except OSError as error:
+            raise PortError(f"no emulator takes commands at {path} ({error}): is it running?") from error
+    found: dict[str, Any] = json.loads(answer)
+    if "error" in found:
+        raise ValueError(found["error"])
+    return found

@@ -1,0 +1,194 @@
+"""``arms check``: each fault of a folder is found, several at once, and arms that ship have none."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from servoloop.arms.check import check_arm
+from servoloop.arms.folder import ARMS, Arm, arms
+
+FILES = {
+    "arm.yaml": ARMS / "so101" / "arm.yaml",
+    "arm.urdf": ARMS / "so101" / "arm.urdf",
+    "robot.yaml": ARMS / "so101" / "robot.yaml",
+    "scene.xml": ARMS / "so101" / "scene.xml",
+    "controllers.yaml": ARMS / "so101" / "controllers.yaml",
+    "pick_place.yaml": ARMS / "so101" / "pick_place.yaml",
+}
+PARALLEL = {
+    "arm.yaml": ARMS / "so101" / "arm.yaml",
+    "arm.urdf": ARMS.parents[1] / "urdf" / "robot_arm.urdf",
+    "robot.yaml": ARMS.parent / "robot_arm.yaml",
+    "scene.xml": ARMS.parents[1] / "urdf" / "scene.xml",
+    "controllers.yaml": ARMS.parent / "arm_controllers.yaml",
+    "pick_place.yaml": ARMS.parent / "vision_pick_place_controller.yaml",
+}
+"""The arm whose left finger mimics the right one."""
+Edit = tuple[str, str, str]
+
+
+def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
+    """A copy of an arm with something replaced in its files."""
+    for name, original in files.items():
+        shutil.copy(original, folder / name)
+    for name, old, new in edits:
+        text = (folder / name).read_text()
+        assert old in text, old
+        (folder / name).write_text(text.replace(old, new, 1))
+    return folder
+
+
+@pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
+def test_an_arm_that_ships_is_right(arm: Arm) -> None:
+    assert check_arm(arm.folder) == []
+
+
+@pytest.mark.parametrize("files", [FILES, PARALLEL], ids=["so101", "parallel"])
+def test_a_copy_elsewhere_is_right_too(tmp_path: Path, files: dict[str, Path]) -> None:
+    assert check_arm(folder_with(tmp_path, files)) == []
+
+
+FAULTS: dict[str, tuple[Edit, str]] = {
+    "a joint without a servo": (
+        ("robot.yaml", "  gripper:\n", "  jaw:\n"),
+        "robot.yaml: the URDF commands gripper, for which the robot file has no servo",
+    ),
+    "limits beyond the servo's counts": (
+        (
+            "robot.yaml",
+            "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 2047",
+            "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 900",
+        ),
+        "shoulder_pan: its limits are the servo's counts",
+    ),
+    "a servo of an unknown model": (("robot.yaml", "model: sts3215_c001", "model: sts9"), "unknown model sts9"),
+    "a mass of zero": (
+        ("arm.urdf", '<mass value="0.104"/>', '<mass value="0"/>'),
+        "lower_arm_link: its mass in the URDF",
+    ),
+    "an inertia of zero": (("arm.urdf", 'ixx="2.87438e-05"', 'ixx="0"'), "lower_arm_link: its inertia in the URDF"),
+    "a placeholder for the velocity": (
+        ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="1.91" velocity="10"'),
+        "shoulder_pan: velocity 10 in the URDF; its servo, sts3215_c001, makes 5.45 without load",
+    ),
+    "a placeholder for the effort": (
+        ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="10" velocity="4"'),
+        "shoulder_pan: effort 10 in the URDF; its servo, sts3215_c001, stalls at 1.91",
+    ),
+    "no effort": (("arm.urdf", ' effort="1.91"', ""), "shoulder_pan: the URDF's <limit> has no effort"),
+    "no ros2_control": (("arm.urdf", "<ros2_control", "<nothing"), "arm.urdf"),
+    "a scene that MuJoCo cannot read": (("scene.xml", "<worldbody>", "<world>"), "scene.xml: MuJoCo cannot read it"),
+    "a joint of another name in the scene": (
+        ("scene.xml", '<joint name="elbow_flex"', '<joint name="elbow"'),
+        "scene.xml: MuJoCo cannot read it",
+    ),
+    "a link elsewhere in the scene": (
+        ("scene.xml", 'name="lower_arm_link" pos="-0.11257', 'name="lower_arm_link" pos="-0.1225'),
+        "lower_arm_link is up to 0.0099 m and 0.000 rad away from where the URDF has it",
+    ),
+    "a joint of the other direction in the scene": (
+        ("scene.xml", '<joint name="elbow_flex"', '<joint axis="0 0 -1" name="elbow_flex"'),
+        "scene.xml: lower_arm_link is up to 0.0000 m and",
+    ),
+    "a range that differs": (
+        ("scene.xml", 'name="wrist_flex" range="-1.65806', 'name="wrist_flex" range="-1.5'),
+        "wrist_flex goes from -1.5 to 1.65806 here and from -1.65806 to 1.65806 in the URDF",
+    ),
+    "a mass that differs": (
+        ("scene.xml", 'mass="0.104"', 'mass="0.2"'),
+        "lower_arm_link weighs 0.2 kg here and 0.104 kg in the URDF",
+    ),
+    "a centre of mass that differs": (
+        ("scene.xml", 'pos="-0.0980701 ', 'pos="0.0980701 '),
+        "lower_arm_link has its centre of mass at",
+    ),
+    "an inertia that differs": (
+        ("scene.xml", 'fullinertia="2.87438e-05', 'fullinertia="4e-05'),
+        "lower_arm_link has the principal inertias",
+    ),
+    "no keyframe": (("scene.xml", 'key name="ready"', 'key name="start"'), "scene.xml: it has no keyframe ready"),
+    "no bin": (("scene.xml", 'body name="bin_B"', 'body name="box"'), "scene.xml: it has no body bin_B"),
+    "no actuator": (
+        ("scene.xml", '<motor name="wrist_roll" joint="wrist_roll"/>', ""),
+        "scene.xml: it has no actuator wrist_roll",
+    ),
+    "a ready pose that is not the keyframe's": (
+        ("pick_place.yaml", "ready: [0.0, -0.603", "ready: [0.0, -0.5"),
+        "poses.ready has shoulder_lift at -0.5, and scene.xml's keyframe ready at -0.603",
+    ),
+    "a pose outside the limits": (
+        ("pick_place.yaml", "A: [-1.301", "A: [-2.301"),
+        "bins.A: -2.301 is outside the limits -1.91986 to 1.91986 of shoulder_pan",
+    ),
+    "a hand outside its limits": (
+        ("pick_place.yaml", "hand_closed_m: -0.1", "hand_closed_m: -0.3"),
+        "hand_closed_m: -0.3",
+    ),
+    "a pose of another length": (("pick_place.yaml", "A: [-1.301, ", "A: ["), "bins.A has not one number for each"),
+    "a grade without a bin": (("pick_place.yaml", "[A, B, C]", "[A, B, C, D]"), "grade D has no pose under bins"),
+    "joints that the controller does not have": (
+        ("pick_place.yaml", "joints: [shoulder_pan, shoulder_lift", "joints: [shoulder_lift, shoulder_pan"),
+        "its joints are not those of arm_controller",
+    ),
+    "a load that the servos cannot hold": (
+        ("arm.urdf", '<mass value="0.087"/>', '<mass value="1.087"/>'),
+        "poses.ready: gravity asks",
+    ),
+    "a controller of another joint": (("controllers.yaml", "joints: [gripper]", "joints: [jaw]"), "names jaw"),
+    "a mistake in arm.yaml": (("arm.yaml", "description:", "descriptive:"), "arm.yaml:1: descriptive"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found(tmp_path: Path, fault: str) -> None:
+    edit, says = FAULTS[fault]
+    problems = check_arm(folder_with(tmp_path, FILES, edit))
+    assert any(says in problem for problem in problems), problems
+    assert all(str(tmp_path) in problem for problem in problems)  # it says in which file
+
+
+MIMIC: dict[str, tuple[Edit, str]] = {
+    "the wrong sign in the URDF": (
+        ("arm.urdf", '<mimic joint="hand_right_joint"/>', '<mimic joint="hand_right_joint" multiplier="-1"/>'),
+        "hand_left_joint mimics hand_right_joint from -0.05 to 0, and its limits are 0 to 0.05: look at the sign",
+    ),
+    "the wrong sign in the scene": (
+        ("scene.xml", 'joint2="hand_right_joint" solref', 'joint2="hand_right_joint" polycoef="0 -1 0 0 0" solref'),
+        "hand_left_joint follows hand_right_joint by -1 and 0 here, and by 1 and 0 in the URDF",
+    ),
+    "no coupling in the scene": (
+        ("scene.xml", '<joint joint1="hand_left_joint" joint2="hand_right_joint" solref="0.004 1"/>', ""),
+        "hand_left_joint does not follow hand_right_joint here",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", MIMIC)
+def test_each_fault_of_a_mimic_is_found(tmp_path: Path, fault: str) -> None:
+    edit, says = MIMIC[fault]
+    problems = check_arm(folder_with(tmp_path, PARALLEL, edit))
+    assert any(says in problem for problem in problems), problems
+
+
+def test_faults_of_all_files_are_said_at_once(tmp_path: Path) -> None:
+    names = [
+        *("a joint without a servo", "a mass of zero", "a range that differs", "no keyframe"),
+        *("a pose outside the limits", "a controller of another joint", "a joint of the other direction in the scene"),
+    ]
+    problems = check_arm(folder_with(tmp_path, FILES, *(FAULTS[name][0] for name in names)))
+    for name in names:
+        assert any(FAULTS[name][1] in problem for problem in problems), (name, problems)
+
+
+@pytest.mark.parametrize("name", ["arm.urdf", "robot.yaml", "scene.xml", "controllers.yaml", "pick_place.yaml"])
+def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / name).unlink()
+    assert any(name in problem for problem in check_arm(folder))
+
+
+@pytest.mark.parametrize("mass", ["-1", "heavy", "nan"])
+def test_masses_that_make_no_sense_are_no_crash(tmp_path: Path, mass: str) -> None:
+    edit = ("arm.urdf", '<mass value="0.104"/>', f'<mass value="{mass}"/>')
+    assert any("lower_arm_link" in problem for problem in check_arm(folder_with(tmp_path, FILES, edit)))

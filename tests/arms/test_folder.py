@@ -1,0 +1,117 @@
+"""Arms by name and by folder, on the command line too."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hal.errors import ArmFileError
+from servoloop import cli
+from servoloop.arms.folder import ARMS, OWN, arms, find_arm, read_arm_files
+from servoloop.files import CONFIG, URDF, read_files
+from tests.complaint import complaint
+
+RUNNER = CliRunner()
+
+
+def test_the_arms_that_are_ready() -> None:
+    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
+    assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
+    assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
+
+
+def test_every_file_of_every_arm_can_be_read() -> None:
+    for arm in arms():
+        files = read_arm_files(arm)
+        assert files.scene == arm.scene and files.robot_path == arm.robot
+
+
+def test_this_projects_arm_is_that_of_its_files() -> None:
+    assert read_arm_files(find_arm()).robot == read_files().robot
+
+
+def test_single_files_count_more_than_the_arms(tmp_path: Path) -> None:
+    so101 = find_arm("so101")
+    twelve_volts = find_arm("so101_12v").robot
+    assert read_arm_files(so101, robot=twelve_volts).robot_path == twelve_volts
+    assert read_arm_files(so101, URDF, CONFIG / "arm_controllers.yaml").robot_path == CONFIG / "robot_arm.yaml"
+
+
+def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "arm.yaml").write_text(f"description: mine\nurdf: {URDF}\nsource: me\nlicense: MIT\n")
+    arm = find_arm(str(folder))
+    assert (arm.name, arm.urdf, arm.robot) == ("mine", URDF, folder / "robot.yaml")
+
+
+def test_an_arm_may_be_like_another_one(tmp_path: Path) -> None:
+    low, high = find_arm("so101"), find_arm("so101_12v")
+    assert (high.urdf, high.scene, high.pick_place) == (low.urdf, low.scene, low.pick_place)
+    assert high.robot != low.robot and high.file.calibration == low.file.calibration != type(low.file.calibration)()
+    assert (high.file.source, high.file.license) == (low.file.source, low.file.license)
+    (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {high.folder}\n")
+    with pytest.raises(ArmFileError, match=r"so101_12v is itself like \.\./so101: name that one"):
+        find_arm(str(tmp_path))
+
+
+def test_an_arm_says_where_its_description_comes_from(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("description: mine\n")
+    with pytest.raises(ArmFileError, match="source and license of the description are missing"):
+        find_arm(str(tmp_path))
+
+
+def test_an_unknown_arm_is_told_which_there_are() -> None:
+    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_12v, or a folder"):
+        find_arm("so102")
+
+
+@pytest.mark.parametrize("verb", ["up", "emulate", "demo"])
+def test_every_verb_knows_arms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    more = [str(tmp_path / "bus")] if verb == "emulate" else []
+    assert "there is no arm so102" in complaint(capsys, monkeypatch, verb, "--arm", "so102", *more)
+
+
+def test_the_demo_has_the_grades_of_its_arm(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = complaint(capsys, monkeypatch, "demo", "--arm", "so101", "--grades", "A,D")
+    assert "--grades D: there is no bin for it." in said and "so101/pick_place.yaml" in said
+
+
+def test_the_list_for_people_and_for_programs() -> None:
+    words = RUNNER.invoke(cli.app, ["arms"])
+    assert words.exit_code == 0 and "so101_12v" in words.output
+    listed = json.loads(RUNNER.invoke(cli.app, ["arms", "--json"]).output)
+    assert [arm["name"] for arm in listed] == [arm.name for arm in arms()]
+    assert all(Path(arm[file]).is_file() for arm in listed for file in ("urdf", "robot", "scene", "pick_place"))
+
+
+def test_the_check_on_the_command_line(tmp_path: Path) -> None:
+    right = RUNNER.invoke(cli.app, ["arms", "check", "so101"])
+    assert (right.exit_code, right.output) == (0, "so101 is right\n")
+    (tmp_path / "arm.yaml").write_text("description: nothing\nsource: me\nlicense: MIT\n")
+    wrong = RUNNER.invoke(cli.app, ["arms", "check", str(tmp_path), "--json"])
+    assert wrong.exit_code == 1
+    assert len(json.loads(wrong.output)["problems"]) >= 3
+
+
+def test_the_dynamixel_sister_differs_in_its_efforts_alone() -> None:
+    effort = re.compile(r'effort="[^"]*"')
+    one, other = (effort.sub("", path.read_text()) for path in (URDF, find_arm("robot_arm_dynamixel").urdf))
+    changed = [pair for pair in zip(one.splitlines(), other.splitlines(), strict=True) if pair[0] != pair[1]]
+    assert len(changed) == 2  # the comment and the robot file's name
+
+
+def test_both_voltages_of_the_so101_are_mounted_alike() -> None:
+    low, high = (read_arm_files(find_arm(name)).robot for name in ("so101", "so101_12v"))
+    assert {joint.model.rated_voltage_v for joint in low.joints} == {7.4}
+    assert {joint.model.rated_voltage_v for joint in high.joints} == {12.0}
+    assert [(j.name, j.servo_id, j.sign, j.zero_counts) for j in low.joints] == [
+        (j.name, j.servo_id, j.sign, j.zero_counts) for j in high.joints
+    ]
+    assert low.file.park == high.file.park and low.file.controller_defaults == high.file.controller_defaults

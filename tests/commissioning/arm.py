@@ -1,0 +1,154 @@
+"""A virtual arm that nobody aligned, limp on its bus, and somebody who moves it as asked, or looks at it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from commissioning.calibrate.flow import Task
+from commissioning.calibrate.plan import ArmPlan, JointPlan
+from drivers.bus.bus import Bus
+from hal.joint import Joint
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.emulator import couplings, virtual_bus
+from sim_backend.build import Build
+from sim_backend.clock import SimulatedClock
+from sim_backend.hand import Hand
+from sim_backend.mounting import Mounting
+from sim_backend.plant import Coupling, WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+FILES = read_arm_files(find_arm())
+JOINTS: Sequence[Joint] = FILES.robot.joints
+PLAN = ArmPlan(
+    joints={joint.name: JointPlan(positive="towards larger positions") for joint in JOINTS}
+    | {
+        "joint1": JointPlan(positive="to the left", zero="pose", pose="pointing forward", at=0.1),
+        "hand_right_joint": JointPlan(positive="closing", zero="lower_stop"),
+    }
+)
+LOOK_S = 0.05
+OVER_THE_STOP_RAD = 0.05
+"""So much further than a stop the hand wants to go."""
+
+
+class UnalignedArm:
+    """The arm with random zeros and directions on a virtual bus, on simulated time, in somebody's hands."""
+
+    def __init__(
+        self, seed: int, backlash_deg: float = 0.0, name: str = "robot_arm", start: Sequence[float] | None = None
+    ) -> None:
+        """``start``: where the joints are. Without it they are all at 0, and the arm hangs free."""
+        self.clock = SimulatedClock()
+        self.plan = find_arm(name).file.calibration
+        self.files = read_arm_files(find_arm(name))
+        self.joints = self.files.robot.joints
+        self.couplings: list[Coupling] = Mounting(seed).couplings(couplings(self.files.robot))
+        gaps = Build(backlash_deg).gaps(self.couplings)
+        at = [0.0] * len(self.joints) if start is None else start
+        self.world = World(self.files.scene, backlash=gaps, initial_position=at)
+        self.world.clear_table()
+        if start is None:
+            self.world.model.geom_contype[:] = 0
+        self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
+        self.fastest_rad_s = 0.0
+        """Of the servos' shafts, so far."""
+        self._reach = np.array([one.transmission for one in self.couplings])
+        self.mark()
+        plant = WorldPlant(self.world, self.couplings, self._after_step)
+        self.line = virtual_bus(self.files.robot, plant)
+        self.bus = self.open_bus(self.joints)
+        self.hand.hold()
+
+    def open_bus(self, joints: Sequence[Joint]) -> Bus:
+        """The same line, opened by another program."""
+        self.port = VirtualPort(self.line, self.clock)
+        return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints})
+
+    def mark(self) -> None:
+        """From here on see how far the joints go."""
+        self._marked = self.world.position()
+        self._farthest = np.zeros(len(self._marked))
+
+    def went(self, joint: str) -> float:
+        """How far the joint went since the mark, at the farthest, with the sign."""
+        return float(self._farthest[self.world.joints.index(joint)])
+
+    def _after_step(self, time_s: float) -> None:
+        self.hand.update()
+        self.fastest_rad_s = max(self.fastest_rad_s, float(np.abs(self.world.velocity() / self._reach).max()))
+        away = self.world.position() - self._marked
+        self._farthest = np.where(np.abs(away) > np.abs(self._farthest), away, self._farthest)
+
+    def coupling(self, joint: str) -> Coupling:
+        """How this joint's servo is really mounted."""
+        return next(one for one in self.couplings if one.joint == joint)
+
+    def wait(self) -> None:
+        self.clock.sleep_until(self.clock.now() + LOOK_S)
+
+
+@dataclass
+class Person:
+    """Does what it is asked to, with the virtual hand."""
+
+    arm: UnalignedArm
+    plans: Mapping[str, JointPlan] = field(default_factory=lambda: PLAN.joints)
+    heard: list[str] = field(default_factory=list)
+    lazy: Callable[[Task], bool] = lambda task: False
+    """Tasks at which nothing is done."""
+    skipped: set[str] = field(default_factory=set)
+    """Joints that are not swept."""
+
+    def say(self, text: str) -> None:
+        self.heard.append(text)
+
+    def until_done(self, task: Task, look: Callable[[], None]) -> None:
+        self.heard.append(task.text)
+        if self.lazy(task):
+            return
+        left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
+        self.move(task.kind, left, look)
+
+    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+        """Do one kind of task with these joints, one after the other."""
+        for name in joints:
+            joint = next(joint for joint in self.arm.joints if joint.name == name)
+            for position in self._ways(kind, joint):
+                self._take(name, position, look)
+
+    def _ways(self, kind: str, joint: Joint) -> list[float]:
+        lower, upper, here = joint.limits.lower, joint.limits.upper, self.arm.hand.position(joint.name)
+        over = OVER_THE_STOP_RAD * joint.transmission
+        if kind == "sweep":
+            return [lower - over, upper + over, 0.5 * (lower + upper)]
+        if kind == "direction":
+            back = max(here - 0.3 * joint.transmission, lower)
+            return [back, back + 0.6 * joint.transmission]
+        return [self.plans[joint.name].at or 0.0]
+
+    def _take(self, joint: str, position: float, look: Callable[[], None]) -> None:
+        hand = self.arm.hand
+        hand.move(joint, position)
+        while not hand.arrived(joint):
+            self.arm.wait()
+            look()
+        for _ in range(6):  # until the joint has come to rest behind it
+            self.arm.wait()
+            look()
+
+
+@dataclass
+class Onlooker:
+    """Somebody who sees which way a joint went, and touches nothing."""
+
+    arm: UnalignedArm
+    heard: list[str] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        self.heard.append(text)
+        self.arm.mark()
+
+    def moved_so(self, joint: str, text: str) -> bool:
+        return self.arm.went(joint) > 0.0

@@ -1,0 +1,45 @@
+"""A virtual bus on a pseudo-terminal, in real time, in a thread; and verbs run on it in this process."""
+
+import io
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.servos import x
+from drivers.servos.register import ServoModel
+from servoloop import cli
+from sim_backend.bus import VirtualBus
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.emulator import serve
+from sim_backend.line import ServoLine
+from sim_backend.plant import BenchPlant
+
+
+@contextmanager
+def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[Any]]:
+    """The bus at ``link`` until the end of the block. It belongs to the thread: look at its memory only."""
+    of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.Model) else VirtualBus.of
+    bus: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
+    ready, stop = threading.Event(), threading.Event()
+    thread = threading.Thread(target=serve, args=(bus, link), kwargs={"stop": stop.is_set, "on_ready": ready.set})
+    thread.start()
+    try:
+        assert ready.wait(30.0)
+        yield bus
+    finally:
+        stop.set()
+        thread.join()
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str, answer: str = "") -> int:
+    """Run a verb with this answer on its standard input; the exit status."""
+    monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
+    monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    return int(exit_.value.code or 0)

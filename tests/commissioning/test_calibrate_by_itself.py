@@ -1,0 +1,138 @@
+"""Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
+
+from dataclasses import replace
+from math import tau
+
+import pytest
+
+from commissioning.calibrate.driven import ByItself
+from commissioning.calibrate.result import CalibrationError, doubts
+from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
+from drivers.errors import DriverError
+from drivers.servos import sts
+from drivers.servos.catalog import MODELS
+from servoloop.arms.folder import find_arm
+from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm
+from tests.drivers.fault_lines import CYCLES
+
+ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
+SEEDS = range(max(1, CYCLES // 500))
+"""Two, in make soak twenty."""
+
+
+def off_rad(arm: UnalignedArm, joint: str, counts: int) -> float:
+    return abs((counts - arm.coupling(joint).zero_counts + 2048) % 4096 - 2048) * tau / 4096
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
+@pytest.mark.parametrize("seed", range(3))
+def test_zeros_and_directions_are_found(seed: int, backlash_deg: float) -> None:
+    arm = UnalignedArm(seed, backlash_deg)
+    arm.hand.release()
+    arm.fastest_rad_s = 0.0
+    found = ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLAN, Onlooker(arm), arm.clock).run()
+    allowed_rad = ZERO_WITH_BACKLASH_RAD if backlash_deg else ZERO_RAD
+    for joint in JOINTS:
+        made = found[joint.name]
+        assert made.sign == arm.coupling(joint.name).sign, joint.name
+        assert off_rad(arm, joint.name, made.zero_counts + (made.homing_offset or 0)) <= allowed_rad, joint.name
+        assert doubts(joint, made) == ""
+    for servo in arm.line.servos:
+        limits = servo.memory.get(sts.min_position), servo.memory.get(sts.max_position)
+        assert (servo.memory.get(sts.torque_enable), limits) == (0, (0, 4095))
+
+
+def by_itself(arm: UnalignedArm, **options: object) -> ByItself:
+    arm.hand.release()
+    arm.fastest_rad_s = 0.0
+    return ByItself(lambda: arm.open_bus(JOINTS), JOINTS, PLAN, Onlooker(arm), arm.clock, **options)  # type: ignore[arg-type]
+
+
+def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
+    arm.line.advance(arm.clock.now())
+    kept = [(s.memory.get(sts.min_position), s.memory.get(sts.max_position)) for s in arm.line.servos]
+    return not any(s.memory.get(sts.torque_enable) for s in arm.line.servos) and kept == [(0, 4095)] * len(kept)
+
+
+def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
+    arm = UnalignedArm(1)
+    stop_s = arm.clock.now() + 12.0
+    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+        by_itself(arm, stopped=lambda: arm.clock.now() > stop_s).run()
+    assert is_limp_with_its_limits(arm)
+    assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"
+
+
+@pytest.mark.slow
+def test_no_joint_is_ever_faster_than_tools_may_be() -> None:
+    arm = UnalignedArm(1)
+    fastest = 0.0
+
+    def watching() -> bool:
+        nonlocal fastest
+        fastest = max(fastest, arm.fastest_rad_s)
+        return False
+
+    by_itself(arm, stopped=watching).run()
+    assert fastest < 2.0 * FASTEST_RAD_S
+
+
+def test_a_joint_without_a_stop_ends_it_by_name() -> None:
+    arm = UnalignedArm(1)
+    arm.world.model.joint("joint2").range = (-20.0, 20.0)
+    with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) turned .* and found no stop"):
+        by_itself(arm).run()
+    assert is_limp_with_its_limits(arm)
+
+
+@pytest.mark.slow
+def test_something_in_the_way_is_taken_for_a_stop_and_the_travel_says_so() -> None:
+    arm = UnalignedArm(1)
+    arm.world.model.joint("joint3").range = (-1.2, 2.0)
+    found = by_itself(arm).run()
+    assert [bool(doubts(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
+
+
+def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
+    arm = UnalignedArm(1)
+
+    def break_one() -> bool:
+        if arm.clock.now() > 20.0:
+            arm.line.faults.silence(6)
+        return False
+
+    with pytest.raises(DriverError, match="servo 6"):
+        by_itself(arm, stopped=break_one).run()
+    others = [servo.memory.get(sts.torque_enable) for servo in arm.line.servos if servo.servo_id != 6]
+    assert not any(others), "one that does not hear keeps its torque, and nobody else does"
+
+
+def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
+    arm = UnalignedArm(1)
+    joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
+    with pytest.raises(CalibrationError, match="joint1: only STS servos calibrate themselves"):
+        ByItself(lambda: arm.open_bus(JOINTS), joints, PLAN, Onlooker(arm), arm.clock).run()
+
+
+SO101_FOLDED = (0.0, -1.7, 1.65, 0.9, 0.0, -0.1)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(seed: int) -> None:
+    plan = find_arm("so101").file.calibration
+    arm = UnalignedArm(seed, 1.0, "so101", SO101_FOLDED)
+    arm.hand.release()
+    arm.clock.sleep_until(2.0)
+    lay = arm.world.position()
+    found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, Onlooker(arm), arm.clock).run()
+    for joint in arm.joints:
+        made = found[joint.name]
+        assert made.sign == arm.coupling(joint.name).sign, joint.name
+        raw_zero = made.zero_counts + (made.homing_offset or 0)
+        assert off_rad(arm, joint.name, raw_zero) <= ZERO_WITH_BACKLASH_RAD, joint.name
+        assert doubts(joint, made) == ""
+    arm.clock.sleep_until(arm.clock.now() + 1.0)
+    arm.line.advance(arm.clock.now())
+    assert arm.world.position() == pytest.approx(lay, abs=0.1)

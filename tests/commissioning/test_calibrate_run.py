@@ -1,0 +1,105 @@
+"""The whole calibration, as the command line and scripts call it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from commissioning.calibrate.result import CalibrationError
+from commissioning.calibrate.run import LIMP, STORE, TRY, Difference, calibrate
+from drivers.errors import ServoRefused, ServoSilent
+from drivers.servos import sts
+from hal.calibration_file import calibration_path
+from servoloop.files import CONFIG, read_files
+from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
+
+SEED = 5
+
+
+@dataclass
+class Owner(Person):
+    """A person who also decides."""
+
+    no: tuple[str, ...] = ()
+    asked: list[str] = field(default_factory=list)
+    shown: list[Difference] = field(default_factory=list)
+
+    def confirm(self, question: str) -> bool:
+        self.asked.append(question)
+        if question == TRY:
+            self.arm.hand.release()
+        return question not in self.no
+
+    def show(self, differences: tuple[Difference, ...]) -> None:
+        self.shown = list(differences)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "robot.yaml"
+    path.write_text((CONFIG / "robot_arm.yaml").read_text())
+    return path
+
+
+def torque(arm: UnalignedArm) -> list[int]:
+    return [servo.servo_id for servo in arm.line.servos if servo.memory.get(sts.torque_enable)]
+
+
+def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_difference(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm)
+    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY]
+    assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
+    assert torque(arm) == []
+    joints = read_files(robot=robot).robot.joints
+    arm.hand.hold()
+    again = calibrate(robot, joints, PLAN.joints, lambda: arm.open_bus(joints), Owner(arm), arm.clock)
+    assert all(abs(one.zero_moved) < 0.004 * one.before.transmission for one in again.differences)
+    assert not any((again.changes or {}).values()), "what fits is not written again"
+
+
+def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
+    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
+    assert not outcome.stored and not calibration_path(robot).exists()
+    assert [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos] == before
+
+
+def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    arm.line.servo(2).memory.put(sts.torque_enable, 1)
+    with pytest.raises(CalibrationError, match="joint2 under torque: nothing was changed"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(LIMP,)), arm.clock)
+    assert torque(arm) == [2]
+
+
+def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm, no=(STORE,))
+    owner.skipped = {"joint3"}
+    calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    assert any("Not yet from stop to stop: joint3." in text for text in owner.heard)
+    assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
+
+
+def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
+    with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    assert not calibration_path(robot).exists()
+
+
+def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm)
+    arm.line.faults.silence(4)
+    with pytest.raises(ServoSilent, match="servo 4"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    arm.line.faults.restore(4)
+    arm.line.servo(5).memory.put(sts.model_number, 521)
+    with pytest.raises(ServoRefused, match="servo 5"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    assert owner.asked == []

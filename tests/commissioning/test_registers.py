@@ -1,0 +1,217 @@
+"""Registers by name on virtual servos: what is read, what is written and how, and what is refused."""
+
+from typing import Any
+
+import pytest
+
+from commissioning.errors import CommissioningError
+from commissioning.registers.access import GOALS, list_registers, read_register, write_register
+from commissioning.registers.tables import registers_of
+from commissioning.scan.find import find_servo
+from drivers.errors import ServoError
+from drivers.servos import ax_mx, scs, sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Access, ServoModel
+from sim_backend.faults import Disturbance
+from tests.commissioning.lines import ToolLine
+
+ONE_OF_EACH = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XM430_W350)
+every_make = pytest.mark.parametrize("model", ONE_OF_EACH, ids=lambda model: model.name)
+
+
+def line_of(model: ServoModel) -> ToolLine:
+    return ToolLine(dict.fromkeys((1, 3), model))
+
+
+def write(line: ToolLine, name: str, value: str | int, **options: Any) -> Any:
+    with find_servo(line.port, line.clock, 3) as servo:
+        return write_register(servo, name, value, **options)
+
+
+def writes(line: ToolLine) -> int:
+    """How many write instructions were sent, to single servos or groups."""
+    return sum(packet[7 if packet[3] == 0 else 4] in (3, 4, 0x83) for packet in line.sent)
+
+
+@every_make
+def test_the_table_is_the_models_and_nothing_is_written_for_it(model: ServoModel) -> None:
+    line = line_of(model)
+    with find_servo(line.port, line.clock, 3) as servo:
+        values = {one.name: one for one in list_registers(servo)}
+    assert list(values) == [register.name for register in registers_of(model)]
+    assert (values["id"].raw, values["id"].persistent, values["id"].writable) == (3, True, True)
+    assert values["present_voltage"].text == f"{model.rated_voltage_v:g} V"
+    assert values["model_number"].raw == model.number and model.name in values["model_number"].text
+    assert writes(line) == 0
+
+
+def test_a_quantity_comes_in_its_unit_with_the_raw_value() -> None:
+    line = line_of(sts.STS3215)
+    line.put(3, sts.max_voltage, 121)
+    with find_servo(line.port, line.clock, 3) as servo:
+        value = read_register(servo, "max_voltage")
+    assert (value.raw, value.value, value.unit, value.text) == (121, 12.1, "V", "12.1 V")
+
+
+@every_make
+def test_a_setting_is_written_once_under_its_lock_and_outlives_power_off(model: ServoModel) -> None:
+    line = line_of(model)
+    name = "max_temperature" if series_of(model).make == "feetech" else "temperature_limit"
+    written = write(line, name, "61C")
+    assert (written.changed, written.after.raw) == (True, 61)
+    line.servos.servo(3).power_cycle()
+    register = next(r for r in registers_of(model) if r.name == name)
+    assert line.held(3, register) == 61
+    if lock := series_of(model).lock:
+        assert line.held(3, lock) == 1
+    line.sent.clear()
+    assert not write(line, name, "61C").changed
+    assert writes(line) == 0
+
+
+@every_make
+def test_goals_are_refused_and_nothing_is_written(model: ServoModel) -> None:
+    line = line_of(model)
+    goals = [register.name for register in registers_of(model) if register.name in GOALS]
+    assert series_of(model).goal_position.name in goals
+    for name in goals:
+        with pytest.raises(CommissioningError, match=f"servo 3: {name} is an order to move"):
+            write(line, name, 100)
+    assert writes(line) == 0
+
+
+@every_make
+def test_what_can_only_be_read_or_has_a_verb_of_its_own_is_refused(model: ServoModel) -> None:
+    line = line_of(model)
+    read_only = [r.name for r in registers_of(model) if r.access is Access.READ]
+    for name, says in [
+        *((name, "can only be read") for name in read_only),
+        ("id", "set-id"),
+        ("baud_rate", "set-baud"),
+    ]:
+        with pytest.raises(CommissioningError, match=f"servo 3: {name} .*{says}"):
+            write(line, name, 0)
+    assert writes(line) == 0
+
+
+@every_make
+def test_under_torque_nothing_but_the_switch_is_written(model: ServoModel) -> None:
+    line = line_of(model)
+    held = series_of(model).torque_enable
+    write(line, "torque_enable", 1, torque=True)
+    line.sent.clear()
+    for name in ("led" if series_of(model).make == "dynamixel" else "acceleration", "return_delay"):
+        with pytest.raises((CommissioningError, ServoError), match=f"{name} is not written while it holds torque"):
+            write(line, name, 9)
+    assert (writes(line), line.held(3, held)) == (0, 1)
+    write(line, "torque_enable", 0, torque=True)
+    assert line.held(3, held) == 0
+
+
+@every_make
+def test_the_torque_switch_is_not_touched_unless_said(model: ServoModel) -> None:
+    line = line_of(model)
+    with pytest.raises(CommissioningError, match="its torque is not switched unless you say so"):
+        write(line, "torque_enable", 1)
+    assert (writes(line), line.held(3, series_of(model).torque_enable)) == (0, 0)
+
+
+@every_make
+def test_torque_goes_on_where_the_servo_stands_whatever_goal_it_had(model: ServoModel) -> None:
+    line = line_of(model)
+    series = series_of(model)
+    stands = line.servos.servo(3)
+    line.servos.servo(3).memory.put(series.goal_position, 100)
+    write(line, "torque_enable", "1", torque=True)
+    with find_servo(line.port, line.clock, 3) as servo:
+        before = servo.read(next(r for r in registers_of(model) if r.name == "present_position"))
+        line.clock.sleep_until(line.clock.now() + 1.0)
+        after = servo.read(next(r for r in registers_of(model) if r.name == "present_position"))
+        assert abs(servo.read(series.goal_position) - before) <= 1
+    assert abs(after - before) <= 2
+    assert stands.memory.get(series.torque_enable) == 1
+
+
+def test_a_servo_beyond_its_limits_or_in_another_mode_is_not_switched_on() -> None:
+    line = line_of(sts.STS3215)
+    line.put(3, sts.min_position, 3000)
+    with pytest.raises(CommissioningError, match="beyond its limits 3000 to 4095, and would leap"):
+        write(line, "torque_enable", 1, torque=True)
+    line.put(3, sts.operating_mode, 1)
+    with pytest.raises(CommissioningError, match="is not in position mode"):
+        write(line, "torque_enable", 1, torque=True)
+    assert line.held(3, sts.torque_enable) == 0
+
+
+def test_the_value_that_moves_the_zero_is_refused() -> None:
+    line = line_of(sts.STS3215)
+    with pytest.raises(CommissioningError, match=r"takes 0 .off. and 1 .on. here, not 128"):
+        write(line, "torque_enable", 128, torque=True)
+    assert line.held(3, sts.homing_offset) == 0
+
+
+def test_ram_is_written_and_read_back() -> None:
+    line = line_of(sts.STS3215)
+    assert write(line, "torque_limit", "50%").after.text == "50 %"
+    assert line.held(3, sts.torque_limit) == 500
+    with pytest.raises(CommissioningError, match="servo 3: acceleration stays 100, not 200"):  # cut by register 85
+        write(line, "acceleration", 200)
+
+
+def test_a_value_that_hides_the_servo_is_refused() -> None:
+    line = line_of(sts.STS3215)
+    with pytest.raises(CommissioningError, match="status_level 0 keeps the servo from answering"):
+        write(line, "status_level", 0)
+
+
+# Finding the servo
+
+
+@pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
+def test_a_servo_is_found_at_its_rate_and_the_port_gets_its_own_back(baud: int) -> None:
+    line = line_of(sts.STS3215)
+    line.put(3, sts.baud_rate, sts.BAUD_RATES.index(baud))
+    with find_servo(line.port, line.clock, 3) as servo:
+        assert (servo.port.baud, servo.name) == (baud, "sts3215")
+    assert line.port.baud == 1_000_000
+
+
+def test_a_dynamixel_as_delivered_is_found() -> None:
+    line = ToolLine({1: x.XL330_M077})
+    line.put(1, x.baud_rate, x.BAUD_RATES.index(57_600))
+    with find_servo(line.port, line.clock, 1) as servo:
+        assert (servo.name, servo.port.baud) == ("xl330-m077", 57_600)
+
+
+def test_an_absent_servo_and_two_with_one_id_are_told() -> None:
+    line = line_of(sts.STS3215)
+    with (
+        pytest.raises(CommissioningError, match="servo 9: nobody answers at any baud"),
+        find_servo(line.port, line.clock, 9),
+    ):
+        pass
+    with (
+        pytest.raises(CommissioningError, match="servo 3: nobody answers at 500000 baud"),
+        find_servo(line.port, line.clock, 3, [500_000]),
+    ):
+        pass
+    twins = ToolLine.twins(sts.STS3215)
+    with (
+        pytest.raises(CommissioningError, match=r"servo 2: .*two servos probably have ID 2"),
+        find_servo(twins.port, twins.clock, 2),
+    ):
+        pass
+    assert writes(twins) == 0
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_bad_line_costs_no_second_write_of_the_eeprom(seed: int) -> None:
+    line = line_of(sts.STS3215)
+    line.servos.faults.disturbance = Disturbance(seed, drop=0.06, flip=0.02, noise=0.03, miss=0.04)
+    try:
+        assert write(line, "max_temperature", 61).after.raw == 61
+    except ServoError as error:
+        assert "max_temperature" in str(error)  # named where it was given up
+    wear = [packet for packet in line.sent if packet[2] == 3 and packet[4] == 3 and packet[5] < 40]
+    assert len(wear) <= 1
+    assert line.held(3, sts.lock) == 1

@@ -1,0 +1,203 @@
+"""The verbs on a pseudo-terminal, as users type them, by the machine's clock; and every command of docs/tools.md."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calibration.eeprom import Eeprom, EepromError
+from drivers.servos import sts, x
+from drivers.servos.register import Register
+from servoloop import cli
+from sim_backend.line import ServoLine
+from tests.commissioning.machines import SmallMachine
+from tests.commissioning.served import run, served
+
+PAGE = (Path(__file__).parents[2] / "docs" / "tools.md").read_text()
+DEVICE = "/dev/ttyACM0"
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Path:
+    return tmp_path / "bus"
+
+
+@pytest.fixture
+def bus(link: Path) -> Iterator[ServoLine[Any]]:
+    with served(link, dict.fromkeys(range(1, 8), sts.STS3215)) as bus:
+        yield bus
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.mark.slow
+def test_every_command_of_the_page_does_its_work_in_their_order(
+    bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = SmallMachine(tmp_path / "machine")
+    small.plug(str(link))
+    monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: small.machine)
+    monkeypatch.setattr("commissioning.ports.plugging.Machine", lambda: small.machine)
+    monkeypatch.setattr("commissioning.ports.plugging.SETTLE_S", 0.05)
+    commands = [line for block in blocks("sh") for line in block.splitlines()]
+    verbs = {shlex.split(command)[1] for command in commands}
+    assert verbs == {"ports", "scan", "register", "set-id", "set-baud", "factory-reset", "reboot"}
+    for command in commands:
+        if "--wait" in command:
+            threading.Timer(0.4, small.infos.append, (small.infos.pop(),)).start()
+        status = run(monkeypatch, *shlex.split(command.replace(DEVICE, str(link)))[1:], answer="y\n")
+        said = capsys.readouterr()
+        assert status == 0, (command, said)
+        assert said.out.strip(), command
+    assert sorted(servo.servo_id for servo in bus.servos) == [1, 2, 3, 4, 5, 6, 8]
+    third = bus.servo(3)
+    assert (third.baud, third.memory.get(sts.max_temperature), third.memory.get(sts.torque_enable)) == (10**6, 70, 0)
+
+
+def test_the_script_of_the_page_runs(bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (script,) = blocks("python")
+    exec(script.replace(DEVICE, str(link)), {})
+    assert capsys.readouterr().out.splitlines() == [f"{i} sts3215 70 °C" for i in (1, 2, 3)]
+
+
+def test_a_register_is_printed_in_its_unit_and_raw(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    where = ("--port", str(link), "--id", "3")
+    assert run(monkeypatch, "register", "read", *where, "present_voltage") == 0
+    assert capsys.readouterr().out == "present_voltage 12 V (raw 120)\n"
+    assert run(monkeypatch, "register", "read", *where, "max_voltage", "--json") == 0
+    value = json.loads(capsys.readouterr().out)
+    assert (value["raw"], value["value"], value["unit"]) == (140, 14.0, "V")
+    assert run(monkeypatch, "register", "list", *where, "--json") == 0
+    assert len(json.loads(capsys.readouterr().out)) == len(sts.REGISTERS)
+    assert run(monkeypatch, "register", "write", *where, "max_voltage", "14V") == 0
+    assert "already: nothing written" in capsys.readouterr().out
+
+
+def test_what_asks_first_does_nothing_without_an_answer(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = ("--port", str(link))
+    asking = (
+        ("register", "write", *port, "--id", "3", "torque_enable", "1"),
+        ("set-baud", "3", "500000", *port),
+        ("factory-reset", "3", *port),
+    )
+    before = bytes(bus.servo(3).memory.read(0, 56))
+    for arguments in asking:
+        for answer in ("n\n", "\n", ""):
+            assert run(monkeypatch, *arguments, answer=answer) == 1
+            assert "go on?" in capsys.readouterr().err
+    assert bytes(bus.servo(3).memory.read(0, 56)) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
+    number: signal.Signals,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    put, former = Eeprom._put, signal.getsignal(signal.SIGTERM)
+
+    def signalled(memory: Eeprom, register: Register, value: int) -> None:
+        assert bus.servo(3).memory.get(sts.lock) == 0
+        os.kill(os.getpid(), number)
+        put(memory, register, value)
+
+    monkeypatch.setattr(Eeprom, "_put", signalled)
+    status = run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61")
+    assert status == cli.INTERRUPTED
+    assert "interrupted, and the port closed" in capsys.readouterr().err
+    assert (bus.servo(3).memory.get(sts.lock), bus.servo(3).memory.get(sts.max_temperature)) == (1, 70)
+    assert signal.getsignal(signal.SIGTERM) is former
+
+
+def test_an_eeprom_that_may_be_left_open_is_said_beside_the_error(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(memory: Eeprom, register: Register, value: int) -> None:
+        bus.faults.silence(3)
+        raise EepromError(3, register, "is on its way")
+
+    monkeypatch.setattr(Eeprom, "_put", lost)
+    assert run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61") == 1
+    said = capsys.readouterr().err
+    assert "max_temperature (register 13) is on its way" in said and "the EEPROM may be left unlocked" in said
+
+
+def test_a_mistake_is_said_with_the_servo_and_what_to_do(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = ("--port", str(link))
+    for arguments, says in (
+        (("register", "write", *port, "--id", "3", "goal_position", "0"), "servo 3: goal_position is an order to move"),
+        (("register", "read", *port, "--id", "3", "volts"), "sts3215 has no register volts"),
+        (("set-id", "3", "4", *port), "servo 3: id (register 5) must not become 4: another servo answers to that"),
+        (("register", "read", *port, "--baud", "500000", "--id", "3", "id"), "servo 3: nobody answers at 500000 baud"),
+        (("reboot", "3", "--port", "/dev/ttyACM77"), "there is no /dev/ttyACM77"),
+    ):
+        assert run(monkeypatch, *arguments) == 1
+        assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_scan_prints_json_and_ends_with_1_where_somebody_is_absent(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.faults.silence(2)
+    assert run(monkeypatch, "scan", str(link), "--ids", "1-3", "--baud", "1000000", "--json") == 1
+    report = json.loads(capsys.readouterr().out)
+    assert ([one["servo_id"] for one in report["servos"]], report["absent"]) == ([1, 3], [2])
+    assert run(monkeypatch, "scan", str(link), "--ids", "1-3", "--baud", "1000000") == 1
+    assert "servo 2: is absent" in " ".join(capsys.readouterr().out.split())
+
+
+def test_dynamixels_on_a_pseudo_terminal(
+    link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(link, {1: x.XL430_W250, 4: x.XL330_M288}):
+        began_s = time.monotonic()
+        assert run(monkeypatch, "scan", str(link), "--baud", "1000000", "--json") == 0
+        assert time.monotonic() - began_s < 15.0
+        found = {one["servo_id"]: one["model"] for one in json.loads(capsys.readouterr().out)["servos"]}
+        assert found == {1: "xl430-w250", 4: "xl330-m288"}
+        assert run(monkeypatch, "register", "read", "--port", str(link), "--id", "4", "goal_current") == 0
+        assert capsys.readouterr().out.startswith("goal_current ")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "ports",
+        "scan",
+        "register list",
+        "register read",
+        "register write",
+        "set-id",
+        "set-baud",
+        "factory-reset",
+        "reboot",
+    ],
+)
+def test_every_tool_has_help_with_an_example_and_json(
+    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servoloop", *verb.split(), "--help"])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    said = " ".join(capsys.readouterr().out.split())
+    assert exit_.value.code == 0
+    assert f"Example: servoloop {verb}" in said and "--json" in said

@@ -1,0 +1,124 @@
+"""Settings in servos' EEPROM: what the robot file names is written once, said, and nothing else is touched."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from calibration.eeprom import OPEN
+from drivers.errors import DriverError
+from drivers.servos import sts
+from drivers.servos.catalog import MODELS
+from hal.errors import RobotFileError
+from hal.robot import load_robot_file
+from hal.servo_compliance import compliance_of
+from hal.servo_settings import NOT_HERE, settings_of
+from servoloop.files import CONFIG
+from tests.hal.bench import JOINTS, Bench
+
+SOFT = (("position_p", 16), ("ccw_dead_zone", 2), ("acceleration_multiplier", 2))
+NAMED = (replace(JOINTS[0], settings=SOFT), *JOINTS[1:])
+WRITE = 3
+
+
+def settings_written(bench: Bench) -> list[tuple[int, int]]:
+    """ID and address of each write to a persistent register."""
+    saved = {register.address for register in sts.REGISTERS if register.persistent}
+    return [(i.servo_id, i.parameters[0]) for i in bench.port.sent if i.code == WRITE and i.parameters[0] in saved]
+
+
+def test_what_differs_is_written_and_said_and_locked_again(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(joints=NAMED)
+    with caplog.at_level(logging.INFO):
+        bench.configured()
+    held = [bench.held(1, register) for register in (sts.position_p, sts.ccw_dead_zone, sts.acceleration_multiplier)]
+    assert held == [16, 2, 2]
+    assert bench.held(1, sts.lock) != OPEN
+    assert bench.torque() == []
+    assert "shoulder (servo 1): position_p is 16 now, was 32" in caplog.messages
+    assert {servo_id for servo_id, _ in settings_written(bench)} == {1}
+    bench.servos.servo(1).power_cycle()
+    assert bench.held(1, sts.position_p) == 16, "saved, not only held"
+
+
+def test_what_a_servo_has_already_is_not_written_again() -> None:
+    bench = Bench(joints=NAMED).configured()
+    bench.hardware.cleanup()
+    bench.configured()
+    assert settings_written(bench) == []
+
+
+def test_a_servo_under_torque_that_differs_is_refused_and_named_and_the_arm_keeps_what_it_has() -> None:
+    bench = Bench(joints=NAMED)
+    bench.servos.servo(1).memory.put(sts.torque_enable, 1)
+    with pytest.raises(DriverError, match=r"servo 1\b.*position_p .*holds torque, switch it off first"):
+        bench.configured()
+    assert bench.held(1, sts.position_p) == 32
+    assert bench.torque() == [1]
+
+
+def test_nothing_is_written_while_a_servo_is_missing() -> None:
+    bench = Bench(joints=NAMED)
+    bench.servos.faults.silence(7)
+    with pytest.raises(DriverError, match="servo 7"):
+        bench.configured()
+    assert settings_written(bench) == []
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "named", "said"),
+    [
+        (sts.position_p, 16, (), "settings: {position_p: 16}"),
+        (sts.max_acceleration, 50, (), "settings: {max_acceleration: 50}"),
+        (sts.position_p, 16, (("position_p", 16),), ""),
+        (sts.max_acceleration, 254, (), ""),
+        (sts.position_d, 0, (), ""),
+    ],
+    ids=["softer", "slower", "named", "faster than it is told to be", "of no account"],
+)
+def test_gains_that_nobody_reckons_with_are_said(
+    register: sts.Register, value: int, named: tuple[tuple[str, int], ...], said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench(joints=(replace(JOINTS[0], settings=named), *JOINTS[1:]))
+    bench.servos.servo(1).memory.put(register, value)
+    with caplog.at_level(logging.WARNING):
+        bench.configured()
+    warnings = [record.getMessage() for record in caplog.records]
+    assert [said in warning and "shoulder (servo 1)" in warning for warning in warnings] == ([True] if said else [])
+
+
+def test_compensation_goes_by_the_gains_that_the_file_names() -> None:
+    factory, soft = compliance_of(sts.STS3215), NAMED[0].compliance
+    assert factory is not None and soft is not None
+    assert soft.stiffness == pytest.approx(factory.stiffness / 2.0)
+    assert soft.dead_band == pytest.approx(factory.dead_band * 1.5)
+    slow = compliance_of(sts.STS3215, settings={"max_acceleration": 50})
+    assert slow is not None and slow.profile_acceleration == pytest.approx(factory.profile_acceleration / 2.0)
+    assert compliance_of(sts.STS3215, settings={"position_p": 0}) is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ("{position_q: 1}", "joint1.settings: sts3215 has no setting position_q: it has "),
+        ("{position_p: 256}", "joint1.settings: position_p takes 0 to 255, not 256"),
+        ("{id: 3}", "joint1.settings: sts3215 has no setting id"),
+        ("{present_position: 3}", "joint1.settings: sts3215 has no setting present_position"),
+    ],
+)
+def test_settings_that_a_servo_does_not_have_are_named_before_anything_is_sent(
+    tmp_path: Path, settings: str, says: str
+) -> None:
+    path = tmp_path / "robot.yaml"
+    text = (CONFIG / "robot_arm.yaml").read_text()
+    path.write_text(text.replace("servo_id: 1,", f"servo_id: 1, settings: {settings},"))
+    with pytest.raises(RobotFileError) as caught:
+        load_robot_file(path)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_no_setting_says_who_or_where_a_servo_is(name: str) -> None:
+    assert not NOT_HERE & settings_of(MODELS[name]).keys()
+    assert "max_temperature" in settings_of(MODELS[name]) or "temperature_limit" in settings_of(MODELS[name])
