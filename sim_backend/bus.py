@@ -119,8 +119,8 @@ def servo_of(
     """A new servo of ``model``, as those of its series are; an STS with this firmware and a motor of this spread."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
-        servo.memory.put(dynamixel1.baud_rate, 1)
-        servo.memory.put(dynamixel1.return_delay, 0)
+        servo.memory.save(dynamixel1.baud_rate, 1)
+        servo.memory.save(dynamixel1.return_delay, 0)
         return servo
     alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
     if alone:

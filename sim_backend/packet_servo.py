@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 from drivers.servos.register import Register, ServoModel
+from sim_backend.flash import Flash, Kept
 from sim_backend.gears import Gears
 from sim_backend.instructions import Instruction
 from sim_backend.rig import Fed
@@ -24,6 +25,15 @@ class Table(Protocol):
     def put(self, register: Register, value: int) -> None: ...
 
     def read(self, address: int, size: int) -> bytes: ...
+
+    @property
+    def flash(self) -> Flash: ...
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None: ...
+
+    @property
+    def kept(self) -> Kept: ...
 
 
 class Driven(Fed, Protocol):
@@ -82,6 +92,10 @@ class WiredServo(ABC):
     def read_status(self, address: int, size: int) -> bytes:
         """The status packet with ``size`` bytes from ``address``, the state as of now."""
 
+    @abstractmethod
+    def power_cycle(self) -> None:
+        """Power off and on again: what was not saved is gone, the motor is free."""
+
 
 class PacketServo(WiredServo):
     """A servo whose status packets are Feetech's, or those of protocol 1.0."""
@@ -96,10 +110,6 @@ class PacketServo(WiredServo):
     @abstractmethod
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""
-
-    @abstractmethod
-    def power_cycle(self) -> None:
-        """Power off and on again: what was not saved is gone, the motor is free."""
 
     def read_status(self, address: int, size: int) -> bytes:
         return self._status(self.servo_id, self.read(address, size))

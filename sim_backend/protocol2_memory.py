@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, Final
 
 from drivers.servos.register import Access, Register, ServoModel
+from sim_backend.flash import Flash, Kept
 from sim_backend.generic.memory import saturated
 
 DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
@@ -32,6 +33,7 @@ class Protocol2Memory(ABC):
         self._id, self._baud, self._number, self._torque = (
             named[name] for name in ("id", "baud_rate", "model_number", "torque_enable")
         )
+        self.kept = Kept((r for r in registers if r.persistent), range(self.EEPROM_END), "little")
         self._factory = factory
         self._bytes = bytearray(self.SIZE)
         self.servo_id = servo_id
@@ -116,6 +118,17 @@ class Protocol2Memory(ABC):
         for register, value in self._factory.items():
             if not register.persistent:
                 self.put(register, value)
+
+    @property
+    def flash(self) -> Flash:
+        """What it keeps without power."""
+        return Flash(bytes(self._bytes[: self.EEPROM_END]))
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None:
+        self._bytes[: self.EEPROM_END] = flash.settings
+        self._decode()
+        self.power_up()
 
     def restore_factory(self, *keep: Register) -> None:
         """EEPROM to factory values, but for what is kept."""
