@@ -12,7 +12,8 @@ from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.dynamixel_motors import IDENTIFIED
 from sim_backend.gears import Gears
 from sim_backend.plant import BenchPlant, Coupling, WorldPlant
-from sim_backend.world import JOINTS, READY, World
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import JOINTS, READY
 
 GEARS = Gears(0.01, 0.02, 0.05, 0.1, sticking_nm=0.03, sticking_share=0.2, sticking_rad_s=0.5, sticking_exponent=1.0)
 
