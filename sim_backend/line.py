@@ -133,6 +133,8 @@ class ServoLine(ABC, Generic[AnyServo]):
             self.advance(complete_s)
             replies += self._obey(instruction, complete_s, byte_s, self._listening(baud))
             self.after_instructions()
+        replies += self._silence(self._free_s, byte_s)
+        replies.sort(key=lambda reply: reply.due_s)
         if replies:
             self._free_s = max(self._free_s, replies[-1].due_s)
         return replies
@@ -149,6 +151,10 @@ class ServoLine(ABC, Generic[AnyServo]):
     @abstractmethod
     def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
         """Let ``servos`` do one instruction; whatever comes back, in order."""
+
+    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+        """What servos say only when the line is silent: the master's bytes end at ``at_s``."""
+        return []
 
     def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[Reply]:
         """Replies one after the other; a turn without a reply lasts ``slot_s``."""
