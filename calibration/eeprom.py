@@ -89,7 +89,15 @@ class Eeprom:
         self._try_write(register, value)
 
     def _put(self, register: Register, value: int) -> None:
-        """Write it once, and look."""
+        """Write it once, and look. Once more only where the servo was reset meanwhile: that closes the lock."""
+        for _ in range(TRIES):
+            self._put_once(register, value)
+            if self.lock is None or self._is_open(self.lock, register):
+                return
+            self._turn(self.lock, OPEN)
+        raise EepromError(self.servo_id, register, "is perhaps not saved: the servo loses its power again and again")
+
+    def _put_once(self, register: Register, value: int) -> None:
         self._becoming = (register, value) if register.name == "id" else None
         failure = self._try_write(register, value)
         if register.name == "id":
@@ -100,6 +108,11 @@ class Eeprom:
             held = self._ask(read, register, f"has perhaps become {value}: it cannot be read back")
         if held != value:
             raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+
+    def _is_open(self, lock: Register, register: Register) -> bool:
+        """Whether what has just been written was written with the lock open: only that outlives power-off."""
+        read = partial(self.bus.read, self.servo_id, lock)
+        return self._ask(read, register, "was written, and is perhaps not saved") == OPEN
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
         """The answer; EepromError of ``register`` that tells what ``failed``. One lost packet is not the end."""

@@ -1,8 +1,10 @@
 """The verbs on a pseudo-terminal, as users type them, by the machine's clock; and every command of docs/tools.md."""
 
 import json
+import os
 import re
 import shlex
+import signal
 import sys
 import threading
 import time
@@ -12,7 +14,9 @@ from typing import Any
 
 import pytest
 
+from calibration.eeprom import Eeprom, EepromError
 from drivers.servos import sts, x
+from drivers.servos.register import Register
 from servoloop import cli
 from sim_backend.line import ServoLine
 from tests.commissioning.machines import SmallMachine
@@ -97,6 +101,42 @@ def test_what_asks_first_does_nothing_without_an_answer(
             assert run(monkeypatch, *arguments, answer=answer) == 1
             assert "go on?" in capsys.readouterr().err
     assert bytes(bus.servo(3).memory.read(0, 56)) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
+    number: signal.Signals,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    put, former = Eeprom._put, signal.getsignal(signal.SIGTERM)
+
+    def signalled(memory: Eeprom, register: Register, value: int) -> None:
+        assert bus.servo(3).memory.get(sts.lock) == 0
+        os.kill(os.getpid(), number)
+        put(memory, register, value)
+
+    monkeypatch.setattr(Eeprom, "_put", signalled)
+    status = run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61")
+    assert status == cli.INTERRUPTED
+    assert "interrupted, and the port closed" in capsys.readouterr().err
+    assert (bus.servo(3).memory.get(sts.lock), bus.servo(3).memory.get(sts.max_temperature)) == (1, 70)
+    assert signal.getsignal(signal.SIGTERM) is former
+
+
+def test_an_eeprom_that_may_be_left_open_is_said_beside_the_error(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(memory: Eeprom, register: Register, value: int) -> None:
+        bus.faults.silence(3)
+        raise EepromError(3, register, "is on its way")
+
+    monkeypatch.setattr(Eeprom, "_put", lost)
+    assert run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61") == 1
+    said = capsys.readouterr().err
+    assert "max_temperature (register 13) is on its way" in said and "the EEPROM may be left unlocked" in said
 
 
 def test_a_mistake_is_said_with_the_servo_and_what_to_do(
