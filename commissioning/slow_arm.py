@@ -42,9 +42,13 @@ class SlowArm:
         joints: Sequence[Joint],
         clock: Clock,
         stopped: Callable[[], bool] = lambda: False,
+        fastest_rad_s: float = FASTEST_RAD_S,
     ) -> None:
-        """``stopped`` is asked in each cycle; once it says yes, the arm is let down, and StoppedError raised."""
-        self.joints = tuple(replace(joint, limits=_slow(joint)) for joint in joints)
+        """``stopped`` is asked in each cycle; once it says yes, the arm is let down, and StoppedError raised.
+
+        ``fastest_rad_s``: of a servo's shaft, within ``SPEED_SHARE`` of the joint's limit.
+        """
+        self.joints = tuple(replace(joint, limits=_slow(joint, fastest_rad_s)) for joint in joints)
         self._open_bus = open_bus
         self._bus: Bus | None = None
         self._clock = clock
@@ -81,10 +85,15 @@ class SlowArm:
         finally:
             self._hardware.cleanup()
 
+    @property
+    def state(self) -> JointState:
+        """The newest measurement of all joints."""
+        assert self._state is not None
+        return self._state
+
     def measured(self, index: int) -> float:
         """The newest measured position of one joint."""
-        assert self._state is not None
-        return float(self._state.position[index])
+        return float(self.state.position[index])
 
     def go(self, index: int, target: float) -> None:
         """Move one joint there on a smooth way at its slow speed, and wait until it has settled."""
@@ -121,6 +130,6 @@ class SlowArm:
             self._clock.sleep_until(self._clock.now() + LETTING_DOWN_S)
 
 
-def _slow(joint: Joint) -> JointLimits:
-    fastest = min(SPEED_SHARE * joint.limits.velocity, FASTEST_RAD_S * joint.transmission)
+def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:
+    fastest = min(SPEED_SHARE * joint.limits.velocity, fastest_rad_s * joint.transmission)
     return replace(joint.limits, velocity=fastest)

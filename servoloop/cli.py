@@ -23,6 +23,7 @@ from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport, register, servo
 from servoloop.verbs.calibrate import calibrate, hand
+from servoloop.verbs.doctor import doctor
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
@@ -41,6 +42,7 @@ app.command()(ports)
 app.command()(scan)
 app.command()(setup)
 app.add_typer(register.register_app, name="register")
+app.command()(doctor)
 for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)
 app.command()(calibrate)

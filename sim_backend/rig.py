@@ -1,7 +1,7 @@
 """Servos on a plant with their power supplies, advanced together in fixed steps. Deterministic."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
@@ -10,7 +10,7 @@ import numpy as np
 from sim_backend.plant import Plant
 from sim_backend.sts.firmware import StsFirmware
 from sim_backend.sts.kernel import step_all
-from sim_backend.sts.state import STATE, SUPPLY
+from sim_backend.sts.state import STATE, SUPPLY, Supplies
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,7 @@ class Rig(Generic[AnyServo]):
             (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
             for supply in supplies
         ]
+        self._shared: Supplies | None = None
         self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
             firmware.observe(angle)
@@ -77,6 +78,12 @@ class Rig(Generic[AnyServo]):
         """One timestep of everything."""
         self._step_servos()
         self.plant.advance()
+
+    def feed(self, voltage_v: float) -> None:
+        """Another voltage from all supplies from now on; their leads stay as they are."""
+        self._loads = [(replace(supply, voltage_v=voltage_v), servos) for supply, servos in self._loads]
+        if self._shared is not None:
+            self._shared["voltage_v"] = voltage_v
 
     def _compiled(self) -> Callable[[], None] | None:
         """All servos' timestep as one call of compiled code, if all are made for it."""
@@ -87,7 +94,9 @@ class Rig(Generic[AnyServo]):
         for i, one in enumerate(firmware):
             one.work_on(states[i : i + 1])
             states["supply"][i] = next(k for k, (_, loads) in enumerate(self._loads) if one in loads)
-        shared = np.array([(supply.voltage_v, supply.resistance_ohm, 0.0) for supply, _ in self._loads], SUPPLY)
+        self._shared = shared = np.array(
+            [(supply.voltage_v, supply.resistance_ohm, 0.0) for supply, _ in self._loads], SUPPLY
+        )
         joints, shafts = self.plant.joints, self.plant.shafts
         position, velocity, effort = joints.position, joints.velocity, joints.effort
         return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)

@@ -1,0 +1,1 @@
+"""What ails an arm: measured, judged, and ranked by what is most likely the root of it."""

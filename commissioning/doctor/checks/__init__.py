@@ -1,0 +1,1 @@
+"""Checks judge a snapshot: each is a pure function that yields findings."""

@@ -1,0 +1,102 @@
+"""All kinds of findings: how bad each is, how likely it is the root of others, and which ones it explains.
+
+The order of ranks is that of the way from the computer to the joint: what lies nearer to the computer explains what
+lies behind it.
+"""
+
+from typing import Final
+
+from commissioning.doctor.finding import Finding, Kind, Place, Severity
+
+
+def _kind(severity: Severity, rank: int, *explains: str) -> Kind:
+    return Kind(severity, rank, frozenset(explains))
+
+
+_SILENT: Final = ("servo_absent", "servo_other_rate", "chain_broken", "servo_unsteady", "servo_late", "line_loses")
+
+KINDS: Final[dict[str, Kind]] = {
+    # The port.
+    "port_taken_by_brltty": _kind("fault", 100, "port_missing", "port_moved", "brltty_present"),
+    "port_without_driver": _kind("fault", 99, "port_missing", "port_moved"),
+    "port_moved": _kind("fault", 98, "port_missing"),
+    "port_missing": _kind("fault", 97),
+    "port_denied": _kind("fault", 97),
+    "port_busy": _kind("fault", 97),
+    "port_unsuitable": _kind("fault", 97),
+    "port_lost": _kind("fault", 96, "no_power", *_SILENT),
+    "latency_timer": _kind("warning", 72, "slow_round_trip", "servo_late", "line_late"),
+    "brltty_present": _kind("warning", 40),
+    "modem_manager": _kind("warning", 39),
+    "adapters_alike": _kind("note", 8),
+    # Power and presence.
+    "no_power": _kind("fault", 95, *_SILENT),
+    "wrong_rate": _kind("fault", 94, "servo_other_rate", "servo_absent", "chain_broken"),
+    "chain_broken": _kind("fault", 91, "servo_absent"),
+    "same_id": _kind("fault", 90, "servo_unsteady", "line_loses", "line_noisy"),
+    "id_not_set": _kind("fault", 89, "servo_absent", "extra_servo"),
+    "servo_other_rate": _kind("fault", 88, "servo_absent"),
+    "servo_mute": _kind("fault", 87),
+    "servo_absent": _kind("fault", 86),
+    "wrong_model": _kind("fault", 85, "wrong_mode", "overvoltage", "undervoltage", "servo_unsteady"),
+    "servo_late": _kind("warning", 71, "slow_round_trip"),
+    "servo_unsteady": _kind("warning", 70),
+    "extra_servo": _kind("warning", 45),
+    # The line.
+    "line_loses": _kind("warning", 69),
+    "line_noisy": _kind("warning", 68),
+    "line_late": _kind("warning", 67),
+    "slow_round_trip": _kind("warning", 48),
+    "line_echoes": _kind("note", 4),
+    # What the servo is and how it is set up.
+    "wrong_mode": _kind("fault", 84),
+    "ids_exchanged": _kind("fault", 83, "homing_offset_differs", "outside_limits"),
+    "homing_offset_differs": _kind("fault", 82, "outside_limits"),
+    "writes_unacknowledged": _kind("fault", 66),
+    "limits_too_narrow": _kind("fault", 62),
+    "no_gain": _kind("fault", 61, "gains_differ", "gives_way"),
+    "no_torque_allowed": _kind("fault", 60, "gives_way", "does_not_move"),
+    "speed_unit": _kind("warning", 46),
+    "settings_differ": _kind("warning", 24),
+    "lock_open": _kind("warning", 25),
+    "protection_off": _kind("warning", 30),
+    "wide_dead_zone": _kind("warning", 28, "gives_way"),
+    "slow_acceleration": _kind("warning", 27),
+    "return_delay": _kind("note", 15),
+    "gains_differ": _kind("note", 10),
+    "firmware_differs": _kind("note", 5),
+    # Power at the servos, heat, alarms, torque.
+    "overvoltage": _kind("fault", 81, "alarm_voltage", "supply_high"),
+    "undervoltage": _kind("fault", 80, "alarm_voltage"),
+    "voltage_limits_wrong": _kind("fault", 79, "alarm_voltage"),
+    "alarm_voltage": _kind("fault", 78),
+    "supply_sags": _kind("warning", 58),
+    "supply_high": _kind("warning", 57),
+    "voltage_drops": _kind("warning", 56),
+    "alarm_overload": _kind("fault", 77, "stalled", "torque_lost"),
+    "alarm_current": _kind("fault", 77, "torque_lost"),
+    "alarm_temperature": _kind("fault", 76, "hot", "torque_lost"),
+    "alarm_other": _kind("fault", 75),
+    "was_reset": _kind("fault", 74),
+    "torque_lost": _kind("fault", 73),
+    "hot": _kind("warning", 55),
+    "stalled": _kind("warning", 54),
+    "damped": _kind("note", 12),
+    # The arm.
+    "outside_limits": _kind("fault", 65),
+    "seam_in_range": _kind("fault", 64),
+    "travel_differs": _kind("warning", 33),
+    "not_calibrated": _kind("note", 20),
+    # What only a motion shows.
+    "does_not_move": _kind("fault", 59),
+    "wrong_gear": _kind("warning", 53),
+    "gives_way": _kind("warning", 26),
+    "shakes": _kind("warning", 51),
+    "not_moved": _kind("note", 3),
+}
+"""By the finding's id."""
+
+
+def finding(kind: str, place: Place, symptom: str, cause: str, command: str | None = None) -> Finding:
+    """A finding of one of ``KINDS``."""
+    return Finding(kind, KINDS[kind].severity, KINDS[kind].rank, place, symptom, cause, command)

@@ -1,0 +1,83 @@
+"""The quality of a line: a hundred cycles of questions to all, and the time that single answers take."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from statistics import median
+from types import ModuleType
+from typing import Final
+
+from commissioning.doctor.snapshot import LineFigures
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.errors import ServoError
+from drivers.port import Port
+from drivers.port.line import BITS_PER_BYTE
+from drivers.protocol import v1
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
+
+CYCLES: Final = 100
+CYCLE_S: Final = 0.05
+"""The longest time that one of them may take."""
+ROUND_TRIPS: Final = 20
+RETURN_DELAY_UNIT_S: Final = 2e-6
+"""Of every series' register."""
+READ_BYTES: Final = {True: 8 + 7, False: 14 + 12}
+"""Of the question for one byte and its answer, in protocol 1 (True) and 2."""
+ECHO_S: Final = 0.02
+COUNTED: Final = ("replies", "silent", "corrupt", "late", "refused", "reset")
+"""How a question ends that had the time to be answered."""
+
+
+def line_figures(
+    bus: Bus, models: Mapping[int, ServoModel], clock: Clock, delays: Sequence[int], echoes: bool
+) -> LineFigures:
+    """Ask these servos, which all answer; ``delays``: their return delay registers. Raises PortLost."""
+    before, noise = _counted(bus, models), bus.counters.noise + bus.counters.strange
+    for _ in range(CYCLES if models else 0):
+        bus.read_states(tuple(models), clock.now() + CYCLE_S)
+    after = _counted(bus, models)
+    ended = {kind: after[kind] - before[kind] for kind in COUNTED}
+    times = _round_trips(bus, models, clock)
+    protocol_1 = not models or series_of(next(iter(models.values()))).protocol.packets is v1
+    return LineFigures(
+        asked=sum(ended.values()),
+        lost=ended["silent"],
+        corrupt=ended["corrupt"],
+        late=ended["late"],
+        noise=bus.counters.noise + bus.counters.strange - noise,
+        round_trip_s=median(times) if times else None,
+        wire_s=READ_BYTES[protocol_1] * BITS_PER_BYTE / bus.baud,
+        delay_s=max(delays, default=0) * RETURN_DELAY_UNIT_S,
+        echoes=echoes,
+    )
+
+
+def _counted(bus: Bus, servo_ids: Mapping[int, object]) -> dict[str, int]:
+    accounts = [asdict(bus.counters.of(i)) for i in servo_ids]
+    return {kind: sum(account[kind] for account in accounts) for kind in COUNTED}
+
+
+def _round_trips(bus: Bus, models: Mapping[int, ServoModel], clock: Clock) -> list[float]:
+    """How long single reads of one byte took, of all servos in turn."""
+    times: list[float] = []
+    servos = list(models.items())
+    for number in range(ROUND_TRIPS if servos else 0):
+        servo_id, model = servos[number % len(servos)]
+        start_s = clock.now()
+        try:
+            bus.read(servo_id, series_of(model).torque_enable)
+        except ServoError:
+            continue
+        times.append(clock.now() - start_s)
+    return times
+
+
+def hears_itself(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
+    """Whether the adapter gives back what is sent."""
+    ping: bytes = packets.packet(servo_id, packets.PING, b"")
+    port.discard_input()
+    port.write(ping)
+    data = port.read(len(ping), clock.now() + len(ping) * BITS_PER_BYTE / port.baud + ECHO_S)
+    rest = port.read(64, clock.now() + ECHO_S)  # the answer itself
+    return ping in data + rest

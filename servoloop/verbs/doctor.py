@@ -1,0 +1,136 @@
+"""``servoloop doctor``: what ails the arm, the likeliest root first, each with the command that mends it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from commissioning.doctor.motion import Move
+    from commissioning.doctor.report import BusFigures, Report
+    from drivers.clock import Clock
+    from servoloop.files import Files
+
+STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
+MOVES = (
+    "each joint will turn a little, slowly and under torque, and the arm is limp then, as it is now: hold it if "
+    "it could fall. Go on?"
+)
+
+
+def doctor(
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
+        ),
+    ] = None,
+    arm: Annotated[
+        str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")
+    ] = OWN,
+    robot: Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")] = None,
+    urdf: Annotated[Path | None, typer.Option("--urdf", help="Robot description instead of the arm's.")] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write all of it to this file too, to attach to a bug report.")
+    ] = None,
+    move: Annotated[
+        bool, typer.Option("--move", help="Try gears, gains and gravity hold by small slow motions; it asks first.")
+    ] = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Examine the arm: port, line, servos, settings, supply, calibration. It warns where it is not sure.
+
+    It only pings and reads, and torque stays as it is; only --move moves anything. It ends with 1 where there are
+    faults.
+    Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
+    """
+    from rich.console import Console
+
+    from commissioning.doctor.examine import doctor as examine
+    from commissioning.doctor.markdown import markdown
+    from commissioning.ports.machine import Machine
+    from drivers.clock import MonotonicClock
+    from hal.calibration_file import load_calibration
+    from servoloop.files import require_writable
+    from servoloop.signals import Signals
+
+    if report_file is not None:
+        require_writable(report_file.parent)
+    files = read_arm_files(find_arm(arm), urdf, None, robot)
+    devices = _devices(port, list(files.robot.file.lines()))
+    if move:
+        confirm(MOVES, yes)
+    clock = MonotonicClock()
+    with Signals("servos that were under torque hold") as signals:
+        motion = _motion(move, files, clock, lambda: signals.count > 0)
+        calibration = load_calibration(files.robot_path)
+        report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
+    if report_file is not None:
+        report_file.write_text(markdown(report, Machine().user.name, files.robot_path))
+    if json:
+        print_json(report)
+    else:
+        print_report(report, Console())
+    raise typer.Exit(0 if report.healthy else 1)
+
+
+def _motion(wanted: bool, files: "Files", clock: "Clock", stopped: Callable[[], bool]) -> "Move":
+    from commissioning.doctor.motion import SmallMotions, no_move
+    from drivers.port.serial_port import SerialPort
+    from hal.gravity import Gravity
+
+    if not wanted:
+        return no_move
+    gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
+    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, stopped)
+
+
+def _devices(said: list[str] | None, buses: list[str]) -> dict[str, str]:
+    """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
+    from commissioning.errors import CommissioningError
+    from commissioning.ports.adapters import only_port
+    from servoloop.ports import parse_ports
+
+    if not said and len(buses) > 1:
+        raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
+    return parse_ports(said or [only_port()], buses) or {}
+
+
+def print_report(report: "Report", console: "Console") -> None:
+    """For people: the findings, then who is there."""
+    for number, one in enumerate(report.findings, 1):
+        where = f"{one.place}: " if str(one.place) else ""
+        console.print(f"{number}. {one.severity}: {where}{one.symptom}", style=STYLES[one.severity],
+                      highlight=False, markup=False)  # fmt: skip
+        console.print(f"   {one.cause}", highlight=False, markup=False)
+        if one.command:
+            console.print(f"   run: {one.command}", style="bold", highlight=False, markup=False, soft_wrap=True)
+    for bus in report.buses:
+        if bus.servos:
+            console.print(_table(bus))
+    if not report.findings:
+        console.print("nothing is wrong", style="green")
+
+
+def _table(bus: "BusFigures") -> object:
+    from rich.table import Table
+
+    table = Table("joint", "ID", "model", "firmware", "position", "V", "°C", "torque", "alarms", title=bus.port)
+    for one in bus.servos:
+        volts = "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}"
+        row = (
+            one.firmware or one.heard,
+            "" if one.position is None else f"{one.position:.3f}",
+            volts,
+            "" if one.temperature_c is None else f"{one.temperature_c:.0f}",
+            {None: "", True: "on", False: "off"}[one.torque],
+        )
+        table.add_row(one.joint, str(one.servo_id), one.model, *row, ", ".join(one.alarms))
+    return table

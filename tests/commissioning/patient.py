@@ -1,0 +1,124 @@
+"""A virtual arm on simulated time for the doctor: whole and calibrated, until a test spoils something."""
+
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from commissioning.doctor.examine import doctor
+from commissioning.doctor.finding import Finding
+from commissioning.doctor.motion import Move, no_move
+from commissioning.doctor.report import Report
+from commissioning.ports.machine import Machine
+from drivers.bus.bus import Bus
+from drivers.errors import PortError
+from drivers.servos.register import Register
+from hal.calibration_file import CalibratedJoint, CalibrationFile
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.emulator import couplings, virtual_lines
+from servoloop.files import Files
+from sim_backend.build import Build
+from sim_backend.clock import SimulatedClock
+from sim_backend.line import ServoLine
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+NOBODYS_MACHINE = Machine(Path("/nowhere"), list)
+"""It has no adapter and no rule."""
+
+
+@cache
+def files_of(arm: str) -> Files:
+    return read_arm_files(find_arm(arm))
+
+
+@dataclass
+class Patient:
+    """``arm``: its name in config/arms."""
+
+    arm: str = "robot_arm"
+    build: Build = field(default_factory=Build)
+    calibrated: bool = True
+    machine: Machine = NOBODYS_MACHINE
+    open_error: PortError | None = None
+    port: type[VirtualPort] = VirtualPort
+    device: str = "/dev/ttyACM0"
+
+    def __post_init__(self) -> None:
+        self.files = files_of(self.arm)
+        self.robot = self.files.robot
+        self.clock = SimulatedClock()
+        ways = couplings(self.robot)
+        self.world = World(self.files.scene, spread=self.build.spread, backlash=self.build.gaps(ways))
+        self.world.model.geom_contype[:] = 0  # nothing is in its way
+        self.plant = WorldPlant(self.world, ways)
+        self.lines = virtual_lines(self.robot, self.plant, self.build.spread)
+        self.line: ServoLine[Any] = next(iter(self.lines.values()))
+        self.calibration = perfect(self.robot.joints) if self.calibrated else None
+
+    def open(self, device: str, baud: int) -> VirtualPort:
+        """The port of the first bus, or what keeps it shut."""
+        if self.open_error:
+            raise self.open_error
+        return self.port(self.line, self.clock, baud=baud, name=device)
+
+    def bus(self) -> Bus:
+        """A bus of a program beside the doctor."""
+        models = {joint.servo_id: joint.model for joint in self.robot.joints}
+        return Bus(VirtualPort(self.line, self.clock), self.clock, models)
+
+    def hold(self) -> None:
+        """Torque on, as a program leaves it that ends with on_exit: hold."""
+        hardware = ServoHardware("arm", self.robot.joints, self.bus, self.clock)
+        hardware.configure()
+        hardware.activate()
+        self.wait(1.0)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        for line in self.lines.values():
+            line.advance(self.clock.now())
+
+    def put(self, servo_id: int, register: Register, value: int) -> None:
+        """As another program has left it."""
+        memory = self.line.servo(servo_id).memory
+        (memory.save if hasattr(memory, "save") and register.persistent else memory.put)(register, value)
+
+    def examine(self, move: Move = no_move) -> Report:
+        devices = dict.fromkeys(self.lines, self.device)
+        return doctor(
+            self.robot,
+            devices,
+            self.clock,
+            calibration=self.calibration,
+            machine=self.machine,
+            open_port=self.open,
+            move=move,
+        )
+
+    def findings(self) -> dict[str, Finding]:
+        """By id; of several with one id the first."""
+        found: dict[str, Finding] = {}
+        for finding in self.examine().findings:
+            found.setdefault(finding.id, finding)
+        return found
+
+
+def perfect(joints: tuple[Joint, ...]) -> CalibrationFile:
+    """What a calibration finds whose stops are where the URDF has them."""
+    return CalibrationFile(joints={joint.name: _perfect(joint) for joint in joints})
+
+
+def _perfect(joint: Joint) -> CalibratedJoint:
+    lower, upper = joint.counts_range()
+    return CalibratedJoint(
+        servo_id=joint.servo_id,
+        sign=1 if joint.sign > 0 else -1,
+        zero_counts=joint.zero_counts,
+        homing_offset=joint.homing_offset,
+        lower_counts=lower,
+        upper_counts=upper,
+    )

@@ -1,0 +1,79 @@
+"""The doctor recognises what ails an arm: each ailment is provoked on the virtual bus, and must come out first."""
+
+from collections.abc import Callable
+
+import pytest
+
+from commissioning.doctor.kinds import KINDS
+from tests.commissioning import ailments
+from tests.commissioning.patient import Patient
+
+Case = tuple[Callable[[Patient], None], str, str]
+FIRST: list[Case] = [
+    (ailments.unpowered, "no_power", "scan"),
+    (ailments.unplugged_servo, "servo_absent", "scan"),
+    (ailments.broken_chain, "chain_broken", ""),
+    (ailments.lossy_line, "line_loses", ""),
+    (ailments.noisy_line, "line_noisy", ""),
+    (ailments.other_rate, "servo_other_rate", "set-baud 3 1000000"),
+    (ailments.all_at_another_rate, "wrong_rate", ""),
+    (ailments.same_id, "same_id", "set-id 2 NEW"),
+    (ailments.factory_id, "id_not_set", "set-id 11 7"),
+    (ailments.stranger, "extra_servo", ""),
+    (ailments.other_model, "wrong_model", ""),
+    (ailments.mute, "servo_mute", "factory-reset 3"),
+    (ailments.loose_plug, "servo_unsteady", ""),
+    (ailments.wheel_mode, "wrong_mode", "--id 3 operating_mode 0"),
+    (ailments.odd_phase, "speed_unit", ""),
+    (ailments.narrow_limits, "limits_too_narrow", ""),
+    (ailments.foreign_offset, "homing_offset_differs", "--id 3 homing_offset 120"),
+    (ailments.exchanged_ids, "ids_exchanged", "set-id 2 NEW"),
+    (ailments.open_lock, "lock_open", "reboot 3"),
+    (ailments.no_acknowledgement, "writes_unacknowledged", "status_level 1"),
+    (ailments.lerobots_gains, "gains_differ", ""),
+    (ailments.no_gain, "no_gain", "position_p 32"),
+    (ailments.wide_dead_zone, "wide_dead_zone", ""),
+    (ailments.slow_start, "slow_acceleration", ""),
+    (ailments.other_settings, "settings_differ", ""),
+    (ailments.no_protection, "protection_off", "register list --port /dev/ttyACM0 --id 7"),
+    (ailments.no_torque_allowed, "no_torque_allowed", "max_torque 1000"),
+    (ailments.long_delay, "return_delay", "return_delay 0"),
+    (ailments.old_firmware, "firmware_differs", ""),
+    (ailments.twelve_volts_too_many, "overvoltage", ""),
+    (ailments.usb_alone, "undervoltage", ""),
+    (ailments.lively_supply, "supply_high", ""),
+    (ailments.wrong_voltage_limit, "voltage_limits_wrong", "max_voltage 150"),
+    (ailments.thin_lead, "voltage_drops", ""),
+    (ailments.sagging_supply, "supply_sags", ""),
+    (ailments.overload, "alarm_overload", "--id 7 torque_enable 0"),
+    (ailments.over_current, "alarm_current", "--id 7 torque_enable 0"),
+    (ailments.pressing_gripper, "stalled", ""),
+    (ailments.heat, "alarm_temperature", ""),
+    (ailments.warmth, "hot", ""),
+    (ailments.limp_joint, "torque_lost", ""),
+    (ailments.reset_and_driven, "was_reset", ""),
+    (ailments.damped, "damped", "torque_enable 0"),
+    (ailments.far_outside, "outside_limits", "calibrate"),
+    (ailments.full_turn, "travel_differs", "calibrate"),
+    (ailments.missed_stop, "travel_differs", "calibrate"),
+    (ailments.over_the_seam, "seam_in_range", "calibrate"),
+    (ailments.nobody_calibrated, "not_calibrated", "calibrate"),
+    (ailments.denied, "port_denied", ""),
+    (ailments.busy, "port_busy", ""),
+    (ailments.pulled_plug, "port_lost", ""),
+    (ailments.slow_adapter, "slow_round_trip", "ports"),
+    (ailments.hub, "servo_late", "ports"),
+    (ailments.echoing_adapter, "line_echoes", ""),
+]
+
+
+@pytest.mark.parametrize(("spoil", "kind", "command"), FIRST, ids=[case[0].__name__ for case in FIRST])
+def test_it_is_recognised_before_everything_else(spoil: Callable[[Patient], None], kind: str, command: str) -> None:
+    patient = Patient()
+    spoil(patient)
+    report = patient.examine()
+    assert [finding.id for finding in report.findings][:1] == [kind], report.findings
+    first = report.findings[0]
+    assert command in (first.command or "")
+    assert report.healthy == (first.severity != "fault")
+    assert first.severity == KINDS[kind].severity

@@ -1,0 +1,67 @@
+"""Judgements over snapshots that no virtual servo lasts long enough for, or has at all."""
+
+from dataclasses import replace
+
+import pytest
+
+from commissioning.doctor.judge import judge
+from commissioning.doctor.snapshot import BusSnapshot, LineFigures, ServoSnapshot, Snapshot
+from drivers.bus.types import ServoState
+from tests.commissioning.patient import files_of, perfect
+
+STS = files_of("robot_arm").robot.joints[0]
+DYNAMIXEL = files_of("robot_arm_dynamixel").robot.joints[0]
+STATE = ServoState(2048, 0, 0.0, 12.0, 30.0)
+LINE = LineFigures(700, 0, 0, 0, 0, 0.0002, 0.00015)
+BUS = BusSnapshot("", "/dev/ttyACM0", 1_000_000, (ServoSnapshot(STS, "well", {}, (STATE,), "/dev/ttyACM0"),), (), LINE)
+
+
+def ids(bus: BusSnapshot) -> list[str]:
+    return [one.id for one in judge(Snapshot((bus,), perfect((STS,))))]
+
+
+def test_nothing_is_wrong_with_these() -> None:
+    assert ids(BUS) == []
+
+
+@pytest.mark.parametrize(
+    ("alarms", "kind", "command"),
+    [
+        (("voltage",), "alarm_voltage", "register list"),
+        (("angle sensor",), "alarm_other", None),
+        (("overload",), "alarm_overload", "torque_enable 0"),
+    ],
+)
+def test_an_alarm_that_lasted_for_one_sample(alarms: tuple[str, ...], kind: str, command: str | None) -> None:
+    servo = replace(BUS.servos[0], states=(STATE, STATE._replace(alarms=alarms), STATE))
+    (finding,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((STS,))))
+    assert finding.id == kind
+    assert command in finding.command if command and finding.command else finding.command is None
+
+
+def test_a_dynamixel_keeps_an_alarm_until_it_is_rebooted() -> None:
+    servo = ServoSnapshot(DYNAMIXEL, "well", {}, (STATE._replace(alarms=("overload",)),), "/dev/ttyUSB0")
+    findings = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
+    assert [(one.id, one.command) for one in findings] == [
+        ("alarm_overload", f"servoloop reboot {DYNAMIXEL.servo_id} --port /dev/ttyUSB0")
+    ]
+
+
+def test_answers_that_come_after_the_next_question() -> None:
+    assert ids(replace(BUS, line=replace(LINE, late=20))) == ["line_late"]
+
+
+@pytest.mark.parametrize("figure", ["lost", "corrupt", "late", "noise"])
+def test_a_single_mishap_is_no_finding(figure: str) -> None:
+    assert ids(replace(BUS, line=replace(LINE, **{figure: 1}))) == []
+
+
+def test_an_adapter_that_cannot_make_the_rate() -> None:
+    text = "/dev/ttyUSB0 runs at 923076 baud when told 1000000: its adapter does not know that rate"
+    (finding,) = judge(Snapshot((BusSnapshot("", "/dev/ttyUSB0", 1_000_000, problem="unsuitable", problem_text=text),)))
+    assert (finding.id, finding.severity, finding.cause) == ("port_unsuitable", "fault", text)
+
+
+def test_a_long_return_delay_is_no_slow_adapter() -> None:
+    assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.006))) == ["slow_round_trip"]
+    assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.0025, delay_s=0.0005))) == []

@@ -1,0 +1,144 @@
+"""What the doctor learns by moving joints a little: gears, gravity hold, shaking, the supply; and how it leaves "
+"the arm."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from commissioning.doctor.motion import FASTEST_RAD_S, SmallMotions
+from commissioning.doctor.report import Report
+from commissioning.slow_arm import SPEED_SHARE
+from drivers.servos import sts
+from hal.gravity import Gravity
+from sim_backend.build import Build
+from tests.commissioning import ailments
+from tests.commissioning.patient import Patient
+
+GEARS = {"1:191": 345 / 191, "1:147": 345 / 147}
+LIFT = 2
+
+
+def examine(patient: Patient, stopped: Callable[[], bool] = lambda: False) -> Report:
+    gravity = Gravity(patient.files.description, [joint.name for joint in patient.robot.joints])
+    return patient.examine(SmallMotions(patient.open, patient.clock, gravity, stopped))
+
+
+def found(report: Report) -> list[tuple[str, int | None]]:
+    return [(one.id, one.place.servo_id) for one in report.findings]
+
+
+@pytest.mark.parametrize("arm", ["robot_arm", "so101"])
+def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
+    for seed in range(4):
+        patient = Patient(arm, Build(1.0, seed))
+        before = [servo.memory.read(4, 36) for servo in patient.line.servos]
+        assert examine(patient).findings == (), seed
+        assert not any(servo.memory.get(sts.torque_enable) for servo in patient.line.servos)
+        assert [servo.memory.read(4, 36) for servo in patient.line.servos] == before
+
+
+@pytest.mark.parametrize("gear", GEARS)
+@pytest.mark.parametrize("seed", [None, 1, 2])
+def test_another_gear_in_a_joint_is_named(gear: str, seed: int | None) -> None:
+    patient = Patient(build=Build(seed=seed))
+    states = patient.line.servo(LIFT).firmware._states
+    for constant in ("torque_constant_nm_a", "back_emf_v_s"):
+        states[constant] /= GEARS[gear]
+    assert found(examine(patient))[0] == ("wrong_gear", LIFT)
+
+
+def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
+    """Something heavy hangs on the arm that the URDF does not know."""
+    patient = Patient()
+    patient.world.model.body_mass[:] *= 4.0
+    report = examine(patient)
+    assert ("gives_way", LIFT) in found(report)
+    assert report.healthy
+
+
+def test_a_joint_that_shakes() -> None:
+    patient = Patient(build=Build(backlash_deg=3.0))
+    patient.put(LIFT, sts.position_p, 254)
+    patient.put(LIFT, sts.position_d, 0)
+    report = examine(patient)
+    assert found(report)[0] == ("shakes", LIFT)
+    assert "position_p 16" in (report.findings[0].command or "")
+
+
+def test_a_joint_that_something_holds() -> None:
+    patient = Patient()
+    ailments.block(patient, ailments.ELBOW)
+    report = examine(patient)
+    assert found(report)[0] == ("does_not_move", ailments.ELBOW)
+    assert not report.healthy
+
+
+def test_a_supply_that_breaks_down_while_joints_move() -> None:
+    patient = Patient(build=Build())
+    shared = patient.line.rig._shared
+    assert shared is not None
+    shared["resistance_ohm"] = 8.0
+    assert ("supply_sags", None) in found(examine(patient))
+
+
+def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
+    held = Patient()
+    held.hold()
+    faulty = Patient()
+    ailments.wheel_mode(faulty)
+    for patient, why in ((held, "is not limp"), (faulty, "as long as there are faults")):
+        before = list(patient.world.position())
+        report = examine(patient)
+        (finding,) = (one for one in report.findings if one.id == "not_moved")
+        assert why in finding.cause
+        assert max(abs(a - b) for a, b in zip(before, patient.world.position(), strict=True)) < 0.01
+    assert all(servo.memory.get(sts.torque_enable) for servo in held.line.servos)
+
+
+def test_somebody_who_stops_it_has_a_limp_arm() -> None:
+    patient = Patient()
+    start_s = patient.clock.now()
+    report = examine(patient, lambda: patient.clock.now() > start_s + 8.0)
+    assert [one.id for one in report.findings] == ["not_moved"]
+    assert not any(servo.memory.get(sts.torque_enable) for servo in patient.line.servos)
+
+
+def test_a_lost_port_in_the_middle_is_said() -> None:
+    patient = Patient()
+    opened: list[Any] = []
+    open_port = patient.open
+
+    def open_and_pull(device: str, baud: int) -> Any:
+        port = open_port(device, baud)
+        opened.append(port)
+        if len(opened) == 2:
+            write, end_s = port.write, patient.clock.now() + 6.0
+
+            def pulled(data: bytes) -> None:
+                if patient.clock.now() > end_s:
+                    port.unplug()
+                write(data)
+
+            port.write = pulled
+        return port
+
+    patient.open = open_and_pull  # type: ignore[method-assign]
+    report = examine(patient)
+    assert [one.id for one in report.findings] == ["not_moved"]
+    assert "was unplugged" in report.findings[0].cause
+
+
+def test_no_joint_is_faster_than_tools_may_be() -> None:
+    patient = Patient()
+    fastest = [0.0] * len(patient.robot.joints)
+
+    def watch(time_s: float) -> None:
+        for at, joint in enumerate(patient.plant.joints.velocity_at):
+            fastest[at] = max(fastest[at], abs(float(patient.plant.joints.velocity[joint])))
+
+    patient.plant._after_step = watch
+    examine(patient)
+    for joint, speed in zip(patient.robot.joints, fastest, strict=True):
+        allowed = min(SPEED_SHARE * joint.limits.velocity, FASTEST_RAD_S * joint.transmission)
+        assert 0.2 * allowed < speed < 1.6 * allowed, joint.name

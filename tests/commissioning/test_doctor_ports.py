@@ -1,0 +1,91 @@
+"""What keeps the doctor from the port is said with the command that mends it, on small machines of a test's own."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import PortDenied, PortMissing
+from tests.commissioning.machines import BRLTTY_RULES, STRANGER, SmallMachine
+from tests.commissioning.patient import Patient
+
+ACM, USB = "/dev/ttyACM0", "/dev/ttyUSB0"
+
+
+def patient_on(small: SmallMachine, device: str = ACM, **options: object) -> Patient:
+    """A patient whose port is this machine's, and who is asked for at ``device``."""
+    patient = Patient(machine=small.machine, **options)  # type: ignore[arg-type]
+    patient.device = device
+    return patient
+
+
+def test_an_adapter_under_another_number_is_named_with_its_lasting_name(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.plug("/dev/ttyACM1")
+    first = patient_on(small, open_error=PortMissing(f"there is no {ACM}")).examine().findings
+    assert [one.id for one in first] == ["port_moved"]
+    assert "/dev/ttyACM1" in first[0].cause and "5A46" in first[0].cause
+    assert first[0].command == "servoloop doctor --port /dev/serial/by-id/usb-5A46-if00"
+
+
+def test_without_any_adapter_it_is_missing(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    found = patient_on(small, open_error=PortMissing(f"there is no {ACM}: plug in the adapter")).examine().findings
+    assert [one.id for one in found] == ["port_missing"]
+
+
+def test_one_that_brltty_has_taken(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.usb("1-1", 0x1A86, 0x7523, None)
+    small.file("usr/lib/udev/rules.d/85-brltty.rules", BRLTTY_RULES)
+    found = patient_on(small, USB, open_error=PortMissing(f"there is no {USB}")).examine().findings
+    assert [one.id for one in found] == ["port_taken_by_brltty"]
+    assert found[0].command == "sudo apt-get remove brltty"
+
+
+def test_one_without_its_driver(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.usb("1-1", 0x1A86, 0x7523, None)
+    found = patient_on(small, USB, open_error=PortMissing(f"there is no {USB}")).examine().findings
+    assert [(one.id, one.command) for one in found] == [("port_without_driver", "sudo modprobe ch341")]
+
+
+def test_a_denied_port_has_the_group_s_command(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path, STRANGER)
+    small.plug(ACM, mode=0o600)
+    found = patient_on(small, open_error=PortDenied(f"no permission to open {ACM}")).examine().findings
+    assert found[0].id == "port_denied"
+    assert "usermod -aG" in (found[0].command or "")
+
+
+@pytest.mark.parametrize(
+    ("kind", "command"),
+    [("latency_timer", "latency_timer"), ("brltty_present", "brltty"), ("modem_manager", "ModemManager")],
+)
+def test_what_makes_an_open_port_slow_or_lose(tmp_path: Path, kind: str, command: str) -> None:
+    small = SmallMachine(tmp_path)
+    if kind == "latency_timer":
+        small.plug(USB, 0x0403, 0x6014)
+        small.latency(USB, 16)
+    elif kind == "brltty_present":
+        small.plug(USB, 0x1A86, 0x7523)
+        small.file("usr/lib/udev/rules.d/85-brltty.rules", BRLTTY_RULES)
+    else:
+        small.plug(USB)
+        small.run(640, "ModemManager")
+    report = patient_on(small, USB).examine()
+    assert [one.id for one in report.findings] == [kind]
+    assert command in (report.findings[0].command or "")
+    assert report.healthy, "warnings block nothing"
+
+
+def test_a_good_adapter_is_no_word_worth(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.plug(ACM)
+    assert patient_on(small).examine().findings == ()
+
+
+def test_two_adapters_of_one_kind_without_serial_numbers(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.plug(ACM, serial=None)
+    small.plug("/dev/ttyACM1", serial=None)
+    assert [one.id for one in patient_on(small).examine().findings] == ["adapters_alike"]

@@ -1,0 +1,99 @@
+"""``servoloop doctor`` as users type it, on a pseudo-terminal; and whether the commands that it names can be typed."""
+
+import json
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from commissioning.doctor.markdown import markdown, without_names
+from drivers.servos import sts
+from servoloop import cli
+from servoloop.files import CONFIG
+from sim_backend.line import ServoLine
+from tests.commissioning.patient import NOBODYS_MACHINE, Patient
+from tests.commissioning.served import run, served
+from tests.commissioning.test_doctor_faults import FIRST
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Path:
+    return tmp_path / "bus"
+
+
+@pytest.fixture
+def bus(link: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServoLine[Any]]:
+    monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
+    with served(link, dict.fromkeys(range(1, 8), sts.STS3215)) as bus:
+        yield bus
+
+
+def test_a_whole_arm_is_well_and_the_report_names_nobody(
+    bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = tmp_path / "doctor.md"
+    assert run(monkeypatch, "doctor", "--port", str(link), "--report", str(report)) == 0
+    assert "joint6" in capsys.readouterr().out
+    text = report.read_text()
+    assert "| position_p | 32 | 32 | 32 | 32 | 32 | 32 | 32 |" in text
+    assert (CONFIG / "robot_arm.yaml").read_text().rstrip() in text
+
+
+def test_a_fault_is_json_and_a_status(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.servo(4).memory.put(sts.operating_mode, 1)
+    assert run(monkeypatch, "doctor", "--port", str(link), "--json") == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["findings"][0]["id"] == "wrong_mode"
+    assert said["findings"][0]["place"] == {"bus": "", "joint": "joint4", "servo_id": 4}
+    assert said["buses"][0]["servos"][3]["registers"]["operating_mode"] == 1
+
+
+def test_a_missing_port_is_a_finding_and_no_crash(
+    link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
+    assert run(monkeypatch, "doctor", "--port", str(link)) == 1
+    assert "the adapter's port is not there" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_report_has_no_name_of_user_machine_or_home() -> None:
+    text = "run sudo usermod -aG dialout mira on bench-7: /home/mira/arm.yaml is mirabelle's"
+    assert (
+        without_names(text, "mira", "bench-7")
+        == "run sudo usermod -aG dialout $USER on $HOST: ~/arm.yaml is mirabelle's"
+    )
+    patient = Patient(device="/home/mira/bus")
+    assert "mira" not in markdown(patient.examine(), "mira")
+
+
+def verbs() -> dict[str, Any]:
+    return dict(typer.main.get_command(cli.app).commands)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("spoil", [case[0] for case in FIRST], ids=[case[0].__name__ for case in FIRST])
+def test_each_command_that_is_named_can_be_typed(spoil: Any) -> None:
+    """All that begin with servoloop are taken by the command line, NEW being a number."""
+    patient = Patient()
+    spoil(patient)
+    for one in patient.examine().findings:
+        words = shlex.split((one.command or "").replace("NEW", "9"))
+        if words[:1] == ["servoloop"]:
+            command, arguments = verbs()[words[1]], words[2:]
+            while hasattr(command, "commands"):
+                command, arguments = command.commands[arguments[0]], arguments[1:]
+            command.make_context(words[1], arguments)
+
+
+def test_settings_in_a_robot_file_s_words_are_yaml() -> None:
+    """What is to be pasted into the robot file can be read there."""
+    patient = Patient()
+    patient.put(3, sts.position_p, 16)
+    cause = patient.findings()["gains_differ"].cause
+    said = cause[cause.index("{") : cause.index("}") + 1]
+    assert yaml.safe_load(said) == {"position_p": 16}

@@ -1,0 +1,90 @@
+"""docs/troubleshooting.md: every row names findings that there are and tests that exist; its script runs."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from commissioning.doctor.kinds import KINDS
+from commissioning.scan.look import Kind as ScanKind
+from drivers.servos import sts
+from tests.commissioning.patient import Patient
+from tests.commissioning.test_doctor_faults import FIRST
+
+HOME = Path(__file__).parents[2]
+PAGE = (HOME / "docs" / "troubleshooting.md").read_text()
+AILMENTS = {case[0].__name__: case for case in FIRST}
+PROVOKED = 32
+
+
+class Row(NamedTuple):
+    number: int
+    symptom: str
+    says: str
+    tests: tuple[str, ...]
+
+    @property
+    def ids(self) -> set[str]:
+        """The findings' ids that it names."""
+        return set(re.findall(r"`([a-z_]+)`", self.says))
+
+
+def _row(line: str) -> Row:
+    number, symptom, says, tests = (cell.strip() for cell in line.strip("|").split(" | "))
+    return Row(int(number), symptom, says, tuple(re.findall(r"`([^`]+)`", tests)))
+
+
+ROWS = [_row(line) for line in PAGE.splitlines() if re.match(r"\| \d", line)]
+
+
+@cache
+def functions(path: str) -> frozenset[str]:
+    tree = ast.parse((HOME / path).read_text())
+    return frozenset(node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+
+
+def test_the_thirty_nine_are_all_there_and_enough_of_them_are_provoked() -> None:
+    assert [row.number for row in ROWS] == list(range(1, 40))
+    assert sum(bool(row.tests) for row in ROWS) >= PROVOKED
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
+def test_a_row_names_tests_that_exist(row: Row) -> None:
+    assert row.tests
+    for test in row.tests:
+        if "::" not in test:
+            assert test in AILMENTS, test
+            continue
+        path, name = test.split("::")
+        assert name.partition("[")[0] in functions(path), test
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
+def test_a_row_names_findings_that_there_are_and_its_ailments_make_them(row: Row) -> None:
+    others = {*ScanKind.__args__, "permission", "reboot", "activate"}  # type: ignore[attr-defined]
+    assert row.ids <= KINDS.keys() | others, row.ids - KINDS.keys()
+    for test in row.tests:
+        if test in AILMENTS:
+            assert AILMENTS[test][1] in row.ids, (test, AILMENTS[test][1])
+
+
+def test_no_ailment_of_the_doctor_lacks_a_test() -> None:
+    """A kind of finding that nothing provokes may never come out at all."""
+    provoked = {case[1] for case in FIRST}
+    sources = "".join(
+        (HOME / "tests/commissioning" / f"test_doctor_{one}.py").read_text() for one in ("ports", "move", "judge")
+    )
+    assert {kind for kind in KINDS if kind not in provoked and f'"{kind}"' not in sources} == set()
+
+
+def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    patient = Patient()
+    patient.put(3, sts.operating_mode, 1)
+    monkeypatch.setattr("commissioning.doctor.examine._serial", lambda clock, device, baud: patient.open(device, baud))
+    monkeypatch.setattr("drivers.clock.MonotonicClock", lambda: patient.clock)
+    (script,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    exec(script, {})
+    assert "fault joint3 (servo 3)" in capsys.readouterr().out
