@@ -30,6 +30,15 @@ def test_other_makes_and_voltages(arm: str, holding: bool) -> None:
     assert patient.examine().findings == ()
 
 
+def test_a_robot_with_two_buses_and_one_without_power() -> None:
+    patient = Patient("robot_arm_two_buses.yaml")
+    assert patient.examine().findings == ()
+    for servo in patient.lines["hand"].servos:
+        patient.lines["hand"].faults.silence(servo.servo_id)
+    (finding,) = patient.examine().findings
+    assert (finding.id, finding.place.bus) == ("no_power", "hand")
+
+
 def test_nothing_is_written_and_torque_stays() -> None:
     for holding in (False, True):
         patient = Patient()
