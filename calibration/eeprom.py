@@ -9,7 +9,7 @@ by reading, never by the reply to the write: a reply that was lost costs no seco
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -59,6 +59,8 @@ class Eeprom:
     lock: Register | None
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
+    _becoming: tuple[Register, int] | None = None
+    """The ID that is being written: whoever is interrupted meanwhile finds the servo by the one or the other."""
 
     def read(self, register: Register) -> int:
         """What the servo holds."""
@@ -87,15 +89,30 @@ class Eeprom:
         self._try_write(register, value)
 
     def _put(self, register: Register, value: int) -> None:
-        """Write it once, and look."""
+        """Write it once, and look. Once more only where the servo was reset meanwhile: that closes the lock."""
+        for _ in range(TRIES):
+            self._put_once(register, value)
+            if self.lock is None or self._is_open(self.lock, register):
+                return
+            self._turn(self.lock, OPEN)
+        raise EepromError(self.servo_id, register, "is perhaps not saved: the servo loses its power again and again")
+
+    def _put_once(self, register: Register, value: int) -> None:
+        self._becoming = (register, value) if register.name == "id" else None
         failure = self._try_write(register, value)
         if register.name == "id":
             held = self._follow(register, value)
+            self._becoming = None
         else:
             read = partial(self.bus.read, self.servo_id, register)
             held = self._ask(read, register, f"has perhaps become {value}: it cannot be read back")
         if held != value:
             raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+
+    def _is_open(self, lock: Register, register: Register) -> bool:
+        """Whether what has just been written was written with the lock open: only that outlives power-off."""
+        read = partial(self.bus.read, self.servo_id, lock)
+        return self._ask(read, register, "was written, and is perhaps not saved") == OPEN
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
         """The answer; EepromError of ``register`` that tells what ``failed``. One lost packet is not the end."""
@@ -144,6 +161,9 @@ class Eeprom:
         """Close the lock if it is open. One that somebody else left open is closed too, if it can be read."""
         if self.lock is None:
             return
+        if self._becoming is not None:
+            with suppress(ServoError):
+                self._follow(*self._becoming)
         closed = self._stands(self.lock, CLOSED)
         if not closed and (self._touched or self._stands(self.lock, OPEN)):
             self._turn(self.lock, CLOSED)
@@ -181,12 +201,22 @@ def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     try:
         yield memory
     except BaseException as error:
-        try:
-            memory.close()
-        except DriverError as second:
-            error.add_note(f"the EEPROM may be left unlocked: {second}")
+        _close_after(memory, error)
         raise
-    memory.close()
+    try:
+        memory.close()
+    except DriverError:
+        raise
+    except BaseException as error:  # an interrupt, while it was being closed
+        _close_after(memory, error)
+        raise
+
+
+def _close_after(memory: Eeprom, error: BaseException) -> None:
+    try:
+        memory.close()
+    except DriverError as second:
+        error.add_note(f"the EEPROM may be left unlocked: {second}")
 
 
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from commissioning.calibrate.result import CalibrationError
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
@@ -20,11 +21,12 @@ from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
-from servoloop.verbs import servo
+from servoloop.verbs import calibration, passport, register, servo
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
+from servoloop.verbs.set_up import setup
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,13 +40,16 @@ bench_app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 app.add_typer(bench_app, name="bench")
 app.command()(ports)
 app.command()(scan)
+app.command()(setup)
+app.add_typer(register.register_app, name="register")
 app.command()(doctor)
-app.add_typer(servo.register_app, name="register")
 for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)
 app.command()(calibrate)
 app.command()(hand)
 app.add_typer(arms_app, name="arms")
+app.add_typer(calibration.app, name="calibration")
+app.add_typer(passport.app, name="passport")
 
 BACKLASH_DEG = 1.0
 """What owners measure at the shaft of an STS3215."""
@@ -72,8 +77,9 @@ def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError) as error:
-        typer.secho(f"servoloop: {error}", fg="red", err=True)
+    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
+        for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
+            typer.secho(text, fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(f"servoloop: {error}", err=True)
@@ -160,6 +166,13 @@ def emulate(
             help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
         ),
     ] = None,
+    box: Annotated[
+        bool,
+        typer.Option(
+            "--box",
+            help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
+        ),
+    ] = False,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -184,7 +197,7 @@ def emulate(
             files,
             link,
             pictures,
-            Build(backlash_deg, seed, practice),
+            Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

@@ -1,6 +1,7 @@
 """``servoloop emulate``: the virtual bus with its world."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ from hal.errors import RobotFileError
 from hal.robot import Robot
 from servoloop.files import Files
 from servoloop.ports import device_paths
+from sim_backend.box import FACTORY_ID, VirtualBox, plugged
 from sim_backend.build import Build
 from sim_backend.bus import VirtualBus
 from sim_backend.common import CommonPlant
-from sim_backend.control import ControlServer, control_path
+from sim_backend.control import ControlServer, Handler, control_path
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.emulator import serve_all
 from sim_backend.feeder import Feeder
@@ -24,6 +26,7 @@ from sim_backend.hand import Hand, obey
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, Plant, WorldPlant
+from sim_backend.rig import Supply
 from sim_backend.servo import VirtualServo
 from sim_backend.spread import NOMINAL, Spread
 from sim_backend.world import World
@@ -74,6 +77,19 @@ def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[
     return lines
 
 
+def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> VirtualBox:
+    """The arm's servos as they came from the factory, fastened to its joints already. Raises RobotFileError."""
+    models = [joint.model for joint in robot.joints]
+    if len(robot.file.lines()) > 1 or any(series_of(model).protocol is PROTOCOL_2 for model in models):
+        raise RobotFileError("a virtual box has servos of one bus, and no Dynamixels of protocol 2.0 yet")
+    return VirtualBox(models, plant, spread.supply(Supply(min(model.rated_voltage_v for model in models))))
+
+
+def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
+    """The couplings of servos that all have the factory's ID still."""
+    return [replace(one, servo_id=FACTORY_ID) for one in ways]
+
+
 def emulate(
     files: Files,
     link: Path,
@@ -88,24 +104,28 @@ def emulate(
     """
     ways = build.mounted(couplings(files.robot))
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
-    practice = build.practice_seed is not None
-    if practice:
+    if build.practice_seed is not None:
         world.clear_table()
     feeder = Feeder()
     hand = Hand(world, {one.joint: one.transmission for one in ways})
     recorder = Recorder(world) if pictures else None
 
     def after_step(time_s: float) -> None:
-        if not practice:
+        if world.laid:
             feeder.update(world, time_s)
         hand.update()
         if recorder:
             recorder.update(time_s)
 
-    plant = WorldPlant(world, ways, after_step)
-    lines = virtual_lines(files.robot, plant, build.spread)
+    handle: Handler = partial(obey, hand, world.lay_table)
+    if build.in_box:
+        box = virtual_box(files.robot, WorldPlant(world, as_delivered(ways), after_step), build.spread)
+        handle = partial(plugged, box, [one.joint for one in ways], handle)
+        lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
+    else:
+        lines = virtual_lines(files.robot, WorldPlant(world, ways, after_step), build.spread)
     places = device_paths(link, lines)
-    with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), partial(obey, hand)) as control:
+    with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), handle) as control:
 
         def on_tick(now_s: float) -> None:
             feed.tick(now_s, world, max(line.dropped_s for line in lines.values()))

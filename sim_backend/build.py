@@ -19,6 +19,8 @@ class Build:
     """Gives the arm friction, motors, masses and a supply of its own. None: the nominal ones."""
     practice_seed: int | None = None
     """Gives it zeros and directions that nobody has calibrated, on an empty table. None: those of the robot file."""
+    in_box: bool = False
+    """Its servos are as they come from the factory, all with one ID and none connected (``sim_backend.box``)."""
 
     @property
     def spread(self) -> Spread:

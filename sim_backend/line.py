@@ -36,6 +36,8 @@ class Wired(Stepped, Protocol):
 
     def answer(self, instruction: Instruction) -> bytes | None: ...
 
+    def power_cycle(self) -> None: ...
+
 
 AnyServo = TypeVar("AnyServo", bound=Wired)
 
@@ -61,6 +63,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         self.faults = WireFaults()
         self.dropped_s = 0.0
         """Physical time that was skipped because the caller came too late."""
+        self._unplugged: set[AnyServo] = set()
         self._parser = parser
         self._id_at = id_at
         self._origin_s: float | None = None
@@ -76,6 +79,17 @@ class ServoLine(ABC, Generic[AnyServo]):
     def servo(self, servo_id: int) -> AnyServo:
         """The first servo with this ID."""
         return next(servo for servo in self.servos if servo.servo_id == servo_id)
+
+    def unplug(self, servo: AnyServo) -> None:
+        """Pull the servo's plug: it has no power and hears nothing until ``plug``."""
+        self._unplugged.add(servo)
+        servo.power_cycle()
+
+    def plug(self, servo: AnyServo) -> None:
+        """Plug the servo in, if it is not: it comes up as after any power-off."""
+        if servo in self._unplugged:
+            self._unplugged.remove(servo)
+            servo.power_cycle()
 
     @property
     def reached_s(self) -> float:
@@ -124,7 +138,9 @@ class ServoLine(ABC, Generic[AnyServo]):
         """Servos that understand this baud and are there. The others hear garbage, or nothing."""
         faults = self.faults
         return [
-            servo for servo in self.servos if servo.baud == baud and not servo.deaf and faults.hears(servo.servo_id)
+            servo
+            for servo in self.servos
+            if servo not in self._unplugged and servo.baud == baud and not servo.deaf and faults.hears(servo.servo_id)
         ]
 
     @abstractmethod

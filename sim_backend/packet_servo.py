@@ -85,6 +85,10 @@ class PacketServo(ABC):
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""
 
+    @abstractmethod
+    def power_cycle(self) -> None:
+        """Power off and on again: what was not saved is gone, the motor is free."""
+
     def read_status(self, address: int, size: int) -> bytes:
         """The status packet with ``size`` bytes from ``address``."""
         return self._status(self.servo_id, self.read(address, size))

@@ -1,12 +1,12 @@
 """The calibration file beside the robot file: signs, zeros and homing offsets of one arm as it was put together."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
 
 from commissioning.calibrate.result import CalibrationError, JointCalibration
+from commissioning.whole_file import write_whole
 from hal.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
 
 HEADER = "# Written by servoloop calibrate. The former one is beside it, with .1 behind its name.\n"
@@ -32,13 +32,8 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]]) -> Pat
         }
     )
     text = HEADER + yaml.safe_dump(content.model_dump(), sort_keys=False, default_flow_style=None, width=120)
-    partial = path.with_name(path.name + ".part")
     try:
-        partial.write_text(text)
-        if path.exists():
-            os.replace(path, path.with_name(path.name + ".1"))
-        os.replace(partial, path)
+        write_whole(path, text)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise CalibrationError(f"cannot write {path}: {error.strerror}: the former one is there still") from error
     return path

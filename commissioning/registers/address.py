@@ -9,7 +9,7 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import rates_of, register_named
 from commissioning.scan.find import FoundServo, answers
 from commissioning.scan.identify import surely
-from drivers.errors import ServoError
+from drivers.errors import PortLost, ServoError
 from drivers.protocol import v2
 from drivers.servos.register import Register
 
@@ -64,14 +64,21 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
     _refuse_taken(servo, former, baud)
     old = servo.read(register)
     with eeprom(servo.bus, servo.servo_id, servo.series.lock) as memory:
-        memory.write_unread(register, values[baud])
-        _follow(servo, memory, register, former, baud)
+        try:
+            memory.write_unread(register, values[baud])
+            found = _follow(servo, memory, register, (baud, former))
+        except PortLost:
+            raise
+        except BaseException:  # it can be locked only at the rate at which it is
+            _follow(servo, memory, register, (former, baud))
+            raise
+        _check_arrived(servo, register, found, former, baud)
         memory.changes.append(Change(register, old, values[baud]))
     return BaudChange(servo.servo_id, former, baud)
 
 
 def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
-    """Where the adapter cannot make the rate this raises PortError, before anything is written."""
+    """Where the adapter cannot make the rate this raises PortError: nothing is written then."""
     try:
         servo.port.set_baud(baud)
         taken = answers(servo.port, servo.clock, servo.packets, servo.servo_id)
@@ -83,17 +90,19 @@ def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
         )
 
 
-def _follow(servo: FoundServo, memory: Eeprom, register: Register, former: int, baud: int) -> None:
-    """Go on at the rate at which the servo answers, the new one or still the old one."""
-    for rate in (baud, former):
+def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[int, int]) -> int | None:
+    """Go on at that of these rates at which the servo answers, and say which it is."""
+    for rate in rates:
         servo.port.set_baud(rate)
         memory.bus = servo.bus
         with suppress(ServoError):
             surely(partial(memory.bus.read, servo.servo_id, register))
-            break
-    else:
-        raise EepromError(
-            servo.servo_id, register, f"was to become {baud} baud: it answers neither there nor at {former}"
-        )
-    if rate != baud:
+            return rate
+    return None
+
+
+def _check_arrived(servo: FoundServo, register: Register, found: int | None, former: int, baud: int) -> None:
+    if found is None:
+        raise EepromError(servo.servo_id, register, f"was to become {baud} baud: it answers neither so nor at {former}")
+    if found != baud:
         raise EepromError(servo.servo_id, register, f"stays at {former} baud: the servo does not take {baud}")

@@ -3,37 +3,26 @@
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, Literal
+from typing import Final
 
 from commissioning.scan.identify import Identity, identify, surely
 from commissioning.scan.modes import mode_text
+from commissioning.scan.problems import Problem, line_trouble, own_troubles
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
+from drivers.bus.late_replies import HELD_S
 from drivers.bus.types import FaultKind, ServoFault, ServoState
 from drivers.clock import Clock
 from drivers.errors import PortLost, ServoCorrupt, ServoError
 from drivers.port import Port
-from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.protocol import v1
 from drivers.servos.dynamixel import X
-from drivers.servos.feetech import STS
-from drivers.servos.series import Series
+from drivers.servos.feetech import SCS
+from drivers.servos.register import Register
 
-Kind = Literal[
-    "alarmed", "wrong_mode", "unknown_model", "collision", "bad_line", "late", "no_reads", "other_rate", "absent"
-]
 GOOD: Final = 3
 """So many states in one piece, and it is one servo: of two with one ID each read is a mixture of two positions."""
 TRIES: Final = 10
-BAD_SHARE: Final = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """What is wrong, and what to do."""
-
-    kind: Kind
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +56,17 @@ def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | Non
         raise
     except ServoError as error:
         corrupt = isinstance(error, ServoCorrupt)
-    series = identity.series if identity else STS if step.packets is v1 else X
-    bus = Bus(port, clock, {servo_id: identity.stand_in if identity else series.models[0]})
+        clock.sleep_until(clock.now() + HELD_S)  # what may still come is an answer to none of the next questions
+        port.discard_input()
+    # Whatever it is: all servos of protocol 1.0 answer the plain reads by which an SCS is asked.
+    unknown = (SCS if step.packets is v1 else X).models[0]
+    bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
-    trouble = _line_trouble(bus.name, servo_id, kinds, corrupt)
+    trouble = line_trouble(bus.name, servo_id, kinds, corrupt)
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
     if identity is None or state is None:
-        return ServoLook(servo_id, step.baud, series.protocol.name, problems=(trouble,) if trouble else ())
+        return ServoLook(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
     return _looked(bus, servo_id, step, identity, state, trouble)
 
 
@@ -87,32 +79,6 @@ def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKi
         kinds[reading.kind if isinstance(reading, ServoFault) else None] += 1
         state = state if isinstance(reading, ServoFault) else reading
     return state, kinds
-
-
-def _line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], corrupt: bool) -> Problem | None:
-    """What the tries say of the line rather than of the servo."""
-    failed = kinds.total() - kinds[None]
-    if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
-        return _collision(servo_id)
-    if kinds["late"] > 1 + kinds[None]:
-        return Problem("late", f"answers too late: {latency_advice(port) or HELD_BACK}")
-    if kinds[None] == 0 and kinds["corrupt"] == 0:
-        return (
-            _collision(servo_id)
-            if corrupt
-            else Problem("no_reads", "answers a ping but no read: set its status return level so that it answers reads")
-        )
-    if failed >= BAD_SHARE * kinds.total():
-        return Problem("bad_line", "answers now and then, and broken: check the cable's plugs and the supply")
-    return None
-
-
-def _collision(servo_id: int) -> Problem:
-    return Problem(
-        "collision",
-        f"answers, but never in one piece: two servos probably have ID {servo_id}. Unplug all of them but one and give "
-        f"that another ID: servoloop set-id {servo_id} NEW. If there is only one, check the cable's plugs",
-    )
 
 
 def _pings(bus: Bus, servo_id: int) -> bool:
@@ -130,47 +96,21 @@ def _looked(
 ) -> ServoLook:
     series, problems = identity.series, [trouble] if trouble else []
     torque: int | None = None
-    mode = wrong = None
+    mode: str | None = None
+
+    def read(register: Register) -> int:
+        return surely(partial(bus.read, servo_id, register))
+
     try:
-        torque = surely(partial(bus.read, servo_id, series.torque_enable))
-        mode = mode_text(series, lambda register: surely(partial(bus.read, servo_id, register)))
-        wrong = series.config_error(identity.stand_in, lambda register: surely(partial(bus.read, servo_id, register)))
+        torque, mode = read(series.torque_enable), mode_text(series, read)
+        problems += own_troubles(identity, state, read)
     except PortLost:
         raise
-    except ServoError as error:
-        problems.append(Problem("bad_line", f"{error.text}"))
-    if identity.model is None:
-        problems.append(Problem("unknown_model", _unknown(identity)))
-    elif wrong:
-        problems.append(Problem("wrong_mode", wrong))
-    if state.alarms:
-        problems.append(Problem("alarmed", _alarm_text(bus, servo_id, series, state)))
+    except ServoError as error:  # the line is so bad that not even many tries have helped
+        problems.append(Problem("bad_line", error.text))
     return ServoLook(
         servo_id, step.baud, series.protocol.name, series.make,
         identity.model.name if identity.model else None, identity.number, identity.firmware,
         round(state.voltage_v, 1), state.temperature_c, state.position_counts,
         None if torque is None else torque == 1, mode, state.alarms, tuple(problems),
     )  # fmt: skip
-
-
-def _unknown(identity: Identity) -> str:
-    known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)
-    return (
-        f"says model number {identity.number}, which is none of the series {identity.series.name} that are known here "
-        f"({known}); it was read by that series' table"
-    )
-
-
-_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
-
-
-def _alarm_text(bus: Bus, servo_id: int, series: Series, state: ServoState) -> str:
-    text = f"reports {' and '.join(state.alarms)}"
-    if "voltage" not in state.alarms:
-        return f"{text}: take the load off or let it cool, then switch its supply off and on"
-    names = {register.name: register for register in series.registers}
-    for lowest, highest in _LIMITS:
-        if lowest in names:
-            low, high = (0.1 * surely(partial(bus.read, servo_id, names[name])) for name in (lowest, highest))
-            return f"{text}: it has {state.voltage_v:.1f} V and its limits are {low:.1f} to {high:.1f} V"
-    return text

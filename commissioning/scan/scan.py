@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from commissioning.scan.look import Problem, ServoLook, look
+from commissioning.scan.look import ServoLook, look
+from commissioning.scan.problems import Problem
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Heard, Wire
 from drivers.clock import Clock
@@ -87,7 +88,7 @@ class _Search:
     def take(self, step: Step) -> None:
         """Look at one rate with one kind of packets."""
         if self._packets and step.packets not in self._packets and not self._all_makes:
-            self._skipped[step.text.partition(", ")[2]] = None
+            self._skipped[step.servos] = None
             return
         try:
             self._port.set_baud(step.baud)

@@ -32,10 +32,14 @@ class Step:
     baud: int
 
     @property
+    def servos(self) -> str:
+        """Whose packets they are."""
+        return "Feetech, Dynamixel protocol 1.0" if self.packets is v1 else "Dynamixel protocol 2.0"
+
+    @property
     def text(self) -> str:
         """For a progress bar."""
-        servos = "Feetech, Dynamixel protocol 1.0" if self.packets is v1 else "Dynamixel protocol 2.0"
-        return f"{self.baud} baud, {servos}"
+        return f"{self.baud} baud, {self.servos}"
 
 
 def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step, ...]:

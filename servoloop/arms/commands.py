@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from servoloop.arms.folder import Arm, arms, find_arm
+from servoloop.arms.folder import PATHS, Arm, arms, find_arm
 
 app = typer.Typer(help="The arms that are ready to use.")
 
@@ -33,7 +33,7 @@ def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
 
 def print_table(found: list[Arm], console: Console) -> None:
     """Print the arms for people."""
-    table = Table("arm", "what it is", "licence of the description")
+    table = Table("arm", "what it is", "licence")
     for arm in found:
         table.add_row(arm.name, escape(arm.file.description), arm.file.license)
     console.print(table)
@@ -61,6 +61,6 @@ def check(
 
 def _content(arm: Arm) -> dict[str, str]:
     """The arm for programs; files are absolute paths."""
-    files = {name: str(getattr(arm, name)) for name in ("urdf", "robot", "scene", "controllers", "pick_place")}
+    files = {name: str(getattr(arm, name)) for name in PATHS}
     about = {"description": arm.file.description, "source": arm.file.source, "license": arm.file.license}
     return {"name": arm.name, **about, "folder": str(arm.folder), **files}

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
@@ -13,6 +13,7 @@ from servoloop.files import CONFIG, Files, read_files
 
 ARMS: Final = CONFIG / "arms"
 ARM_FILE: Final = "arm.yaml"
+PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place")
 OWN: Final = "robot_arm"
 """The arm where none is named."""
 
@@ -24,6 +25,8 @@ class ArmFile(BaseModel):
 
     description: str = Field(pattern=r"^[^\n]+$")
     """What the arm is, in one line."""
+    like: str | None = None
+    """The folder of another arm: what this file does not say is as there."""
     urdf: str = "arm.urdf"
     robot: str = "robot.yaml"
     scene: str = "scene.xml"
@@ -31,10 +34,16 @@ class ArmFile(BaseModel):
     pick_place: str = "pick_place.yaml"
     calibration: ArmPlan = ArmPlan()
     """How its servos are brought together with the URDF's angles."""
-    source: str
+    source: str = ""
     """Where its description comes from, and what was changed."""
-    license: str
+    license: str = ""
     """Of the description, as an SPDX identifier."""
+
+    @model_validator(mode="after")
+    def _says_where_from(self) -> Self:
+        if self.like is None and not (self.source and self.license):
+            raise ValueError("source and license of the description are missing")
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +100,18 @@ def find_arm(name: str = OWN) -> Arm:
 def read_arm(folder: Path) -> Arm:
     """Read ``arm.yaml`` of a folder, not yet the files that it names. Raises ArmFileError with every mistake."""
     home = folder.resolve()
-    return Arm(home.name, home, load(folder / ARM_FILE, ArmFile, ArmFileError))
+    said = load(folder / ARM_FILE, ArmFile, ArmFileError)
+    return Arm(home.name, home, said if said.like is None else _completed(said, home / said.like, folder / ARM_FILE))
+
+
+def _completed(said: ArmFile, model: Path, where: Path) -> ArmFile:
+    """What an arm's file says, and for the rest what that of the arm in ``model`` says."""
+    other = load(model / ARM_FILE, ArmFile, ArmFileError)
+    if other.like is not None:
+        raise ArmFileError(f"{where}: like: {model.name} is itself like {other.like}: name that one")
+    paths = {name: str((model / getattr(other, name)).resolve()) for name in PATHS}
+    rest = {"source": other.source, "license": other.license, "calibration": other.calibration, **paths}
+    return said.model_copy(update={name: value for name, value in rest.items() if name not in said.model_fields_set})
 
 
 def read_arm_files(

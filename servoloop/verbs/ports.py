@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servoloop.processes import Interrupted
 from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
@@ -44,7 +45,10 @@ def _wait(timeout_s: float, json: bool) -> None:
     from commissioning.ports.plugging import wait_for_plugging
 
     typer.echo("plug the adapter in, or pull it out", err=True)
-    plugged = wait_for_plugging(timeout_s)
+    try:
+        plugged = wait_for_plugging(timeout_s)
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted") from None
     if json:
         print_json(plugged)
         return

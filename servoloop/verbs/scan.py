@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servoloop.processes import Interrupted
 from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ def scan(
     try:
         with _bar(Console(stderr=True), quiet=json) as progress:
             report = search(line, clock, bauds=baud or (), servo_ids=servo_ids, makes=makes, progress=progress)
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted: nothing was changed") from None
     finally:
         line.close()
     if json:

@@ -1,127 +1,11 @@
-"""Verbs for one servo: its registers, its ID and rate, factory reset and reboot."""
+"""Verbs for one servo: its ID and rate, factory reset and reboot."""
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from servoloop.verbs.line import BaudOption, IdArgument, PortOption, servo_at
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
-
-if TYPE_CHECKING:
-    from commissioning.registers.values import RegisterValue
-    from commissioning.scan.find import FoundServo
-
-PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
-BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
-IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
-IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
-NameArgument = Annotated[str, typer.Argument(help="Register, such as present_voltage.")]
-
-register_app = typer.Typer(no_args_is_help=True, help="Registers of one servo by name, with units.")
-
-
-@contextmanager
-def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """The servo, its port opened for as long as the block lasts.
-
-    SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out.
-    """
-    from commissioning.ports.adapters import only_port
-    from commissioning.scan.find import find_servo
-    from drivers.clock import MonotonicClock
-    from drivers.port.serial_port import SerialPort
-
-    clock = MonotonicClock()
-    line = SerialPort(port or only_port(), baud or 1_000_000, clock)
-    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        with find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
-            yield servo
-    finally:
-        signal.signal(signal.SIGTERM, former)
-        line.close()
-
-
-@register_app.command("list")
-def list_registers(
-    servo_id: IdOption, port: PortOption = None, baud: BaudOption = None, json: JsonOption = False
-) -> None:
-    """Print the whole table of the servo's model, with present values. Nothing is written.
-
-    Example: `servoloop register list --port /dev/ttyACM0 --id 3`
-    """
-    from rich.console import Console
-    from rich.table import Table
-
-    from commissioning.registers.access import list_registers as read_all
-
-    with servo_at(port, servo_id, baud) as servo:
-        values = read_all(servo)
-    if json:
-        print_json(values)
-        return
-    table = Table("register", "address", "access", "kept", "value", "raw", title=f"servo {servo_id}: {servo.name}")
-    for one in values:
-        access, kept = "read, write" if one.writable else "read", "EEPROM" if one.persistent else "RAM"
-        table.add_row(one.name, str(one.address), access, kept, one.text, "" if one.raw is None else str(one.raw))
-    Console().print(table)
-
-
-@register_app.command()
-def read(
-    name: NameArgument,
-    servo_id: IdOption,
-    port: PortOption = None,
-    baud: BaudOption = None,
-    json: JsonOption = False,
-) -> None:
-    """Print one register in its unit, and as the servo counts it.
-
-    Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
-    """
-    from commissioning.registers.access import read_register
-
-    with servo_at(port, servo_id, baud) as servo:
-        value = read_register(servo, name)
-    if json:
-        print_json(value)
-    else:
-        typer.echo(_text(value))
-
-
-@register_app.command()
-def write(
-    name: NameArgument,
-    value: Annotated[str, typer.Argument(help="As the servo counts (120), or a quantity with its unit (12.0V).")],
-    servo_id: IdOption,
-    port: PortOption = None,
-    baud: BaudOption = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Write one register and read it back. EEPROM only where it differs, under its lock.
-
-    Goals are refused, and under torque everything but the torque switch. That asks first: switched on, the servo is
-    held where it stands, and stays so; switched off, what it held falls.
-    Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
-    """
-    from commissioning.registers.access import write_register
-
-    switch = name == "torque_enable"
-    with servo_at(port, servo_id, baud) as servo:
-        if switch:
-            on = value.strip() == "1"
-            does = "holds where it stands, under torque" if on else "lets go, and what it held falls"
-            confirm(f"servo {servo_id} {does}: go on?", yes)
-        written = write_register(servo, name, value, torque=switch)
-    if json:
-        print_json(written)
-    elif written.changed:
-        typer.echo(f"servo {servo_id}: {_text(written.after)}, before {written.before.text}")
-    else:
-        typer.echo(f"servo {servo_id}: {_text(written.after)} already: nothing written")
 
 
 def set_id(
@@ -218,8 +102,3 @@ def reboot(
         print_json(report)
     else:
         typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s, without torque")
-
-
-def _text(value: "RegisterValue") -> str:
-    raw = f" (raw {value.raw})" if value.unit else ""
-    return f"{value.name} {value.text}{raw}"

@@ -17,7 +17,7 @@ RUNNER = CliRunner()
 
 
 def test_the_arms_that_are_ready() -> None:
-    assert [arm.name for arm in arms()] == ["robot_arm", "robot_arm_dynamixel", "so101", "so101_12v"]
+    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
     assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
 
@@ -47,8 +47,24 @@ def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
     assert (arm.name, arm.urdf, arm.robot) == ("mine", URDF, folder / "robot.yaml")
 
 
+def test_an_arm_may_be_like_another_one(tmp_path: Path) -> None:
+    low, high = find_arm("so101"), find_arm("so101_12v")
+    assert (high.urdf, high.scene, high.pick_place) == (low.urdf, low.scene, low.pick_place)
+    assert high.robot != low.robot and high.file.calibration == low.file.calibration != type(low.file.calibration)()
+    assert (high.file.source, high.file.license) == (low.file.source, low.file.license)
+    (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {high.folder}\n")
+    with pytest.raises(ArmFileError, match=r"so101_12v is itself like \.\./so101: name that one"):
+        find_arm(str(tmp_path))
+
+
+def test_an_arm_says_where_its_description_comes_from(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("description: mine\n")
+    with pytest.raises(ArmFileError, match="source and license of the description are missing"):
+        find_arm(str(tmp_path))
+
+
 def test_an_unknown_arm_is_told_which_there_are() -> None:
-    with pytest.raises(ArmFileError, match=r"no arm so102: name one of robot_arm, .*, so101_12v, or a folder"):
+    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_12v, or a folder"):
         find_arm("so102")
 
 

@@ -21,7 +21,7 @@ from sim_backend.port import VirtualPort
 from tests.drivers.fault_lines import CYCLES
 
 LOCK = sts.lock
-WRITE = 0x03
+READ, WRITE = 0x02, 0x03
 EEPROM_END = sts.torque_enable.address
 
 
@@ -296,6 +296,32 @@ def test_a_lost_port_is_reported_as_such(number: int) -> None:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
 
 
+@pytest.mark.parametrize("number", range(24))
+def test_a_servo_that_is_reset_in_between_keeps_what_was_written(number: int) -> None:
+    """A reset closes the lock: what is written then acts, reads back as it should, and is gone after power-off."""
+    line = Line()
+    line.port.before_write = lambda n: line.first.power_cycle() if n == number else None
+    values = {sts.position_p: 16, sts.position_d: 20, sts.homing_offset: -85}
+    update(line.bus, 1, LOCK, values)
+    assert line.held(sts.lock) == 1
+    line.first.power_cycle()
+    assert {register: line.held(register) for register in values} == values
+
+
+def test_a_servo_that_is_reset_again_and_again_is_named() -> None:
+    """Each time when its lock has just been seen open."""
+    line = Line()
+
+    def meddle(number: int) -> None:
+        if number and line.port.packets[-1][4:6] == bytes((READ, LOCK.address)):
+            line.first.memory.put(LOCK, 1)
+
+    line.port.before_write = meddle
+    with pytest.raises(EepromError, match=r"servo 1: position_p .* is perhaps not saved: the servo loses its power"):
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    assert line.held(LOCK) == 1
+
+
 class Stumble(BaseException):
     """Not an Exception: as Ctrl-C is none."""
 
@@ -337,6 +363,22 @@ def test_the_lock_is_closed_however_the_scope_ends(at: int, length: int, fault: 
         line.first.power_cycle()
         assert [line.held(register) for register, _ in steps] == [value for _, value in steps]
     assert len(line.port.wear) <= len(steps)
+
+
+@pytest.mark.parametrize("number", range(14))
+def test_an_interrupt_at_any_packet_leaves_the_lock_closed(number: int) -> None:
+    """Also at the packet that was to close it."""
+    line = Line()
+
+    def interrupt(n: int) -> None:
+        if n == number:
+            line.port.before_write = lambda n: None
+            raise KeyboardInterrupt
+
+    line.port.before_write = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        update(line.bus, 1, LOCK, {sts.position_p: 16, sts.position_d: 20})
+    assert line.held(sts.lock) == 1
 
 
 def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:

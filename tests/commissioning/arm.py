@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.angles import Travel
 from commissioning.calibrate.flow import Task
 from commissioning.calibrate.plan import ArmPlan, JointPlan
+from commissioning.calibrate.result import Found, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus
 from hal.joint import Joint
 from servoloop.arms.folder import find_arm, read_arm_files
@@ -41,6 +43,7 @@ class UnalignedArm:
     ) -> None:
         """``start``: where the joints are. Without it they are all at 0, and the arm hangs free."""
         self.clock = SimulatedClock()
+        self.plan = find_arm(name).file.calibration
         self.files = read_arm_files(find_arm(name))
         self.joints = self.files.robot.joints
         self.couplings: list[Coupling] = Mounting(seed).couplings(couplings(self.files.robot))
@@ -84,6 +87,15 @@ class UnalignedArm:
         """How this joint's servo is really mounted."""
         return next(one for one in self.couplings if one.joint == joint)
 
+    def as_mounted(self) -> dict[str, JointCalibration]:
+        """What a calibration without any error would find."""
+        found: dict[str, JointCalibration] = {}
+        for joint, true in zip(self.joints, self.couplings, strict=True):
+            at = [true.zero_counts + true.sign * end / unit(joint) for end in (joint.limits.lower, joint.limits.upper)]
+            travel = Travel(round(min(at)), round(max(at)))
+            found[joint.name] = calibration_of(joint, Found(travel, true.sign, true.zero_counts, 0.0, 0))
+        return found
+
     def wait(self) -> None:
         self.clock.sleep_until(self.clock.now() + LOOK_S)
 
@@ -107,11 +119,14 @@ class Person:
         self.heard.append(task.text)
         if self.lazy(task):
             return
-        for name in task.joints:
-            if name in self.skipped and task.kind == "sweep":
-                continue
+        left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
+        self.move(task.kind, left, look)
+
+    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+        """Do one kind of task with these joints, one after the other."""
+        for name in joints:
             joint = next(joint for joint in self.arm.joints if joint.name == name)
-            for position in self._ways(task.kind, joint):
+            for position in self._ways(kind, joint):
                 self._take(name, position, look)
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:

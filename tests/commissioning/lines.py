@@ -1,5 +1,6 @@
 """Lines of virtual servos as people have them before they are set up, on simulated time."""
 
+import random
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,7 +8,7 @@ from commissioning.scan.scan import ScanReport, scan
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
-from sim_backend.bus import VirtualBus, servo_of
+from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.line import ServoLine
@@ -37,14 +38,19 @@ class ToolLine:
         self.port: VirtualPort = Noting(self.servos, self.clock)
 
     @classmethod
-    def twins(cls, model: ServoModel, servo_id: int = 2) -> "ToolLine":
-        """Three servos, of which two have one ID and stand at different angles."""
-        line = cls({1: model, servo_id: model, 9: model})
-        plant = BenchPlant((1, servo_id, 9), timestep_s=0.005)
-        plant.place([0.0, 0.3, 1.0])
-        servos = [servo_of(model, coupling.servo_id) for coupling in plant.couplings]
-        line.servos = VirtualBus(Rig(servos, plant, Supply(model.rated_voltage_v)))
-        servos[-1].memory.put(series_of(model).servo_id, servo_id)
+    def twins(
+        cls, model: ServoModel, servo_id: int = 2, count: int = 2, seed: int = 0, apart: bool = True
+    ) -> "ToolLine":
+        """A servo with ID 1 and ``count`` with one ID, as they come from the factory; ``apart``: each stands somewhere
+        else, and nothing else tells them from one."""
+        places = (1, *range(100, 100 + count))
+        line, chance = cls(dict.fromkeys(places, model)), random.Random(seed)
+        plant = BenchPlant(places, timestep_s=0.005)
+        plant.place([chance.uniform(0.5, 3.5) if apart else 1.0 for _ in places])
+        servos: list[Any] = list(line.servos.servos)
+        line.servos = type(line.servos)(Rig(servos, plant, Supply(model.rated_voltage_v)))  # type: ignore[call-arg,arg-type]
+        for servo in servos[1:]:
+            servo.memory.put(series_of(model).servo_id, 2)
         line._noted(VirtualPort)
         return line
 

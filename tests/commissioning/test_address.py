@@ -74,6 +74,15 @@ def test_the_id_of_two_is_not_changed() -> None:
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 2, 2]
 
 
+def test_of_two_that_looked_like_one_the_one_that_missed_the_write_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = ToolLine.twins(sts.STS3215, apart=False)
+    memory = line.servos.servos[2].memory
+    write = memory.write
+    monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
+    with pytest.raises(CommissioningError, match="servo 2: has become 5, and another answers to 2: there were two"):
+        told(line, set_id, 2, 5)
+
+
 @pytest.mark.parametrize(("model", "new_id"), [(sts.STS3215, 254), (x.XL430_W250, 253), (sts.STS3215, -1)])
 def test_an_id_that_calls_everybody_is_refused(model: ServoModel, new_id: int) -> None:
     line = line_of(model)

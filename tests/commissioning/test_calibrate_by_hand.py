@@ -9,14 +9,16 @@ from commissioning.calibrate.result import doubts
 from drivers.servos.sts import torque_enable
 from servoloop.arms.folder import find_arm
 from tests.commissioning.arm import PLAN, Person, UnalignedArm
+from tests.drivers.fault_lines import CYCLES
 
 ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
-FEW, MANY = 2, 20
-SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
+SEEDS = range(max(2, CYCLES // 500))
+"""Two, and in make soak twenty."""
 
 
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
 @pytest.mark.parametrize("name", ["robot_arm", "so101"])
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", SEEDS)
 def test_zeros_and_directions_are_found(seed: int, name: str, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg, name)

@@ -13,18 +13,20 @@ from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from servoloop.arms.folder import find_arm
 from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm
+from tests.drivers.fault_lines import CYCLES
 
 ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
-FEW, MANY = 2, 20
-SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
+SEEDS = range(max(1, CYCLES // 500))
+"""Two, in make soak twenty."""
 
 
 def off_rad(arm: UnalignedArm, joint: str, counts: int) -> float:
     return abs((counts - arm.coupling(joint).zero_counts + 2048) % 4096 - 2048) * tau / 4096
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(3))
 def test_zeros_and_directions_are_found(seed: int, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg)
     arm.hand.release()
@@ -62,6 +64,7 @@ def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
     assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"
 
 
+@pytest.mark.slow
 def test_no_joint_is_ever_faster_than_tools_may_be() -> None:
     arm = UnalignedArm(1)
     fastest = 0.0
@@ -83,6 +86,7 @@ def test_a_joint_without_a_stop_ends_it_by_name() -> None:
     assert is_limp_with_its_limits(arm)
 
 
+@pytest.mark.slow
 def test_something_in_the_way_is_taken_for_a_stop_and_the_travel_says_so() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint3").range = (-1.2, 2.0)
@@ -114,6 +118,7 @@ def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
 SO101_FOLDED = (0.0, -1.7, 1.65, 0.9, 0.0, -0.1)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(seed: int) -> None:
     plan = find_arm("so101").file.calibration

@@ -12,7 +12,7 @@ from commissioning.scan.identify import identity_of
 from commissioning.scan.look import ServoLook
 from commissioning.scan.scan import ScanReport, scan
 from commissioning.scan.steps import steps
-from commissioning.scan.wire import _v1_replies
+from commissioning.scan.wire import Wire, _v1_replies
 from drivers.errors import PortError, PortLost
 from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
@@ -22,7 +22,7 @@ from sim_backend.faults import Disturbance
 from sim_backend.line import Reply
 from sim_backend.port import VirtualPort
 from tests.commissioning.lines import ToolLine
-from tests.drivers.ports import EchoingPort
+from tests.drivers.ports import EchoingPort, WatchedPort
 
 ONE_OF_EACH = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XM430_W350)
 every_make = pytest.mark.parametrize("model", ONE_OF_EACH, ids=lambda model: model.name)
@@ -161,9 +161,11 @@ def test_a_servo_at_another_rate_is_found_there_and_told_from_an_absent_one() ->
         assert "answers at 115200 baud" in problem.text and "servoloop set-baud 3 1000000" in problem.text
 
 
-@pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, ax_mx.MX_28], ids=lambda model: model.name)
-def test_two_servos_with_one_id_are_told_from_one(model: ServoModel) -> None:
-    report = ToolLine.twins(model).scan()
+@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("seed", range(4))
+@every_make
+def test_servos_with_one_id_are_told_from_one(model: ServoModel, seed: int, count: int) -> None:
+    report = ToolLine.twins(model, count=count, seed=seed).scan(bauds=[1_000_000])
     assert kinds(report) == {1: [], 2: ["collision"]}
     assert "two servos probably have ID 2" in report.servos[1].problems[0].text
 
@@ -260,10 +262,37 @@ def test_a_line_that_garbles_nearly_everything_is_called_bad_and_not_a_collision
     assert found == ["bad_line"]
 
 
+@pytest.mark.parametrize("hold_ms", [4, 16])
+@every_make
+def test_an_adapter_with_a_latency_timer_hides_nobody(model: ServoModel, hold_ms: int) -> None:
+    line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
+    line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
+    report = line.scan(bauds=[1_000_000])
+    assert {one.servo_id: one.model for one in report.servos} == dict.fromkeys((1, 2, 5), model.name)
+    assert {kind for found in kinds(report).values() for kind in found} <= {"late"}
+
+
+@pytest.mark.parametrize("hold_ms", [25, 40, 60, 100, 200])
+@every_make
+def test_replies_that_are_held_back_are_told_from_a_bad_line(model: ServoModel, hold_ms: int) -> None:
+    line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
+    line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
+    assert kinds(line.scan(bauds=[1_000_000])) == {1: ["late"], 2: ["late"], 5: ["late"]}
+
+
 @every_make
 def test_an_echo_is_no_servo(model: ServoModel) -> None:
     line = ToolLine(dict.fromkeys((1, 7), model), EchoingPort)
     assert kinds(line.scan()) == {1: [], 7: []}
+
+
+@pytest.mark.parametrize("packets", [v1, v2])
+def test_a_ping_that_only_its_echo_answers_is_heard_by_nobody(packets: Any) -> None:
+    line = ToolLine({1: sts.STS3215} if packets is v1 else {1: x.XL430_W250}, EchoingPort)
+    wire = Wire(line.port, line.clock, packets)
+    wire.learn_echo()
+    assert [wire.ping(servo_id).whole for servo_id in (0, 1, 2)] == [set(), {1}, set()]
+    assert not wire.ping(2).anything
 
 
 def test_where_an_echo_looks_like_a_voltage_alarm_the_alarm_is_heard() -> None:

@@ -1,0 +1,77 @@
+"""What scripts do with an arm's calibration: import and export LeRobot's file, and show what there is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from commissioning.calibrate.file import save
+from commissioning.calibrate.plan import JointPlan
+from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.lerobot import lerobot_text, read_lerobot, to_lerobot
+from commissioning.lerobot_import import Imported, from_lerobot
+from commissioning.whole_file import write_whole
+from hal.calibration_file import calibration_path, load_calibration
+from hal.errors import RobotFileError
+from hal.joint import Joint
+from hal.robot import RobotFile
+from hal.yaml_file import load
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One joint's calibration as it is shown. Positions in rad (m for a prismatic joint)."""
+
+    joint: str
+    servo_id: int
+    sign: int
+    zero_counts: int
+    homing_offset: int | None
+    travel: float | None
+    """From stop to stop; None where it was never measured."""
+    urdf_range: float
+    doubt: str
+
+
+def import_calibration(
+    lerobot: Path, robot: Path, joints: Sequence[Joint], plans: Mapping[str, JointPlan]
+) -> tuple[list[Imported], Path]:
+    """Make LeRobot's calibration that of this robot file; what became of each joint, and the file written.
+
+    Raises CalibrationError with every mistake: nothing is written then.
+    """
+    made = from_lerobot(read_lerobot(lerobot), joints, built_signs(robot), plans, load_calibration(robot))
+    return made, save(robot, {one.joint.name: (one.joint.servo_id, one.made) for one in made})
+
+
+def export_calibration(lerobot: Path, robot: Path) -> None:
+    """Write the calibration of this robot file as LeRobot's; a former file is kept. Raises CalibrationError."""
+    calibration = load_calibration(robot)
+    if calibration is None:
+        raise CalibrationError(f"there is no {calibration_path(robot)}: servoloop calibrate makes it")
+    text = lerobot_text(to_lerobot(calibration, built_signs(robot)))
+    try:
+        write_whole(lerobot, text)
+    except OSError as error:
+        raise CalibrationError(f"cannot write {lerobot}: {error.strerror}") from error
+
+
+def built_signs(robot: Path) -> dict[str, int]:
+    """The signs in the robot file itself, by joint: how such arms are built, whatever calibration has found."""
+    return {name: joint.sign for name, joint in load(robot, RobotFile, RobotFileError).joints.items()}
+
+
+def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
+    """What is known of each joint's calibration; its travel only where the calibration file has it."""
+    calibration = load_calibration(robot)
+    rows: list[Row] = []
+    for joint in joints:
+        said = calibration.joints.get(joint.name) if calibration else None
+        made = said and JointCalibration(
+            said.sign, said.zero_counts, said.homing_offset, said.lower_counts, said.upper_counts
+        )
+        travel, doubt = (made.travel(joint), doubts(joint, made)) if made else (None, "was never calibrated")
+        range_ = joint.limits.upper - joint.limits.lower
+        rows.append(
+            Row(joint.name, joint.servo_id, joint.sign, joint.zero_counts, joint.homing_offset, travel, range_, doubt)
+        )
+    return rows

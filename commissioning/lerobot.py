@@ -1,0 +1,120 @@
+"""LeRobot's calibration file (JSON) becomes ours, and ours becomes LeRobot's, without loss.
+
+Both name a servo's ID, its homing offset and the ends of its travel in counts. Two things differ:
+
+- LeRobot knows no direction of the URDF's. The robot file's ``sign`` says how such arms are built; ``drive_mode`` 1
+  says that this servo turns the other way.
+- LeRobot's zero is the pose that was held when Enter was pressed, at count 2047. It is not the URDF's: see
+  ``commissioning.lerobot_import``.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from calibration.angles import LARGEST_OFFSET
+from commissioning.calibrate.result import CalibrationError
+from hal.calibration_file import CalibratedJoint, CalibrationFile
+
+LEROBOT_ZERO_COUNTS: Final = 2047
+"""LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""
+ITS_ZERO: Final = (
+    "LeRobot's zero is not the URDF's: it is the pose in which the arm was held when Enter was pressed (count "
+    f"{LEROBOT_ZERO_COUNTS})"
+)
+OLD_KEYS: Final = {"motor_names", "start_pos", "end_pos", "calib_mode"}
+"""Of LeRobot's files before each joint had an entry of its own."""
+
+
+class LerobotJoint(BaseModel):
+    """One joint of LeRobot's file, in LeRobot's order."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    id: int = Field(ge=0, le=253)
+    drive_mode: Literal[0, 1]
+    homing_offset: int = Field(ge=-LARGEST_OFFSET, le=LARGEST_OFFSET)
+    range_min: int
+    range_max: int
+
+
+LerobotFile = dict[str, LerobotJoint]
+_FILE: Final = TypeAdapter(LerobotFile)
+
+
+def read_lerobot(path: Path) -> LerobotFile:
+    """Read LeRobot's file. Raises CalibrationError with every mistake."""
+    try:
+        content = json.loads(path.read_text(), object_pairs_hook=_once)
+    except OSError as error:
+        raise CalibrationError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:  # JSON's and Unicode's errors too
+        raise CalibrationError(f"{path} is no JSON file of LeRobot's: {error}") from error
+    if isinstance(content, dict) and OLD_KEYS & content.keys():
+        raise CalibrationError(f"{path} is of an older LeRobot, whose offsets are none of the servos': calibrate anew")
+    try:
+        return _FILE.validate_python(content)
+    except ValidationError as error:
+        lines = [f"{path}: {'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()]
+        raise CalibrationError("\n".join(lines)) from error
+
+
+def lerobot_text(file: LerobotFile) -> str:
+    """The file as LeRobot writes it."""
+    return json.dumps({name: joint.model_dump() for name, joint in file.items()}, indent=4)
+
+
+def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> LerobotFile:
+    """LeRobot's file of our calibration. Raises CalibrationError with all that LeRobot has no place for."""
+    file: LerobotFile = {}
+    problems: list[str] = []
+    for name, ours in calibration.joints.items():
+        theirs = entry_of(ours, built[name])
+        if theirs is None:
+            problems.append(
+                f"{name}: its servo ({ours.servo_id}) has no homing offset: LeRobot's file has no place for it"
+            )
+        else:
+            problems += [f"{name}: {mistake}" for mistake in range_mistakes(theirs)]
+            file[name] = theirs
+    if problems:
+        raise CalibrationError("\n".join(problems))
+    return file
+
+
+def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
+    """LeRobot's entry of one joint, which such arms have with the sign ``built``; None without a homing offset."""
+    if ours.homing_offset is None:
+        return None
+    return LerobotJoint(
+        id=ours.servo_id,
+        drive_mode=0 if ours.sign == built else 1,
+        homing_offset=ours.homing_offset,
+        range_min=ours.lower_counts,
+        range_max=ours.upper_counts,
+    )
+
+
+def range_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
+    """What cannot be right about the travel of a servo with the counts 0 to ``last``."""
+    low, high = theirs.range_min, theirs.range_max
+    if not (0 <= low <= last and 0 <= high <= last):
+        return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate anew"]
+    if low >= high:
+        return [
+            f"its range begins at {low} and ends at {high}: it goes over the seam, where the counts begin anew. "
+            "servoloop calibrate puts the seam outside the travel"
+        ]
+    return []
+
+
+def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON whose keys are all different."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{', '.join(sorted({n for n in names if names.count(n) > 1}))} stands there twice")
+    return found

@@ -1,0 +1,120 @@
+"""Writing a passport back: everything is looked at before anything is written, and only what differs is written."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from calibration.eeprom import ANSWERS_NO_READ, LEAVES_THE_LINE, Change
+from commissioning.passport.compare import require_model, servo_differences
+from commissioning.passport.file import Passport, PassportError
+from commissioning.provision import drives, persistent_registers, provision
+from commissioning.who import Answer, who_answers
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.errors import ServoError
+from drivers.servos.register import Access, Register, ServoModel
+
+NOT_WRITTEN = LEAVES_THE_LINE
+"""A servo that answers on this line has its rate and protocol already."""
+
+
+@dataclass(frozen=True, slots=True)
+class Restoration:
+    """What is to be written to one servo."""
+
+    servo_id: int
+    """To which it answers now."""
+    model: ServoModel
+    values: Mapping[Register, int]
+    """What it is to hold; the ID too, where it is to have another."""
+    now: Mapping[str, int] = field(default_factory=dict)
+    """What it holds instead, by name."""
+
+
+def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> list[Restoration]:
+    """What differs on the servos of the passport, or on one of them. Raises PassportError: nothing is written yet."""
+    wanted = _asked_for(passport, servo_id)
+    answers = {answer.servo_id: answer for answer in who_answers(bus)}
+    problems: list[str] = []
+    plans: list[Restoration] = []
+    for number in wanted:
+        try:
+            _require_clear(answers, number)
+            plans.append(_restoration(bus, passport, number, number))
+        except (PassportError, ServoError) as error:
+            problems.append(str(error))
+    _refuse(problems)
+    return [plan for plan in plans if plan.values]
+
+
+def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration:
+    """What makes a new servo the one that ``servo_id`` was in the passport. Raises PassportError.
+
+    The new one is alone on the line, whatever its ID; or the only one whose ID the passport does not know.
+    """
+    _asked_for(passport, servo_id)
+    answers = {answer.servo_id: answer for answer in who_answers(bus)}
+    try:
+        for number in answers:
+            _require_clear(answers, number)
+        new_id = _newcomer(bus, list(answers), passport, servo_id)
+        return _restoration(bus, passport, servo_id, new_id)
+    except (PassportError, ServoError) as error:
+        raise PassportError(f"{error}; nothing was written") from error
+
+
+def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
+    """Write one servo's plan: guarded, read back, locked, restarted and checked. Raises ServoError, PortLost."""
+    return provision(bus, clock, plan.servo_id, plan.model, plan.values)
+
+
+def _asked_for(passport: Passport, servo_id: int | None) -> list[int]:
+    if servo_id is None:
+        return list(passport.servos)
+    if servo_id not in passport.servos:
+        known = ", ".join(map(str, passport.servos))
+        raise PassportError(f"the passport has no servo {servo_id}: it has {known}; nothing was written")
+    return [servo_id]
+
+
+def _newcomer(bus: Bus, present: Sequence[int], passport: Passport, servo_id: int) -> int:
+    if not present:
+        raise PassportError(f"no servo answers on {bus.name} at {bus.baud} baud: is it at another rate?")
+    if len(present) == 1:
+        return present[0]
+    if servo_id in present:
+        raise PassportError(f"ID {servo_id} is taken: a servo answers to it. Connect only the new servo")
+    strangers = [number for number in present if number not in passport.servos]
+    if len(strangers) != 1:
+        which = ", ".join(map(str, present))
+        raise PassportError(f"which of the servos {which} is the new one? Connect only that")
+    return strangers[0]
+
+
+def _require_clear(answers: Mapping[int, Answer], servo_id: int) -> None:
+    if servo_id not in answers:
+        raise PassportError(f"servo {servo_id} does not answer")
+    if not answers[servo_id].clear:
+        raise PassportError(f"servo {servo_id} never answers in one piece: do two have this ID? Connect only one")
+
+
+def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Restoration:
+    """What makes the servo ``now_id`` the passport's ``servo_id``."""
+    servo = passport.servos[servo_id]
+    require_model(bus, now_id, servo.servo_model)
+    if drives(bus, now_id, servo.servo_model):
+        raise PassportError(f"servo {now_id} holds torque: switch it off first")
+    registers = persistent_registers(servo.servo_model)
+    values, now = {}, {}
+    for difference in servo_differences(bus, now_id, servo):
+        register = registers[difference.register]
+        if register.access is Access.READ or register.name in NOT_WRITTEN:
+            continue
+        if ANSWERS_NO_READ.get(register.name) == difference.saved:
+            raise PassportError(f"servo {servo_id}: {register.name} {difference.saved} would silence it")
+        values[register], now[register.name] = difference.saved, difference.now
+    return Restoration(now_id, servo.servo_model, values, now)
+
+
+def _refuse(problems: Sequence[str]) -> None:
+    if problems:
+        raise PassportError("\n".join([*problems, "nothing was written"]))

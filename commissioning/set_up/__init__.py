@@ -1,0 +1,1 @@
+"""Set-up: from factory-new servos, all with one ID, to those of an arm."""

@@ -1,0 +1,169 @@
+"""The set-up of an arm's servos, one connected after the other; whatever was done before is recognised."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+from calibration.eeprom import Change
+from commissioning.provision import provision
+from commissioning.registers.tables import rates_of
+from commissioning.set_up.only_one import NotYet, only_servo, require_fit, voltage
+from commissioning.set_up.place import FACTORY_ID, Place, SetUpError, in_order
+from commissioning.set_up.rate import bring_to_rate
+from commissioning.who import Answer, who_answers
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.errors import ServoError
+
+TRIES: Final = 10
+"""So often the user is asked for the same thing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is to be connected: ``text`` for people; ``kind`` and ``joint`` for programs."""
+
+    kind: Literal["one", "chain"]
+    text: str
+    joint: str = ""
+    problem: str = ""
+    """Why it is asked again; empty the first time."""
+
+
+class Guide(Protocol):
+    """Whoever plugs servos in: a person at a terminal, or a test's script with a virtual box."""
+
+    def connect(self, task: Task) -> None:
+        """Have it connected; return when it is."""
+        ...
+
+    def say(self, text: str) -> None:
+        """Tell something that needs no answer."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """One servo behind its set-up, as it answers in the chain."""
+
+    joint: str
+    servo_id: int
+    model: str
+    voltage_v: float
+    changes: tuple[Change, ...]
+    """What was written to it in this run."""
+    from_id: int | None
+    """The ID that it had when it was connected; None where it was found set up."""
+    from_baud: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """What was done to one servo in this run."""
+
+    changes: tuple[Change, ...] = ()
+    from_id: int | None = None
+    from_baud: int | None = None
+
+
+class SetUp:
+    """The set-up of all servos on one line. Torque is never switched, and the EEPROM is locked whenever it ends."""
+
+    def __init__(self, bus: Bus, clock: Clock, places: Sequence[Place], guide: Guide) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._places = tuple(places)
+        self._guide = guide
+        self._made: dict[str, _Made] = {}
+
+    @property
+    def done(self) -> tuple[str, ...]:
+        """The joints whose servos are set up."""
+        return tuple(self._made)
+
+    def run(self) -> list[Audit]:
+        """Have every servo connected and set up, then the chain. Raises SetUpError, ServoError, PortLost."""
+        self._recognise()
+        for place in in_order(self._places):
+            if place.joint not in self._made:
+                self._one(place)
+        return self._chain()
+
+    def _recognise(self) -> None:
+        """Note the servos that answer and are as they shall be. A factory ID proves nothing but in a whole chain."""
+        answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
+        for place in in_order(self._places):
+            whole = len(self._made) == len(self._places) - 1
+            if (place.servo_id != FACTORY_ID or whole) and self._is_as_wanted(place, answers):
+                self._made[place.joint] = _Made()
+                self._guide.say(f"{place.joint}: servo {place.servo_id} is set up already")
+
+    def _is_as_wanted(self, place: Place, answers: Mapping[int, Answer]) -> bool:
+        if place.servo_id not in answers or not answers[place.servo_id].clear:
+            return False
+        try:
+            require_fit(self._bus, place.servo_id, place, self._places)
+            return not place.differs(self._bus, place.servo_id)
+        except (NotYet, ServoError):
+            return False
+
+    def _one(self, place: Place) -> None:
+        """Have one servo connected, and make it the place's."""
+        text, problem = f"Connect only the servo of {place.joint} (it becomes servo {place.servo_id})", ""
+        for _ in range(TRIES):
+            self._guide.connect(Task("one", text, place.joint, problem))
+            try:
+                self._made[place.joint] = self._set_up(place)
+                return
+            except (NotYet, ServoError) as error:  # nothing is lost: what was written is recognised
+                problem = "\n".join([str(error), *getattr(error, "__notes__", [])])
+        raise SetUpError(f"{place.joint}: {problem}")
+
+    def _set_up(self, place: Place) -> _Made:
+        answer = only_servo(self._bus, list(rates_of(place.model).values()))
+        if answer.baud == self._bus.baud:
+            require_fit(self._bus, answer.servo_id, place, self._places)
+        else:
+            with self._bus.at_baud(answer.baud) as other:
+                require_fit(other, answer.servo_id, place, self._places)
+            bring_to_rate(self._bus, self._clock, answer.servo_id, place.model, answer.baud)
+        changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.wanted())
+        what = f"{len(changes)} registers written, read back, locked" if changes else "nothing to write"
+        self._guide.say(f"{place.joint}: servo {place.servo_id}, {what}")
+        return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud)
+
+    def _chain(self) -> list[Audit]:
+        """Have all connected, and see that each answers and holds what it shall."""
+        text, problem = f"Connect all {len(self._places)} servos in a chain", ""
+        problems = self._complaints()
+        for _ in range(TRIES):
+            if not problems:
+                return [self._audit(place) for place in self._places]
+            self._guide.connect(Task("chain", text, "", problem))
+            problem = "\n".join(problems := self._complaints())
+        raise SetUpError(problem)
+
+    def _complaints(self) -> list[str]:
+        answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
+        known = {place.servo_id for place in self._places}
+        problems = [f"servo {i} answers, and the robot file has none with this ID" for i in answers if i not in known]
+        for place in self._places:
+            if complaint := self._complaint(place, answers.get(place.servo_id)):
+                problems.append(f"{place.joint} (servo {place.servo_id}) {complaint}")
+        return problems
+
+    def _complaint(self, place: Place, answer: Answer | None) -> str:
+        if answer is None:
+            return "does not answer"
+        if not answer.clear:
+            return "never answers in one piece: do two servos have this ID?"
+        try:
+            differs = place.differs(self._bus, place.servo_id)
+        except ServoError as error:
+            return error.text
+        return f"does not hold what was written: {', '.join(differs)}" if differs else ""
+
+    def _audit(self, place: Place) -> Audit:
+        made = self._made[place.joint]
+        volts = voltage(self._bus, place.servo_id)
+        return Audit(place.joint, place.servo_id, place.model.name, volts, made.changes, made.from_id, made.from_baud)

@@ -1,0 +1,27 @@
+"""Files that are whole at every moment: written beside and renamed, the former one kept."""
+
+import os
+from pathlib import Path
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Make ``text`` the content of ``path``; what was there before stands in ``path``.1 then. Raises OSError.
+
+    Whenever it is cut off, ``path`` has all of the former content or all of the new one.
+    """
+    if path.exists():
+        _put(path.with_name(path.name + ".1"), path.read_bytes())
+    _put(path, text.encode())
+
+
+def _put(path: Path, content: bytes) -> None:
+    partial = path.with_name(path.name + ".part")
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise

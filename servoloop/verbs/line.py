@@ -1,0 +1,67 @@
+"""The line that a verb works on: the options that say which, and the bus or the one servo on it."""
+
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servoloop.processes import Interrupted
+
+if TYPE_CHECKING:
+    from commissioning.scan.find import FoundServo
+    from drivers.bus.bus import Bus
+    from drivers.servos.register import ServoModel
+
+PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
+BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
+IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
+IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
+
+
+@contextmanager
+def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
+    """The servo, its port opened for as long as the block lasts.
+
+    SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out.
+    """
+    from commissioning.ports.adapters import only_port
+    from commissioning.scan.find import find_servo
+    from drivers.clock import MonotonicClock
+    from drivers.port.serial_port import SerialPort
+
+    clock = MonotonicClock()
+    line = SerialPort(port or only_port(), baud or 1_000_000, clock)
+    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
+            yield servo
+    except KeyboardInterrupt as error:
+        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        raise Interrupted(f"interrupted, and the port closed{left}") from None
+    finally:
+        signal.signal(signal.SIGTERM, former)
+        line.close()
+
+
+@contextmanager
+def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -> "Iterator[Bus]":
+    """A bus on this port, or on that of the only USB adapter. Raises DriverError."""
+    from commissioning.ports.adapters import only_port
+    from drivers.bus.bus import Bus
+    from drivers.clock import MonotonicClock
+    from drivers.port.serial_port import SerialPort
+
+    clock = MonotonicClock()
+    with closing(Bus(SerialPort(port or only_port(), baud, clock), clock, models)) as bus:
+        yield bus
+
+
+def adapter_serial(device: str) -> str | None:
+    """The serial number of the USB adapter behind a device; None where it has none."""
+    from serial.tools.list_ports import comports
+
+    path = Path(device).resolve()
+    return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)

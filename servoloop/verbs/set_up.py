@@ -1,0 +1,113 @@
+"""``servoloop setup``: from factory-new servos to those of an arm, one connected after the other."""
+
+import select
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivers.errors import DriverError
+from servoloop.arms.folder import OWN
+from servoloop.processes import Interrupted
+from servoloop.signals import Signals
+from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
+from servoloop.verbs.line import PortOption, open_line
+from servoloop.verbs.output import JsonOption, print_json
+
+if TYPE_CHECKING:
+    from commissioning.set_up.flow import Audit, SetUp, Task
+
+LOOK_S = 0.05
+
+
+def setup(
+    port: PortOption = None,
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    bus: Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Give new servos their IDs and the settings of the robot file, connected one after the other.
+
+    Only what differs is written, read back and locked; torque stays as it is, and nothing is written under torque. Run
+    it again at any time: what is done is recognised. Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
+    """
+    from commissioning.set_up.flow import SetUp
+    from commissioning.set_up.place import SetUpError, places_of
+    from drivers.clock import MonotonicClock
+
+    file = known_arm(arm, urdf, robot).file
+    names = list(file.lines())
+    if bus not in names and len(names) > 1:
+        raise SetUpError(f"the robot file has several buses: say --bus {' or '.join(names)}")
+    name = bus or names[0]
+    places = places_of(file, name)
+    models = {place.servo_id: place.model for place in places}
+    with Signals() as signals, open_line(port, file.lines()[name].baud, models) as line:
+        made = SetUp(line, MonotonicClock(), places, Plugger(signals))
+        rows = _run(made)
+    if json:
+        print_json([_plain(row) for row in rows])
+    else:
+        _print(rows)
+
+
+class Plugger:
+    """The person who plugs servos in. What is for people goes to stderr, so that stdout has the result alone."""
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        typer.echo(text, err=True)
+
+    def connect(self, task: "Task") -> None:
+        """Print what to connect, and what was wrong with what is; wait for Enter."""
+        if task.problem:
+            typer.secho(task.problem, fg="yellow", err=True)
+        typer.secho(f"{task.text}, then press Enter", bold=True, err=True)
+        while not select.select([sys.stdin], [], [], LOOK_S)[0]:
+            self._go_on()
+        if not sys.stdin.readline():
+            raise Interrupted("the input has ended")
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self._signals.count:
+            raise Interrupted("interrupted")
+
+
+def _run(made: "SetUp") -> "list[Audit]":
+    """Run it; whatever ends it says what is done, and how to go on."""
+    try:
+        return made.run()
+    except (DriverError, Interrupted) as error:
+        done = f"set up so far: {', '.join(made.done)}" if made.done else "no servo is set up yet"
+        said = f"{done}. The servos' torque is as it was. Run the same again: it goes on from there"
+        if isinstance(error, Interrupted):
+            raise Interrupted(f"{error}; {said}") from None
+        error.add_note(said)
+        raise
+
+
+def _plain(row: "Audit") -> dict[str, Any]:
+    changes = [{"register": one.register.name, "old": one.old, "new": one.new} for one in row.changes]
+    return {
+        **{"joint": row.joint, "servo_id": row.servo_id, "model": row.model, "voltage_v": round(row.voltage_v, 1)},
+        **{"from_id": row.from_id, "from_baud": row.from_baud, "changes": changes},
+    }
+
+
+def _print(rows: "list[Audit]") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("joint", "servo", "model", "V", "was", "written", title="every servo answers, holds this, is locked")
+    for row in rows:
+        was = "" if row.from_id is None else f"ID {row.from_id}"
+        was += f", {row.from_baud} baud" if row.from_baud else ""
+        written = ", ".join(f"{one.register.name} {one.old} to {one.new}" for one in row.changes)
+        table.add_row(row.joint, str(row.servo_id), row.model, f"{row.voltage_v:.1f}", was, written or "nothing")
+    Console().print(table)

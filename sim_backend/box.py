@@ -1,0 +1,88 @@
+"""A box of factory-new servos on one line, of which a script connects single ones or the whole chain.
+
+All have ID 1. As delivered they wait 500 us with each reply (LeRobot's set-up undoes that) and a servo of 7.4 V allows
+no more than 8 V (assumed: on 12 V such servos report a wrong input voltage).
+"""
+
+from collections.abc import Mapping, Sequence
+from math import tau
+from random import Random
+from typing import Any, Final
+
+from drivers.servos import sts
+from drivers.servos.register import ServoModel
+from sim_backend.bus import VirtualBus, servo_of
+from sim_backend.control import Command, Handler
+from sim_backend.packet_servo import PacketServo
+from sim_backend.plant import BenchPlant, Plant
+from sim_backend.rig import Rig, Supply
+from sim_backend.servo import VirtualServo
+
+FACTORY_ID: Final = 1
+FACTORY_RETURN_DELAY: Final = 250
+SMALL_SERVO_V: Final = 7.4
+SMALL_SERVO_MAX_VOLTAGE: Final = 80
+
+
+class VirtualBox:
+    """The servos by their number in the box, from 0 on. None is connected at first."""
+
+    def __init__(
+        self, models: Sequence[ServoModel], plant: Plant | None = None, supply: Supply | None = None, seed: int = 0
+    ) -> None:
+        """``plant``: what the shafts drive; its couplings must all have the factory's ID. Else each turns by itself,
+        and ``seed`` says how each stands."""
+        usual = Supply(min(model.rated_voltage_v for model in models))
+        servos = [_as_delivered(model) for model in models]
+        self.line = VirtualBus(Rig(servos, plant or _loose(len(models), seed), supply or usual))
+        self.connect()
+
+    @property
+    def servos(self) -> tuple[PacketServo, ...]:
+        """All servos, connected or not."""
+        return self.line.servos
+
+    def connect(self, *numbers: int) -> None:
+        """Connect these servos and no others. One that was connected keeps its power."""
+        for number, servo in enumerate(self.servos):
+            (self.line.plug if number in numbers else self.line.unplug)(servo)
+
+    def connect_all(self) -> None:
+        """Connect the whole chain."""
+        self.connect(*range(len(self.servos)))
+
+    def ids(self) -> list[int]:
+        """The IDs of all servos, in the order of their numbers."""
+        return [servo.servo_id for servo in self.servos]
+
+
+def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
+    """Do what ``servoloop hand`` asks of plugs, connect or disconnect; ``hand`` does the rest.
+
+    ``joints``: those of the servos, by number. ValueError for a joint that is none of them.
+    """
+    what, wanted = command.get("do"), command.get("joints") or []
+    if what not in ("connect", "disconnect"):
+        return hand(command)
+    if unknown := [name for name in wanted if name not in joints]:
+        raise ValueError(f"the box has no servo of {', '.join(unknown)}: it has {', '.join(joints)}")
+    chain = joints if what == "connect" else ()
+    box.connect(*(joints.index(name) for name in (wanted or chain) if what == "connect"))
+    return hand({"do": "look"})
+
+
+def _as_delivered(model: ServoModel) -> PacketServo:
+    servo = servo_of(model, FACTORY_ID)
+    if isinstance(servo, VirtualServo):
+        servo.memory.save(sts.return_delay, FACTORY_RETURN_DELAY)
+        if model.rated_voltage_v <= SMALL_SERVO_V:
+            servo.memory.save(sts.max_voltage, SMALL_SERVO_MAX_VOLTAGE)
+        servo.memory.save_defaults()
+    return servo
+
+
+def _loose(count: int, seed: int) -> BenchPlant:
+    """Shafts that stand anyhow: two servos whose answers are the same bytes could not be told from one."""
+    plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
+    plant.place([random.uniform(0.0, tau) for _ in range(count)])
+    return plant

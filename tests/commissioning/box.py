@@ -1,0 +1,90 @@
+"""A virtual box on simulated time, and hands that connect its servos as they are asked to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from commissioning.set_up.flow import SetUp, Task
+from commissioning.set_up.place import Place
+from drivers.bus.bus import Bus
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from sim_backend.box import VirtualBox
+from sim_backend.clock import SimulatedClock
+from sim_backend.port import VirtualPort
+from sim_backend.rig import Supply
+from sim_backend.servo import VirtualServo
+
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+GRIPPER = (("position_p", 16), ("protection_current", 250), ("max_torque", 500))
+
+
+def places(model: ServoModel = sts.STS3215) -> list[Place]:
+    """As the file of an SO-101 has them: the base has ID 1, the gripper 6 and settings of its own."""
+    return [Place(name, i, model, GRIPPER if name == "gripper" else ()) for i, name in enumerate(JOINTS, 1)]
+
+
+class Port(VirtualPort):
+    """``before_write`` may meddle before each packet."""
+
+    before_write: Callable[[bytes], None] = staticmethod(lambda data: None)
+
+    def write(self, data: bytes) -> None:
+        self.before_write(data)
+        super().write(data)
+
+
+class Bench:
+    """A box of six servos with its line. Number n in the box is the servo meant for the n-th joint."""
+
+    def __init__(self, seed: int = 0, model: ServoModel = sts.STS3215, supply_v: float | None = None) -> None:
+        self.clock = SimulatedClock(10.0)
+        supply = None if supply_v is None else Supply(supply_v)
+        self.box = VirtualBox([model] * len(JOINTS), supply=supply, seed=seed)
+        self.open()
+
+    def open(self) -> None:
+        """Open the line, anew after a lost port."""
+        self.port = Port(self.box.line, self.clock)
+        self.bus = Bus(self.port, self.clock)
+
+    def servo(self, number: int) -> VirtualServo:
+        servo = self.box.servos[number]
+        assert isinstance(servo, VirtualServo)
+        return servo
+
+    def held(self, number: int, register: Register) -> int:
+        """What is in flash: behind a power-off."""
+        servo = self.servo(number)
+        servo.power_cycle()
+        return servo.memory.get(register)
+
+    def locked(self) -> bool:
+        return all(self.servo(number).memory.get(sts.lock) == 1 for number in range(len(JOINTS)))
+
+    def set_up(self, hands: "Hands") -> SetUp:
+        return SetUp(self.bus, self.clock, places(), hands)
+
+
+@dataclass
+class Hands:
+    """Connects the servo that is asked for, or what ``instead`` says."""
+
+    bench: Bench
+    asked: list[Task] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    instead: Callable[[Task], tuple[int, ...] | None] = lambda task: None
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def connect(self, task: Task) -> None:
+        self.asked.append(task)
+        other = self.instead(task)
+        right = range(len(JOINTS)) if task.kind == "chain" else (JOINTS.index(task.joint),)
+        self.bench.box.connect(*(right if other is None else other))
+        self.bench.clock.sleep_until(self.bench.clock.now() + 1.0)
+
+    @property
+    def problems(self) -> list[str]:
+        """What was said to be wrong when the same was asked again."""
+        return [task.problem for task in self.asked if task.problem]

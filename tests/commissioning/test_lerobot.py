@@ -1,0 +1,297 @@
+"""LeRobot's calibration JSON goes through import and export without loss, and its zero does not become the URDF's."""
+
+import json
+from math import tau
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from commissioning.calibrate.plan import JointPlan
+from commissioning.calibrate.result import CalibrationError
+from commissioning.calibrations import built_signs, calibration_rows, export_calibration, import_calibration
+from commissioning.lerobot import LerobotFile, LerobotJoint, lerobot_text, to_lerobot
+from commissioning.lerobot_import import Imported, from_lerobot
+from commissioning.whole_file import write_whole
+from drivers.servos.sts import STS3215
+from drivers.servos.x import MODELS as X_MODELS
+from hal.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
+from hal.joint import Joint
+from hal.robot import load_robot_file
+from hal.types import JointLimits
+
+RANGES = {
+    "shoulder_pan": (-1.920, 1.920),
+    "shoulder_lift": (-1.745, 1.745),
+    "elbow_flex": (-1.690, 1.690),
+    "wrist_flex": (-1.658, 1.658),
+    "wrist_roll": (-2.744, 2.841),
+    "gripper": (-0.175, 1.745),
+}
+JOINTS = [
+    Joint(name, servo_id, STS3215, JointLimits(lower, upper, 4.7, 12.0, 120.0))
+    for servo_id, (name, (lower, upper)) in enumerate(RANGES.items(), 1)
+]
+BUILT = dict.fromkeys(RANGES, 1)
+PLANS = {name: JointPlan(positive="that way") for name in RANGES} | {
+    "wrist_roll": JointPlan(positive="that way", zero="pose", pose="jaw level", at=0.0),
+    "gripper": JointPlan(positive="opening", zero="lower_stop"),
+}
+# As such files are published: a wrist that was not swept, every zero at 2047.
+PUBLISHED = {
+    "shoulder_pan": (1, 0, -1386, 743, 3401),
+    "shoulder_lift": (2, 0, 1071, 820, 3166),
+    "elbow_flex": (3, 0, 1464, 884, 3086),
+    "wrist_flex": (4, 0, -1502, 915, 3282),
+    "wrist_roll": (5, 0, 120, 0, 4095),
+    "gripper": (6, 0, 1256, 2025, 3503),
+}
+KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
+
+
+def content(entries: dict[str, tuple[int, ...]] = PUBLISHED) -> dict[str, dict[str, int]]:
+    return {name: dict(zip(KEYS, values, strict=True)) for name, values in entries.items()}
+
+
+def theirs(entries: dict[str, tuple[int, ...]] = PUBLISHED) -> LerobotFile:
+    return {name: LerobotJoint(**entry) for name, entry in content(entries).items()}  # type: ignore[arg-type]
+
+
+def ours(made: list[Imported]) -> CalibrationFile:
+    return CalibrationFile(
+        joints={
+            one.joint.name: CalibratedJoint(
+                servo_id=one.joint.servo_id,
+                sign=1 if one.made.sign > 0 else -1,
+                zero_counts=one.made.zero_counts,
+                homing_offset=one.made.homing_offset,
+                lower_counts=one.made.lower_counts,
+                upper_counts=one.made.upper_counts,
+            )
+            for one in made
+        }
+    )
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "so101.yaml"
+    lines = [
+        f"  {joint.name}: {{servo_id: {joint.servo_id}, model: sts3215, acceleration: 12.0, jerk: 120.0}}"
+        for joint in JOINTS
+    ]
+    path.write_text("\n".join(["joints:", *lines, ""]))
+    return path
+
+
+def import_text(robot: Path, text: str) -> list[Imported]:
+    path = robot.with_name("theirs.json")
+    path.write_text(text)
+    return import_calibration(path, robot, JOINTS, PLANS)[0]
+
+
+def test_a_published_file_comes_out_as_it_went_in_byte_by_byte(robot: Path) -> None:
+    text = json.dumps(content(), indent=4)
+    import_text(robot, text)
+    out = robot.with_name("out.json")
+    export_calibration(out, robot)
+    assert out.read_text() == text
+    assert load_robot_file(robot).joints["gripper"].homing_offset == 1256
+
+
+def test_the_order_of_joints_is_kept(robot: Path) -> None:
+    turned = dict(reversed(content().items()))
+    import_text(robot, json.dumps(turned))
+    out = robot.with_name("out.json")
+    export_calibration(out, robot)
+    assert list(json.loads(out.read_text())) == list(turned)
+
+
+def test_the_zero_is_found_in_the_travel_and_not_at_lerobots_pose() -> None:
+    made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
+    pan = made["shoulder_pan"]
+    assert (pan.source, pan.made.zero_counts) == ("middle", 2072)
+    assert pan.at_lerobot_zero == pytest.approx((2047 - 2072) * tau / 4096)
+    gripper = made["gripper"]  # closed at 2025, which is -0.175 rad
+    assert (gripper.source, gripper.made.zero_counts) == ("lower_stop", round(2025 + 0.175 * 4096 / tau))
+
+
+def test_where_it_cannot_be_found_lerobots_zero_is_taken_and_flagged() -> None:
+    made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
+    roll = made["wrist_roll"]
+    assert (roll.source, roll.made.zero_counts, roll.at_lerobot_zero) == ("lerobot", 2047, 0.0)
+    assert "LeRobot's zero stands for the URDF's" in roll.doubt
+    by_middle = from_lerobot(theirs(), JOINTS, BUILT, PLANS | {"wrist_roll": JointPlan(positive="that way")})
+    assert [one.source for one in by_middle if one.joint.name == "wrist_roll"] == ["lerobot"]
+
+
+def test_a_travel_that_is_not_the_urdfs_is_doubtful() -> None:
+    made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
+    assert "its travel is 4.077, the URDF's 3.840" in made["shoulder_pan"].doubt
+    assert made["elbow_flex"].doubt == ""
+
+
+def test_a_drive_mode_turns_the_joint_round_from_how_such_arms_are_built() -> None:
+    entries = PUBLISHED | {"elbow_flex": (3, 1, *PUBLISHED["elbow_flex"][2:]), "gripper": (6, 1, 1256, 1000, 2080)}
+    mirrored = BUILT | {"elbow_flex": -1}
+    made = {one.joint.name: one.made for one in from_lerobot(theirs(entries), JOINTS, mirrored, PLANS)}
+    assert (made["shoulder_pan"].sign, made["elbow_flex"].sign, made["gripper"].sign) == (1, 1, -1)
+    # Its closed stop, the lower one, is where the counts are highest.
+    assert made["gripper"].zero_counts == round(2080 - 0.175 * 4096 / tau)
+
+
+anything = st.tuples(st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 4095), st.integers(0, 4095))
+likely = st.builds(
+    lambda drive_mode, offset, middle, span: (drive_mode, offset, middle - span // 2, middle + span // 2),
+    *(st.integers(0, 1), st.integers(-2047, 2047), st.integers(1950, 2150), st.integers(600, 3600)),
+)
+entries_of_arms = st.lists(likely, min_size=6, max_size=6) | st.lists(likely | anything, min_size=6, max_size=6)
+orders, all_signs = st.permutations(list(RANGES)), st.lists(st.sampled_from((1, -1)), min_size=6, max_size=6)
+
+
+@given(entries_of_arms, orders, all_signs)
+def test_import_then_export_gives_the_same_or_is_refused(
+    entries: list[tuple[int, int, int, int]], order: list[str], signs: list[int]
+) -> None:
+    built = dict(zip(RANGES, signs, strict=True))
+    ids = {joint.name: joint.servo_id for joint in JOINTS}
+    file = theirs({name: (ids[name], *values) for name, values in zip(order, entries, strict=True)})
+    over_the_seam = [name for name, one in file.items() if one.range_min >= one.range_max]
+    try:
+        made = from_lerobot(file, JOINTS, built, PLANS)
+    except CalibrationError as error:
+        text = str(error)
+        assert all(f"{name}: its range begins at" in text for name in over_the_seam)
+        assert "the seam" in text and "nothing was written" in text
+        return
+    assert over_the_seam == []
+    assert lerobot_text(to_lerobot(ours(made), built)) == lerobot_text(file)
+
+
+@given(st.integers(-2047, 2047), st.integers(-400, 400), st.integers(-200, 200), st.sampled_from((1, -1)))
+def test_every_homing_offset_of_an_arm_that_works_is_imported(offset: int, low: int, high: int, sign: int) -> None:
+    """Whatever the offset, a travel about as long as the URDF's gives a zero in its middle."""
+    ends = 2047 - 1252 + low, 2047 + 1252 + high
+    entries = {"shoulder_pan": (1, 0 if sign > 0 else 1, offset, *ends)}
+    (one,) = from_lerobot(theirs(entries), JOINTS[:1], BUILT, PLANS)
+    assert (one.made.sign, one.made.homing_offset) == (sign, offset)
+    assert abs(one.made.zero_counts - sum(ends) / 2) <= 0.5
+
+
+calibrated = st.builds(
+    lambda sign, zero, offset, low, span: (sign, zero, offset, low, min(low + span, 4095)),
+    *(st.sampled_from((1, -1)), st.integers(1860, 2240), st.integers(-2047, 2047)),
+    *(st.integers(0, 4000), st.integers(1, 4095)),
+)
+
+
+@given(st.lists(calibrated, min_size=6, max_size=6))
+def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, int, int, int, int]]) -> None:
+    """Also where a zero was found by a pose, which LeRobot's file cannot say: nothing new is said, so it stays."""
+    calibration = CalibrationFile(
+        joints={
+            joint.name: CalibratedJoint(
+                servo_id=joint.servo_id, sign=1 if sign > 0 else -1, zero_counts=zero, homing_offset=offset,
+                lower_counts=low, upper_counts=high,
+            )
+            for joint, (sign, zero, offset, low, high) in zip(JOINTS, values, strict=True)
+        }
+    )  # fmt: skip
+    made = from_lerobot(to_lerobot(calibration, BUILT), JOINTS, BUILT, PLANS, calibration)
+    assert ours(made) == calibration
+    assert {one.source for one in made} == {"kept"}
+
+
+def test_an_own_calibration_survives_the_way_out_and_back_in_files(robot: Path) -> None:
+    import_text(robot, json.dumps(content()))
+    stored = load_calibration(robot)
+    assert stored is not None
+    roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})  # as calibrate finds it by its pose
+    changed = CalibrationFile(joints=stored.joints | {"wrist_roll": roll})
+    calibration_path(robot).write_text(json.dumps(changed.model_dump()))
+    export_calibration(robot.with_name("out.json"), robot)
+    import_calibration(robot.with_name("out.json"), robot, JOINTS, PLANS)
+    assert load_calibration(robot) == changed
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"gripper": (6, 0, 0, 3900, 200)}, "gripper: its range begins at 3900 and ends at 200: it goes over the seam"),
+        ({"gripper": (6, 0, 2048, 0, 900)}, "gripper.homing_offset: Input should be less than or equal to 2047"),
+        ({"gripper": (6, 2, 0, 0, 900)}, "gripper.drive_mode"),
+        ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range -30 to 900 is not within the servo's counts, 0 to 4095"),
+        ({"gripper": (7, 0, 0, 30, 900)}, "gripper: it has servo 7 in LeRobot's file and 6 in the robot file"),
+        ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has claw, which the robot file has not"),
+        ({"shoulder_pan": (1, 0, 0, 5, 2000)}, "shoulder_pan: with the zero found, its limits .* over the seam"),
+    ],
+)
+def test_what_cannot_be_right_is_said_and_nothing_is_written(
+    robot: Path, change: dict[str, tuple[int, ...]], text: str
+) -> None:
+    with pytest.raises(CalibrationError, match=text):
+        import_text(robot, json.dumps(content(PUBLISHED | change)))
+    assert not calibration_path(robot).exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no JSON file"),
+        ('{"gripper": {}}', "gripper.id: Field required"),
+        ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
+        ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
+        ('{"gripper": {"id": true}}', "gripper.id: Input should be a valid integer"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(robot: Path, text: str, said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        import_text(robot, text)
+
+
+def test_a_missing_joint_is_named(robot: Path) -> None:
+    with pytest.raises(CalibrationError, match="LeRobot's file has no gripper, which the robot file has"):
+        import_text(robot, json.dumps({name: entry for name, entry in content().items() if name != "gripper"}))
+
+
+def test_a_servo_without_such_an_offset_has_no_place_in_lerobots_file() -> None:
+    dynamixel = Joint("gripper", 6, X_MODELS["xl330-m288"], JOINTS[-1].limits)
+    with pytest.raises(CalibrationError, match="xl330-m288 has no homing offset like"):
+        from_lerobot({"gripper": theirs()["gripper"]}, [dynamixel], BUILT, PLANS)
+    without = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, lower_counts=1, upper_counts=2)
+    with pytest.raises(CalibrationError, match=r"servo \(6\) has no homing offset"):
+        to_lerobot(CalibrationFile(joints={"gripper": without}), BUILT)
+
+
+def test_what_is_shown_is_what_was_imported(robot: Path) -> None:
+    before = calibration_rows(robot, JOINTS)
+    assert {(row.travel, row.doubt) for row in before} == {(None, "was never calibrated")}
+    import_text(robot, json.dumps(content()))
+    row = calibration_rows(robot, JOINTS)[2]
+    assert (row.joint, row.servo_id) == ("elbow_flex", 3)
+    assert row.travel == pytest.approx((3086 - 884) * tau / 4096)
+    assert (row.urdf_range, row.doubt) == (pytest.approx(3.38), "")
+
+
+def test_the_signs_of_how_arms_are_built_are_not_those_that_calibration_found(robot: Path) -> None:
+    turned: dict[str, Any] = content(PUBLISHED | {"gripper": (6, 1, 1256, 2025, 3503)})
+    import_text(robot, json.dumps(turned))
+    assert load_robot_file(robot).joints["gripper"].sign == -1
+    assert built_signs(robot) == BUILT
+
+
+def test_a_former_file_is_kept_and_a_failed_one_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "file"
+    write_whole(path, "one")
+    write_whole(path, "two")
+    assert (path.read_text(), (tmp_path / "file.1").read_text()) == ("two", "one")
+    monkeypatch.setattr("os.fsync", _no_room)
+    with pytest.raises(OSError, match="no room"):
+        write_whole(path, "three")
+    assert (path.read_text(), sorted(p.name for p in tmp_path.iterdir())) == ("two", ["file", "file.1"])
+
+
+def _no_room(fd: int) -> None:
+    raise OSError("no room")

@@ -1,0 +1,294 @@
+"""Set-up from a box of factory-new servos: six of ID 1 become an arm's, whatever is connected wrongly meanwhile."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from commissioning.set_up.flow import TRIES, SetUp, Task
+from commissioning.set_up.place import Place, SetUpError, in_order
+from drivers.errors import DriverError, PortLost
+from drivers.servos import sts
+from drivers.servos.register import ServoModel
+from sim_backend.faults import Disturbance
+from tests.commissioning.box import GRIPPER, JOINTS, Bench, Hands, places
+
+WRITE = 0x03
+
+
+def assert_set_up(bench: Bench) -> None:
+    """Every servo is what its place wants, in flash, and locked."""
+    assert bench.box.ids() == [1, 2, 3, 4, 5, 6]
+    assert bench.locked()
+    for number, place in enumerate(places()):
+        for register, value in place.wanted().items():
+            assert bench.held(number, register) == value, (place.joint, register.name)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_six_new_servos_become_an_arms(seed: int) -> None:
+    bench = Bench(seed)
+    hands = Hands(bench)
+    audit = bench.set_up(hands).run()
+    assert [task.joint for task in hands.asked] == [*reversed(JOINTS), ""]
+    assert hands.problems == []
+    assert [(one.joint, one.servo_id, one.from_id) for one in audit] == [(n, i, 1) for i, n in enumerate(JOINTS, 1)]
+    written = {change.register.name: (change.old, change.new) for change in audit[-1].changes}
+    assert written == {"return_delay": (250, 0), "position_p": (32, 16), "protection_current": (310, 250),
+                       "max_torque": (1000, 500), "id": (1, 6)}  # fmt: skip
+    assert list(written)[-1] == "id"
+    assert 11.5 < audit[0].voltage_v < 12.5
+    assert_set_up(bench)
+
+
+def test_a_second_run_over_the_chain_asks_and_writes_nothing() -> None:
+    bench = Bench()
+    bench.set_up(Hands(bench)).run()
+    bench.port.before_write = refuse_writes
+    hands = Hands(bench)
+    audit = bench.set_up(hands).run()
+    assert hands.asked == []
+    assert {(one.changes, one.from_id) for one in audit} == {((), None)}
+
+
+def refuse_writes(data: bytes) -> None:
+    assert data[4] != WRITE
+
+
+def test_a_second_run_over_single_servos_recognises_each() -> None:
+    bench = Bench()
+    bench.set_up(Hands(bench)).run()
+    bench.box.connect()
+    hands = Hands(bench)
+    bench.port.before_write = refuse_writes
+    audit = bench.set_up(hands).run()
+    assert len(hands.asked) == len(JOINTS) + 1
+    assert {one.changes for one in audit} == {()}
+
+
+@pytest.mark.parametrize("after", range(7))
+def test_whoever_breaks_off_goes_on_where_it_was(after: int) -> None:
+    bench = Bench()
+
+    def stop(task: Task) -> None:
+        if len(hands.asked) > after:
+            raise KeyboardInterrupt
+
+    hands = Hands(bench, instead=stop)
+    set_up = bench.set_up(hands)
+    with pytest.raises(KeyboardInterrupt):
+        set_up.run()
+    assert len(set_up.done) == min(after, 6)
+    assert bench.locked()
+    done = list(reversed(range(6)))[:after]
+    bench.box.connect(*done)  # as people do, those in the chain already
+    hands = Hands(bench)
+    bench.set_up(hands).run()
+    asked = [task.joint for task in hands.asked if task.kind == "one"]
+    assert asked == list(reversed(JOINTS))[after:]
+    assert_set_up(bench)
+
+
+def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
+    """Connect these instead when the joint is asked for the first time."""
+    return lambda task: numbers if task.joint == joint and not task.problem else None
+
+
+@pytest.mark.parametrize(
+    ("instead", "text"),
+    [
+        (once("wrist_roll"), "no servo answers on virtual at any baud rate"),
+        (once("wrist_roll", 4, 3), "never answers in one piece: several servos have ID 1"),
+        (once("wrist_roll", 4, 5), r"several servos answer \(IDs 1, 6\): connect only one"),
+        (once("wrist_roll", 5), "has ID 6, which is that of gripper: it belongs there already"),
+        (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos answer"),
+    ],
+)
+def test_what_is_connected_wrongly_is_told_and_asked_again(
+    instead: Callable[[Task], tuple[int, ...] | None], text: str
+) -> None:
+    bench = Bench()
+    hands = Hands(bench, instead=instead)
+    bench.set_up(hands).run()
+    assert len(hands.problems) == 1
+    assert re.search(text, hands.problems[0])
+    assert_set_up(bench)
+
+
+def test_a_chain_that_is_not_whole_is_told() -> None:
+    bench = Bench()
+    hands = Hands(bench, instead=lambda task: (0, 1, 3) if task.kind == "chain" and not task.problem else None)
+    bench.set_up(hands).run()
+    assert hands.problems == [
+        "elbow_flex (servo 3) does not answer\nwrist_roll (servo 5) does not answer\ngripper (servo 6) does not answer"
+    ]
+
+
+def test_nobody_is_asked_for_ever() -> None:
+    bench = Bench()
+    hands = Hands(bench, instead=lambda task: ())
+    with pytest.raises(SetUpError, match="gripper: no servo answers"):
+        bench.set_up(hands).run()
+    assert len(hands.asked) == TRIES
+
+
+@pytest.mark.parametrize("rate", [500_000, 115_200, 38_400])
+def test_a_servo_at_another_rate_is_found_and_brought_to_the_lines(rate: int) -> None:
+    bench = Bench()
+    bench.servo(3).memory.save(sts.baud_rate, sts.BAUD_RATES.index(rate))
+    bench.servo(3).memory.save(sts.servo_id, 77)
+    audit = bench.set_up(Hands(bench)).run()
+    assert (audit[3].from_baud, audit[3].from_id) == (rate, 77)
+    assert bench.held(3, sts.baud_rate) == 0
+    assert_set_up(bench)
+
+
+def test_a_servo_that_somebody_had_spun_is_set_to_position_mode() -> None:
+    bench = Bench()
+    bench.servo(2).memory.save(sts.operating_mode, 1)
+    bench.servo(2).memory.save(sts.status_level, 0)
+    bench.set_up(Hands(bench)).run()
+    assert (bench.held(2, sts.operating_mode), bench.held(2, sts.status_level)) == (0, 1)
+    assert_set_up(bench)
+
+
+def test_another_model_is_told() -> None:
+    bench = Bench()
+    bench.servo(5).memory.save(sts.model_number, 2825)
+    hands = Hands(bench)
+
+    def swap(task: Task) -> None:
+        if task.problem:
+            bench.servo(5).memory.save(sts.model_number, 777)
+
+    hands.instead = swap
+    bench.set_up(hands).run()
+    assert hands.problems == ["servo 1 is model 2825 (sts3250), and gripper has a sts3215 (777) in the robot file"]
+    assert_set_up(bench)
+
+
+@pytest.mark.parametrize(
+    ("model", "supply_v", "text"),
+    [
+        (sts.STS3215_C001, 12.0, "12.0 V is too much for a servo of 7.4 V"),
+        (sts.STS3215, 5.0, "5.0 V is too little for a servo of 12.0 V"),
+        (sts.STS3215, 16.0, "16.0 V is too much for a servo of 12.0 V"),
+    ],
+)
+def test_a_wrong_supply_stops_it_before_anything_is_written(model: ServoModel, supply_v: float, text: str) -> None:
+    bench = Bench(model=model, supply_v=supply_v)
+    bench.port.before_write = refuse_writes
+    hands = Hands(bench)
+    with pytest.raises(SetUpError, match=text):
+        SetUp(bench.bus, bench.clock, places(model), hands).run()
+    assert len(hands.asked) == 1
+
+
+def test_a_small_servo_in_the_place_of_a_large_one_is_known_by_its_own_limit() -> None:
+    """Their model numbers are the same; what it allows is not."""
+    bench = Bench(model=sts.STS3215_C001, supply_v=12.0)
+    with pytest.raises(SetUpError, match=r"measures 12.0 V, and allows 4.0 to 8.0 V by its own limits"):
+        SetUp(bench.bus, bench.clock, places(sts.STS3215), Hands(bench)).run()
+
+
+def test_small_servos_at_their_own_voltage_are_set_up() -> None:
+    bench = Bench(model=sts.STS3215_C001)
+    SetUp(bench.bus, bench.clock, places(sts.STS3215_C001), Hands(bench)).run()
+    assert_set_up(bench)
+
+
+def test_a_servo_under_torque_is_left_alone() -> None:
+    bench = Bench()
+    hands = Hands(bench)
+    bench.box.connect(5)
+    bench.clock.sleep_until(11.0)
+    bench.servo(5).memory.put(sts.torque_enable, 1)
+    bench.port.before_write = refuse_writes
+
+    def stay(task: Task) -> tuple[int, ...] | None:
+        if task.problem:
+            assert bench.servo(5).memory.get(sts.torque_enable) == 1
+            raise KeyboardInterrupt
+        return None
+
+    hands.instead = stay
+    with pytest.raises(KeyboardInterrupt):
+        bench.set_up(hands).run()
+    assert "holds torque" in hands.problems[0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_line_that_loses_packets_only_takes_longer(seed: int) -> None:
+    bench = Bench(seed)
+    bench.box.line.faults.disturbance = Disturbance(seed, drop=0.04, flip=0.02, miss=0.02)
+    for _ in range(4):
+        try:
+            bench.set_up(Hands(bench)).run()
+            break
+        except DriverError:
+            continue
+    bench.box.line.faults.disturbance = None
+    assert_set_up(bench)
+
+
+class Cut:
+    """Does something in the n-th write instruction of a run."""
+
+    def __init__(self, at: int, what: Callable[[], None]) -> None:
+        self.left, self.what = at, what
+
+    def __call__(self, data: bytes) -> None:
+        if data[4] == WRITE:
+            self.left -= 1
+            if self.left == -1:
+                self.what()
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("at", range(0, 20, 2))
+def test_an_interrupt_within_a_write_leaves_the_eeprom_locked_and_the_next_run_goes_on(at: int) -> None:
+    bench = Bench()
+    bench.servo(4).memory.save(sts.baud_rate, 4)  # the second to be asked for: there is a rate to change too
+    bench.port.before_write = Cut(at, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        bench.set_up(Hands(bench)).run()
+    assert bench.locked()
+    assert not any(bench.servo(number).memory.get(sts.torque_enable) for number in range(6))
+    bench.port.before_write = lambda data: None
+    bench.set_up(Hands(bench)).run()
+    assert_set_up(bench)
+
+
+@pytest.mark.parametrize("at", range(0, 20, 2))
+def test_a_lost_port_is_said_and_the_next_run_goes_on(at: int) -> None:
+    bench = Bench()
+    bench.servo(4).memory.save(sts.baud_rate, 4)
+    bench.port.before_write = Cut(at, bench.port.unplug)
+    with pytest.raises(PortLost):
+        bench.set_up(Hands(bench)).run()
+    bench.open()
+    bench.box.connect()
+    bench.set_up(Hands(bench)).run()
+    assert_set_up(bench)
+
+
+@pytest.mark.parametrize("at", range(0, 20, 2))
+def test_a_power_cut_within_a_write_is_asked_again_or_mended(at: int) -> None:
+    bench = Bench()
+
+    def cut() -> None:
+        for number in range(6):
+            bench.servo(number).power_cycle()
+            bench.servo(number).firmware.deaf_s = 0.5
+
+    bench.port.before_write = Cut(at, cut)
+    bench.set_up(Hands(bench)).run()
+    assert_set_up(bench)
+
+
+def test_the_one_with_the_factorys_id_comes_last() -> None:
+    odd = [Place("a", 4, sts.STS3215), Place("b", 1, sts.STS3215), Place("c", 2, sts.STS3215, GRIPPER)]
+    assert [place.joint for place in in_order(odd)] == ["c", "a", "b"]

@@ -1,0 +1,44 @@
+"""``--arm``: other arms than this project's own, in real processes over ROS."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import JointState
+
+from servoloop.arms.folder import find_arm
+from servoloop.arms.pick_place import load_pick_place
+from tests.ros.stack_process import StackProcess
+from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
+from tests.ros.trajectory_stacks import client_of
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+DEMO_S = 180.0
+
+
+def test_the_so101_in_mujoco_goes_where_a_client_sends_it(ros_domain: int, tmp_path: Path) -> None:
+    said = load_pick_place(find_arm("so101").pick_place)
+    with client_of(tmp_path, "--arm", "so101", "--hardware", "mujoco") as client:
+        assert _reached(client, said.joints, said.poses.ready)
+
+
+def _reached(client: TrajectoryClient, joints: tuple[str, ...], pose: tuple[float, ...]) -> bool:
+    states: list[JointState] = []
+    client.node.create_subscription(JointState, "/joint_states", states.append, 10)
+    outcome = client.outcome(client.send(goal_of(trajectory(point(list(pose), 2.0), names=list(joints)))))
+    assert outcome == (SUCCEEDED, 0, REACHED), client.stack.words
+    return set(states[-1].name) == {*joints, "gripper"}
+
+
+def test_the_demo_sorts_a_cube_with_an_so101(ros_domain: int, tmp_path: Path) -> None:
+    demo = StackProcess(
+        tmp_path / "demo.log", "demo", "--arm", "so101", "--grades", "C", "--out", str(tmp_path / "out")
+    )
+    assert demo.process.wait(DEMO_S) == 0, demo.words
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["cubes"] == {"in_their_bins": 1, "of": 1}
+    assert (tmp_path / "out" / "arm.png").exists()

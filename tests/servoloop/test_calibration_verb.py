@@ -1,0 +1,78 @@
+"""``servoloop calibration`` as a user types it: a file of LeRobot's for the demo's arm goes in and comes out."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from hal.joint import Joint
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.cli import app
+from tests.complaint import complaint
+
+FILES = read_arm_files(find_arm())
+JOINTS = FILES.robot.joints
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    return Path(shutil.copy(FILES.robot_path, tmp_path / "arm.yaml"))
+
+
+def theirs(joints: Sequence[Joint] = JOINTS) -> dict[str, Any]:
+    """LeRobot's file for an arm whose stops are where the URDF has them, but 20 counts up."""
+    entries = {}
+    for joint in joints:
+        low, high = joint.counts_range()
+        entries[joint.name] = {
+            **{"id": joint.servo_id, "drive_mode": 0, "homing_offset": -300},
+            **{"range_min": low + 20, "range_max": min(high + 20, 4095)},
+        }
+    return entries
+
+
+def run(*words: str) -> str:
+    done = CliRunner().invoke(app, ["calibration", *words])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_in_shown_and_out_again(robot: Path, tmp_path: Path) -> None:
+    given, out = tmp_path / "theirs.json", tmp_path / "out.json"
+    given.write_text(json.dumps(theirs(), indent=4))
+    said = json.loads(run("import", str(given), "--robot", str(robot), "--json"))
+    assert [joint["zero_counts"] for joint in said["joints"]][1] == JOINTS[1].zero_counts + 20
+    rows = json.loads(run("show", "--robot", str(robot), "--json"))
+    assert [row["homing_offset"] for row in rows] == [-300] * len(JOINTS)
+    assert rows[1]["travel"] == pytest.approx(rows[1]["urdf_range"], abs=0.004)
+    run("export", str(out), "--robot", str(robot))
+    assert out.read_text() == given.read_text()
+
+
+def test_people_are_told_whose_zero_it_is(robot: Path, tmp_path: Path) -> None:
+    given = tmp_path / "theirs.json"
+    given.write_text(json.dumps(theirs()))
+    assert "LeRobot's zero is not the URDF's" in run("import", str(given), "--robot", str(robot))
+    assert "LeRobot's zero is not the URDF's" in run("export", str(tmp_path / "out.json"), "--robot", str(robot))
+    assert JOINTS[0].name in run("show", "--robot", str(robot))
+
+
+def test_an_arms_plan_names_other_places_for_zeros(tmp_path: Path) -> None:
+    given = tmp_path / "theirs.json"
+    files = read_arm_files(find_arm("so101"))
+    robot = Path(shutil.copy(files.robot_path, tmp_path / "arm.yaml"))
+    given.write_text(json.dumps(theirs(files.robot.joints)))
+    said = json.loads(run("import", str(given), "--arm", "so101", "--robot", str(robot), "--json"))
+    zeros = {joint["joint"]: joint["zero"] for joint in said["joints"]}
+    assert (zeros["shoulder_pan"], zeros["wrist_roll"], zeros["gripper"]) == ("middle", "lerobot", "lower_stop")
+
+
+def test_a_mistake_is_said_in_words(
+    robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = complaint(capsys, monkeypatch, "calibration", "export", "x.json", "--robot", str(robot))
+    assert "there is no" in said and "servoloop calibrate" in said

@@ -1,0 +1,84 @@
+"""``servoloop passport`` as a user types it, on a virtual line behind a real serial device."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from drivers.servos import sts
+from servoloop.cli import app
+from sim_backend.bus import VirtualBus
+from sim_backend.plant import BenchPlant
+from sim_backend.servo import VirtualServo
+from tests.complaint import complaint
+from tests.servoloop.served import served
+
+IDS = tuple(range(1, 8))
+
+
+@pytest.fixture
+def line() -> VirtualBus:
+    return VirtualBus.of(BenchPlant(IDS))
+
+
+@pytest.fixture
+def port(line: VirtualBus, tmp_path: Path) -> Iterator[str]:
+    with served(line, tmp_path / "bus") as name:
+        yield name
+
+
+def run(*words: str, answer: str | None = None, status: int = 0) -> str:
+    done = CliRunner().invoke(app, ["passport", *words], input=answer)
+    assert done.exit_code == status, done.output
+    return done.output
+
+
+def save(line: VirtualBus, servo_id: int, value: int) -> None:
+    servo = line.servo(servo_id)
+    assert isinstance(servo, VirtualServo)
+    servo.memory.save(sts.position_p, value)
+
+
+def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: Path) -> None:
+    file = str(tmp_path / "arm.passport.yaml")
+    assert "servos 1, 2, 3, 4, 5, 6, 7" in run("save", file, "--port", port)
+    assert "every servo holds" in run("diff", file, "--port", port)
+    save(line, 6, 16)
+    assert "position_p" in run("diff", file, "--port", port, status=1)
+    said = json.loads(run("diff", file, "--port", port, "--json", status=1))
+    assert said["differences"] == [{"servo_id": 6, "register": "position_p", "saved": 32, "now": 16}]
+    run("restore", file, "--port", port, answer="n\n", status=1)
+    assert line.servo(6).memory.get(sts.position_p) == 16
+    assert "position_p was 16, is 32" in run("restore", file, "--port", port, answer="y\n")
+    assert line.servo(6).memory.get(sts.position_p) == 32
+    assert json.loads(run("restore", file, "--port", port, "--yes", "--json")) == []
+
+
+def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Path) -> None:
+    file = str(tmp_path / "arm.passport.yaml")
+    said = json.loads(run("save", file, "--port", port, "--arm", "robot_arm", "--json"))
+    assert said["servos"]["7"]["joint"] == "hand_right_joint"
+
+
+def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
+    file = str(tmp_path / "arm.passport.yaml")
+    old, new = VirtualBus.of(BenchPlant(IDS)), VirtualBus.of(BenchPlant((1,)))
+    save(old, 6, 16)
+    with served(old, tmp_path / "old") as port:
+        run("save", file, "--port", port)
+    with served(new, tmp_path / "new") as port:
+        said = json.loads(run("restore", file, "--port", port, "--id", "6", "--to-new", "--yes", "--json"))
+    assert [(one["register"], one["new"]) for one in said] == [("position_p", 16), ("id", 6)]
+    assert new.servos[0].servo_id == 6
+
+
+def test_what_goes_wrong_is_said(
+    port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "broken.yaml"
+    file.write_text("baud: 1\nservos: {1: {model: sts3215}}\n")
+    said = complaint(capsys, monkeypatch, "passport", "restore", str(file), "--port", port)
+    assert "broken.yaml:2: servos.1.registers" in said
+    assert "--to-new needs --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")

@@ -1,0 +1,88 @@
+"""The virtual box: what is connected answers, what is not has no power."""
+
+import pytest
+
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault
+from drivers.servos import sts
+from sim_backend.box import VirtualBox, plugged
+from sim_backend.clock import SimulatedClock
+from sim_backend.port import VirtualPort
+from sim_backend.servo import VirtualServo
+
+
+class Line:
+    def __init__(self, count: int = 3) -> None:
+        self.box, self.clock = VirtualBox([sts.STS3215] * count), SimulatedClock(10.0)
+        self.bus = Bus(VirtualPort(self.box.line, self.clock), self.clock)
+
+    def answers(self, servo_id: int = 1) -> str:
+        """ok, or what kind of fault."""
+        reading = self.bus.read_states([servo_id])[servo_id]
+        return reading.kind if isinstance(reading, ServoFault) else "ok"
+
+    def servo(self, number: int) -> VirtualServo:
+        servo = self.box.servos[number]
+        assert isinstance(servo, VirtualServo)
+        return servo
+
+
+def test_none_one_and_two_of_one_id() -> None:
+    line = Line()
+    assert line.answers() == "silent"
+    line.box.connect(1)
+    assert line.answers() == "ok"
+    line.box.connect(1, 2)
+    assert line.answers() == "corrupt"
+    assert line.box.ids() == [1, 1, 1]
+
+
+def test_a_servo_that_is_unplugged_forgets_what_power_off_forgets() -> None:
+    line = Line()
+    line.box.connect(0)
+    line.bus.write(1, sts.position_p, 16)  # with the lock closed
+    line.bus.write(1, sts.torque_enable, 1)
+    line.bus.write(1, sts.lock, 0)
+    line.bus.write(1, sts.position_d, 40)
+    line.box.connect(0)
+    assert line.bus.read(1, sts.torque_enable) == 1  # it was not pulled
+    line.box.connect()
+    assert line.servo(0).memory.get(sts.torque_enable) == 0
+    line.box.connect(0)
+    held = [line.bus.read(1, register) for register in (sts.position_p, sts.position_d, sts.torque_enable, sts.lock)]
+    assert held == [32, 40, 0, 1]
+
+
+def test_the_chain_is_all_of_them() -> None:
+    line = Line()
+    for number, servo_id in enumerate((1, 2, 3)):
+        line.servo(number).memory.save(sts.servo_id, servo_id)
+    line.box.connect_all()
+    assert [line.answers(servo_id) for servo_id in (1, 2, 3, 4)] == ["ok", "ok", "ok", "silent"]
+
+
+def test_small_servos_allow_less_and_all_answer_late_as_delivered() -> None:
+    box = VirtualBox([sts.STS3215_C001, sts.STS3215])
+    limits = [servo.memory.get(sts.max_voltage) for servo in box.servos]
+    assert limits == [80, 140]
+    assert [servo.memory.get(sts.return_delay) for servo in box.servos] == [250, 250]
+
+
+def test_plugs_are_pulled_by_command() -> None:
+    line, seen = Line(), []
+    joints = ["a", "b", "c"]
+
+    def hand(command: object) -> dict[str, str]:
+        seen.append(command)
+        return {}
+
+    plugged(line.box, joints, hand, {"do": "connect", "joints": ["b"]})
+    assert line.answers() == "ok"
+    plugged(line.box, joints, hand, {"do": "connect", "joints": []})
+    assert line.answers() == "corrupt"
+    plugged(line.box, joints, hand, {"do": "disconnect"})
+    assert line.answers() == "silent"
+    plugged(line.box, joints, hand, {"do": "hold", "joints": []})
+    assert seen[-1] == {"do": "hold", "joints": []}
+    with pytest.raises(ValueError, match="no servo of z: it has a, b, c"):
+        plugged(line.box, joints, hand, {"do": "connect", "joints": ["z"]})
