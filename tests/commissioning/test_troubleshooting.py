@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from commissioning.doctor.kinds import KINDS
-from commissioning.scan.look import Kind as ScanKind
+from commissioning.scan.problems import Kind as ScanKind
 from drivers.servos import sts
 from tests.commissioning.patient import Patient
 from tests.commissioning.test_doctor_faults import FIRST
