@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
 MOVES = (
-    "each joint will turn a little, slowly and under torque, and the arm is limp then, as it is now: hold it if "
-    "it could fall. Go on?"
+    "each joint will turn by up to 0.4 rad, slowly and under torque, and the arm is limp then, as it is now: see "
+    "that it has room, off its table, and hold it if it could fall. Go on?"
 )
 
 
@@ -125,13 +125,14 @@ def print_report(report: "Report", console: "Console") -> None:
 def _table(bus: "BusFigures") -> object:
     from rich.table import Table
 
-    table = Table("joint", "ID", "model", "firmware", "position", "V", "°C", "torque", "alarms", title=bus.port)
+    table = Table(title=bus.port)
+    for name in ("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms"):
+        table.add_column(name, no_wrap=name in ("joint", "model"))
     for one in bus.servos:
-        volts = "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}"
         row = (
-            one.firmware or one.heard,
+            one.heard,
             "" if one.position is None else f"{one.position:.3f}",
-            volts,
+            "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}",
             "" if one.temperature_c is None else f"{one.temperature_c:.0f}",
             {None: "", True: "on", False: "off"}[one.torque],
         )
