@@ -83,6 +83,7 @@ def test_a_supply_that_breaks_down_while_joints_move() -> None:
         patient.line.rig.feed(9.5 if fastest > 0.2 else 12.0)
 
     patient.plant._after_step = weaken
+    patient.wait(4.0)  # limp, the arm sinks first
     assert ("supply_sags", None) in found(examine(patient))
 
 
