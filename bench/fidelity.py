@@ -1,14 +1,14 @@
-"""How true the virtual STS3215 is: ``python -m bench.fidelity [--json] [--picture steps.png]``.
+"""How true the virtual servos are: ``python -m bench.fidelity [--json] [--picture steps.png]``.
 
 What is measured goes through the virtual bus: registers are written and read by instructions, a millisecond at a time.
 The figures beside come from docs/simulation.md: recorded on hardware ("hardware"), computed from laws that are known
-("law"), or from the reimplemented firmware on a simulated shaft ("firmware").
+("law"), or from the reimplemented firmware on a simulated shaft ("firmware"). The STS3215's rows come first.
 """
 
 import argparse
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from math import cos, pi, sin, sqrt
 from pathlib import Path
 from struct import pack
@@ -18,6 +18,8 @@ from rich.table import Table
 
 from bench.arguments import in_words
 from bench.curves import draw
+from bench.dynamixel_fidelity import dynamixels
+from bench.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.protocol import v1
 from drivers.servos import sts
@@ -32,32 +34,6 @@ COUNTS_PER_RAD = 4096 / (2.0 * pi)
 MIDDLE = 2048
 RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
 """Of the servo whose steps were recorded: 0.75 rad/s2 of friction, and what leaves 5.4 rad/s without load."""
-TOLERANCE = 0.15
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One figure; ``expected`` is missing where nobody has measured it."""
-
-    name: str
-    unit: str
-    measured: float
-    expected: float | None
-    source: str = ""
-    reason: str = ""
-    """Why it may differ by more than the tolerance."""
-
-    @property
-    def ratio(self) -> float | None:
-        """Measured over expected."""
-        return self.measured / self.expected if self.expected else None
-
-    @property
-    def fits(self) -> bool:
-        """Whether it is as true as it should be, exceptions left out."""
-        if self.expected is None or self.reason:
-            return True
-        return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)
 
 
 class Bench:
@@ -244,12 +220,12 @@ def switches() -> Iterator[Figure]:
 
 def figures() -> list[Figure]:
     """All of them."""
-    return [figure for part in (steps, sag, streams, protections, switches) for figure in part()]
+    return [figure for part in (steps, sag, streams, protections, switches, dynamixels) for figure in part()]
 
 
 def show(console: Console, found: list[Figure]) -> None:
     """Print them as a table, reasons below."""
-    table = Table("", "measured", "expected", "ratio", "from", title="virtual STS3215")
+    table = Table("", "measured", "expected", "ratio", "from", title="virtual servos")
     for figure in found:
         ratio = "" if figure.ratio is None else f"{figure.ratio:.2f}"
         expected = "" if figure.expected is None else f"{figure.expected:g}"

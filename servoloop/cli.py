@@ -173,6 +173,9 @@ def emulate(
             help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
         ),
     ] = False,
+    eeprom: Annotated[
+        Path | None, typer.Option(help="File that keeps the servos' EEPROM: read if it is there, renewed as they save.")
+    ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -198,6 +201,7 @@ def emulate(
             link,
             pictures,
             Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
+            eeprom,
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

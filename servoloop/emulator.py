@@ -9,7 +9,6 @@ from typing import Any
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
-from drivers.servos.xl320 import XL320
 from hal.errors import RobotFileError
 from hal.robot import Robot
 from servoloop.files import Files
@@ -20,6 +19,7 @@ from sim_backend.bus import VirtualBus
 from sim_backend.common import CommonPlant
 from sim_backend.control import ControlServer, Handler, control_path
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
 from sim_backend.feeder import Feeder
 from sim_backend.hand import Hand, obey
@@ -51,8 +51,6 @@ def couplings(robot: Robot) -> list[Coupling]:
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
     """A virtual bus with the servos that the robot file names for it. ``spread``: of STS servos and their supply."""
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
-    if XL320 in models.values():
-        raise RobotFileError(f"there is no virtual {XL320.name} yet: only a real one can be driven")
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)
     line = VirtualBus.of(plant, models, spread=spread)
@@ -95,12 +93,14 @@ def emulate(
     link: Path,
     pictures: Path | None,
     build: Build,
+    eeprom: Path | None,
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
     """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
 
-    Raises PortBusy where a path is taken.
+    ``eeprom``: a file that keeps what the servos save. Raises PortBusy where a path is taken, EepromError where the
+    file does not fit.
     """
     ways = build.mounted(couplings(files.robot))
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
@@ -124,6 +124,8 @@ def emulate(
         lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
     else:
         lines = virtual_lines(files.robot, WorldPlant(world, ways, after_step), build.spread)
+    if eeprom is not None:
+        keep_eeprom(eeprom, lines.values())
     places = device_paths(link, lines)
     with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), handle) as control:
 

@@ -1,9 +1,10 @@
 """Virtual servos on one wire, Feetech's and Dynamixels of protocol 1.0: bytes and a time in, bytes and times out.
 
-STS servos answer as docs/simulation.md says: a sync read and a broadcast ping each at its own time, without listening
-to each other; a broadcast read all at once. From the manuals of the others: no reply to a broadcast; a bulk read is
-answered in the order in which it names the servos, and each waits for the reply before its own: one that is silent
-hides those after it. Assumed of them: a broadcast ping is answered one after the other by rising ID.
+STS servos answer as docs/simulation.md says: when the line is silent, to whatever came in one piece; a sync read and
+a broadcast ping each at its own time, without listening to each other; a broadcast read all at once. From the manuals
+of the others: no reply to a broadcast; a bulk read is answered in the order in which it names the servos, and each
+waits for the reply before its own: one that is silent hides those after it. Assumed of them: a broadcast ping is
+answered one after the other by rising ID.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,6 +45,8 @@ class VirtualBus(ServoLine[PacketServo]):
         """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
+        self._waiting: dict[VirtualServo, bytes] = {}
+        """Answers of STS servos, each of which waits for the line to be silent."""
 
     @classmethod
     def of(
@@ -78,9 +81,27 @@ class VirtualBus(ServoLine[PacketServo]):
                 return self._in_turn(_bulk_read(parameters, knowing), at_s, byte_s, 0.0)
         if instruction.code == Code.SYNC_WRITE:
             _sync_write(parameters, meant)
-        if not broadcast:
-            return self._in_turn(self._answers(instruction, meant), at_s, byte_s, 0.0)
-        return self._broadcast(instruction, at_s, byte_s, meant)
+        if broadcast:
+            return self._broadcast(instruction, at_s, byte_s, meant)
+        for servo in meant:
+            if isinstance(servo, VirtualServo):
+                self._keep_back(servo, instruction)
+        others = [servo for servo in meant if not isinstance(servo, VirtualServo)]
+        return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
+
+    def _keep_back(self, servo: VirtualServo, instruction: Instruction) -> None:
+        """An answer for when the line is silent: behind what waits already, but what is read overwrites that."""
+        packet = servo.answer(instruction)
+        if packet is not None:
+            before = b"" if instruction.code == Code.READ else self._waiting.get(servo, b"")
+            self._waiting[servo] = before + packet
+
+    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+        turns: dict[float, list[bytes]] = {}
+        for servo, packets in self._waiting.items():
+            turns.setdefault(servo.return_delay_s if self.paced else 0.0, []).append(packets)
+        self._waiting.clear()
+        return [self._reply(packets, at_s + delay_s, byte_s) for delay_s, packets in sorted(turns.items())]
 
     def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
         """Address, size, and then the IDs: a time for each of them, whether anybody is there or not."""
@@ -90,7 +111,10 @@ class VirtualBus(ServoLine[PacketServo]):
         slot_s, replies = (STATUS_OVERHEAD + size + _SLOT_PAUSE) * byte_s, []
         knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE]
         for place, servo_id in enumerate(parameters[2:]):
-            packets = [servo.read_status(address, size) for servo in named(servo_id, knowing)]
+            asked = named(servo_id, knowing)
+            packets = [servo.read_status(address, size) for servo in asked]
+            for servo in asked:
+                self._waiting.pop(servo, None)  # type: ignore[call-overload]
             if packets:
                 replies.append(self._reply(packets, at_s + max(byte_s, place * slot_s), byte_s))
         return replies
@@ -119,8 +143,8 @@ def servo_of(
     """A new servo of ``model``, as those of its series are; an STS with this firmware and a motor of this spread."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
-        servo.memory.put(dynamixel1.baud_rate, 1)
-        servo.memory.put(dynamixel1.return_delay, 0)
+        servo.memory.save(dynamixel1.baud_rate, 1)
+        servo.memory.save(dynamixel1.return_delay, 0)
         return servo
     alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
     if alone:

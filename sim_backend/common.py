@@ -8,6 +8,7 @@ packet by as much as the other line has looked ahead: one packet's time on the w
 from collections.abc import Sequence
 from typing import Any
 
+from sim_backend.gears import Gears
 from sim_backend.line import ServoLine
 from sim_backend.plant import Plant
 from sim_backend.rig import AnyServo, Rig
@@ -19,6 +20,13 @@ class PlantPart(Plant):
     def __init__(self, plant: Plant, places: Sequence[int]) -> None:
         couplings = [plant.couplings[i] for i in places]
         super().__init__(couplings, plant.timestep_s, plant.joints, plant.shafts[list(places)])
+        self._plant, self._places = plant, tuple(places)
+
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        everywhere: list[Gears | None] = [None] * len(self._plant.couplings)
+        for place, own in zip(self._places, gears, strict=True):
+            everywhere[place] = own
+        self._plant.fit(everywhere)
 
     def advance(self) -> None:
         pass

@@ -2,9 +2,11 @@
 
 From the e-manual: the tables and their factory values, the units, the modes that the angle limits
 choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
-lock ends with the power. Assumed: the position loop is as stiff as an STS servo's, whatever compliance
-or gains say; overload is nearly full drive for two seconds and takes the drive away until the torque
-switch is written; a packet with a wrong checksum is not answered; a goal outside the limits is cut.
+lock ends with the power; the gains of an MX (P / 8, I * 1000 / 2048, D * 4 / 1000). BAM (github.com/Rhoban/bam)
+measured on MX-64 and MX-106 what drive P makes, and how much drive is full; an MX-28 is taken to do the same. Assumed:
+an MX's I and D count in the same unit of drive, seconds and counts; an AX's position loop is as stiff as an SCS
+servo's, whatever its compliance says; overload is nearly full drive for two seconds and takes the drive away until the
+torque switch is written; a packet with a wrong checksum is not answered; a goal outside the limits is cut.
 """
 
 from collections.abc import Mapping
@@ -13,13 +15,19 @@ from typing import ClassVar, Final
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts
 from drivers.servos.register import Register
+from sim_backend.dynamixel_motors import motor_of
 from sim_backend.generic.firmware import MULTI_TURN_PHASE, GenericFirmware
 from sim_backend.generic.memory import Memory
 from sim_backend.generic.servo import GenericServo
 from sim_backend.instructions import Instruction
-from sim_backend.motor import MotorConstants
 from sim_backend.sts_wire import Code, status_packet
 
+MX_DRIVE_PER_RAD: Final = 0.158
+"""Share of full drive, for each unit of ``p_gain``; the e-manual's P / 8 a count in 512 is 0.159."""
+MX_FULL_DRIVE: Final = 0.9625
+_MX_P_UNIT: Final = 1.0 / 8.0
+_MX_I_UNIT: Final = 1000.0 / 2048.0
+_MX_D_UNIT: Final = 4.0 / 1000.0
 INSTRUCTION_ERROR: Final = 1 << 6
 _BASE_BAUD: Final = 2_000_000
 _FAST_BAUDS: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
@@ -172,10 +180,12 @@ class MxMemory(Dynamixel1Memory):
         if register == sts.acceleration:
             ramp = super().get(dxl.goal_acceleration) * dxl.ACCELERATION_UNIT_COUNTS_S2
             return round(ramp / sts.ACCELERATION_UNIT_COUNTS_S2)
+        if register == sts.overload_torque:
+            return int(super()._told(register) * MX_FULL_DRIVE)
         return super()._told(register)
 
 
-class Dynamixel1Firmware(GenericFirmware):
+class AxFirmware(GenericFirmware):
     """The control loop, on the model's own counts."""
 
     def load_settings(self) -> None:
@@ -183,17 +193,31 @@ class Dynamixel1Firmware(GenericFirmware):
         self._gain *= sts.STS3215.counts_per_turn / self._turn
 
 
+class MxFirmware(GenericFirmware):
+    """The control loop of an MX, whose gains are in RAM."""
+
+    def load_goal(self) -> None:
+        super().load_goal()
+        get, unit = self._memory.get, MX_DRIVE_PER_RAD / _MX_P_UNIT / self._counts_per_rad
+        self._gain = get(dxl.p_gain) * _MX_P_UNIT * unit
+        self._integral_gain = get(dxl.i_gain) * _MX_I_UNIT * unit
+        self._damping = get(dxl.d_gain) * _MX_D_UNIT * unit
+        self._limit = min(self._limit, MX_FULL_DRIVE)
+
+
 class VirtualAxServo(GenericServo):
     """An AX below the wire: no group read."""
 
     MEMORY: ClassVar[type[Dynamixel1Memory]] = AxMemory
+    FIRMWARE: ClassVar[type[GenericFirmware]] = AxFirmware
     GROUP_READ: ClassVar[Code | None] = None
     REBOOTS = False
 
     def __init__(self, model: dxl.Model, servo_id: int) -> None:
         memory = self.MEMORY(model, servo_id)
-        motor = MotorConstants.of(model, model.stall_current_a)
-        super().__init__(model, memory, Dynamixel1Firmware(memory, model, motor))
+        motor = motor_of(model)
+        super().__init__(model, memory, self.FIRMWARE(memory, model, motor))
+        self.gears = motor.gears
 
     def answer(self, instruction: Instruction) -> bytes | None:
         known = {Code.PING, Code.READ, Code.WRITE, Code.REG_WRITE, Code.ACTION, Code.RESET}
@@ -207,4 +231,5 @@ class VirtualMxServo(VirtualAxServo):
     """An MX with protocol 1.0 firmware below the wire: answers bulk reads."""
 
     MEMORY = MxMemory
+    FIRMWARE = MxFirmware
     GROUP_READ = Code.BULK_READ

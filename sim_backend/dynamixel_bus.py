@@ -16,8 +16,8 @@ from functools import reduce
 from operator import and_
 from typing import Final
 
-from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
+from drivers.servos.xl320 import XL320
 from sim_backend.dynamixel_groups import Entry, Span, bulk_entries, bulk_spans, sync_entries, sync_spans
 from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.dynamixel_wire import (
@@ -33,16 +33,17 @@ from sim_backend.dynamixel_wire import (
 from sim_backend.instructions import Instruction
 from sim_backend.line import Reply, ServoLine, Turn, named
 from sim_backend.plant import Plant
+from sim_backend.protocol2_servo import Protocol2Servo
 from sim_backend.rig import Rig, Supply
+from sim_backend.xl320_servo import VirtualXl320Servo
 
 _ID_AT: Final = 4
-_MEGABAUD: Final = x_series.BAUD_RATES.index(1_000_000)
 
 
-class VirtualDynamixelBus(ServoLine[VirtualXServo]):
-    """A line of X series servos. Times are the caller's clock; the rig's time begins with the first call."""
+class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
+    """A line of X series servos and XL-320. Times are the caller's clock; the rig's time begins with the first call."""
 
-    def __init__(self, rig: Rig[VirtualXServo], *, paced: bool = True) -> None:
+    def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
         """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
         self.chained = False
@@ -64,15 +65,15 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
         ``firmware``: versions by ID, where they are not the usual one.
         """
         ids = [coupling.servo_id for coupling in plant.couplings]
-        servos = [VirtualXServo(models[i], i, (firmware or {}).get(i)) for i in ids]
+        servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]
         for servo in servos:
-            servo.memory.put(x_series.baud_rate, _MEGABAUD)
-            servo.memory.put(x_series.return_delay, 0)
+            servo.memory.put(servo.REGISTERS.baud_rate, servo.memory.BAUD_RATES.index(1_000_000))
+            servo.memory.put(servo.REGISTERS.return_delay, 0)
         rated = {voltage_v: Supply(voltage_v) for voltage_v in {s.model.rated_voltage_v for s in servos}}
         return cls(Rig(servos, plant, supply or [rated[s.model.rated_voltage_v] for s in servos]), paced=paced)
 
     def _obey(
-        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[VirtualXServo]
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[Reply]:
         parameters = instruction.parameters
         match instruction.code:
@@ -94,7 +95,7 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
             return []
         return self._in_turn(turns, at_s, byte_s, 0.0)
 
-    def _reads(self, spans: Sequence[Span], servos: Sequence[VirtualXServo], byte_s: float) -> list[Turn]:
+    def _reads(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], byte_s: float) -> list[Turn]:
         """A turn for each who is there; who is not leaves a gap as long as the reply would have been."""
         turns: list[Turn] = []
         gap_s = 0.0
@@ -110,7 +111,7 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
                 gap_s += (STATUS_OVERHEAD + size) * byte_s
         return turns
 
-    def _fast(self, spans: Sequence[Span], servos: Sequence[VirtualXServo], at_s: float, byte_s: float) -> list[Reply]:
+    def _fast(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float) -> list[Reply]:
         """One packet, block by block, as far as each servo finds the block before its own in order."""
         knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
         wire, replies = b"", list[Reply]()
@@ -135,6 +136,10 @@ class VirtualDynamixelBus(ServoLine[VirtualXServo]):
         return replies
 
 
+def _servo_of(model: ServoModel, servo_id: int, firmware: int | None) -> Protocol2Servo:
+    return VirtualXl320Servo(servo_id) if model == XL320 else VirtualXServo(model, servo_id, firmware)
+
+
 def _overlaid(blocks: Sequence[bytes]) -> bytes:
     """Blocks of one length sent at once, by servos that share an ID."""
     if len(blocks) == 1:
@@ -142,7 +147,7 @@ def _overlaid(blocks: Sequence[bytes]) -> bytes:
     return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
 
 
-def _write(entries: Iterable[Entry], servos: Sequence[VirtualXServo]) -> list[Reply]:
+def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[Reply]:
     """Each servo's share of a group write. There is no reply."""
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):

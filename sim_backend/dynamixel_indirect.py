@@ -76,12 +76,3 @@ def resolved(windows: Sequence[Window], table: bytes | bytearray, address: int, 
                 meant[i] = int.from_bytes(table[at : at + 2], "little")
                 break
     return meant
-
-
-def runs(places: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Where bytes follow one another: each time from which of them to before which."""
-    begin = 0
-    for i in range(1, len(places) + 1):
-        if i == len(places) or places[i] != places[i - 1] + 1:
-            yield begin, i
-            begin = i

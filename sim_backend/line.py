@@ -7,7 +7,7 @@ half-received packet (both assumed).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -63,6 +63,8 @@ class ServoLine(ABC, Generic[AnyServo]):
         self.faults = WireFaults()
         self.dropped_s = 0.0
         """Physical time that was skipped because the caller came too late."""
+        self.after_instructions: Callable[[], None] = _nothing
+        """Called after servos have done what they were told, before anybody hears of it."""
         self._unplugged: set[AnyServo] = set()
         self._parser = parser
         self._id_at = id_at
@@ -130,6 +132,9 @@ class ServoLine(ABC, Generic[AnyServo]):
             complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
             self.advance(complete_s)
             replies += self._obey(instruction, complete_s, byte_s, self._listening(baud))
+            self.after_instructions()
+        replies += self._silence(self._free_s, byte_s)
+        replies.sort(key=lambda reply: reply.due_s)
         if replies:
             self._free_s = max(self._free_s, replies[-1].due_s)
         return replies
@@ -146,6 +151,10 @@ class ServoLine(ABC, Generic[AnyServo]):
     @abstractmethod
     def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
         """Let ``servos`` do one instruction; whatever comes back, in order."""
+
+    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+        """What servos say only when the line is silent: the master's bytes end at ``at_s``."""
+        return []
 
     def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[Reply]:
         """Replies one after the other; a turn without a reply lasts ``slot_s``."""
@@ -172,6 +181,10 @@ class ServoLine(ABC, Generic[AnyServo]):
             if packet is not None:
                 turns.setdefault(packet[self._id_at], (servo.return_delay_s, []))[1].append(packet)
         return list(turns.values())
+
+
+def _nothing() -> None:
+    pass
 
 
 def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:

@@ -9,6 +9,7 @@ from typing import Final
 
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
+from sim_backend.gears import Gears
 
 ROTOR_INERTIA_KG_M2: Final = 0.0154
 """Of an STS3215's rotor and gears at the output shaft: 3.25 N m of full drive (BAM's kt and resistance) start the shaft
@@ -34,6 +35,8 @@ class MotorConstants:
     thermal_resistance_k_w: float = 2.5
     thermal_time_s: float = 400.0
     ambient_c: float = 27.0
+    gears: Gears | None = None
+    """Where anybody has identified them; the plant's own otherwise."""
 
     @classmethod
     def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":

@@ -1,9 +1,11 @@
-"""What all virtual servos have in common that are asked by Feetech's packets, or Dynamixel's of protocol 1.0."""
+"""What all virtual servos have in common, and those asked by Feetech's packets or Dynamixel's of protocol 1.0."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 from drivers.servos.register import Register, ServoModel
+from sim_backend.flash import Flash, Kept
+from sim_backend.gears import Gears
 from sim_backend.instructions import Instruction
 from sim_backend.rig import Fed
 from sim_backend.sts_wire import Code, status_packet
@@ -24,6 +26,15 @@ class Table(Protocol):
 
     def read(self, address: int, size: int) -> bytes: ...
 
+    @property
+    def flash(self) -> Flash: ...
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None: ...
+
+    @property
+    def kept(self) -> Kept: ...
+
 
 class Driven(Fed, Protocol):
     """The firmware, as far as the line asks for it."""
@@ -34,16 +45,16 @@ class Driven(Fed, Protocol):
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
 
 
-class PacketServo(ABC):
+class WiredServo(ABC):
     """A servo below the wire. The bus hands it instructions and steps it."""
 
-    GROUP_READ: ClassVar[Code | None]
-    """The instruction that asks it together with others."""
     memory: Table
     firmware: Driven
 
-    def __init__(self, model: ServoModel) -> None:
+    def __init__(self, model: ServoModel, gears: Gears | None = None) -> None:
+        """``gears``: where anybody has identified them."""
         self.model = model
+        self.gears = gears
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -78,6 +89,21 @@ class PacketServo(ABC):
         """Do what one instruction says; the reply, if this servo makes one to it."""
 
     @abstractmethod
+    def read_status(self, address: int, size: int) -> bytes:
+        """The status packet with ``size`` bytes from ``address``, the state as of now."""
+
+    @abstractmethod
+    def power_cycle(self) -> None:
+        """Power off and on again: what was not saved is gone, the motor is free."""
+
+
+class PacketServo(WiredServo):
+    """A servo whose status packets are Feetech's, or those of protocol 1.0."""
+
+    GROUP_READ: ClassVar[Code | None]
+    """The instruction that asks it together with others."""
+
+    @abstractmethod
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes of the table from ``address``, the state as of now."""
 
@@ -85,12 +111,7 @@ class PacketServo(ABC):
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""
 
-    @abstractmethod
-    def power_cycle(self) -> None:
-        """Power off and on again: what was not saved is gone, the motor is free."""
-
     def read_status(self, address: int, size: int) -> bytes:
-        """The status packet with ``size`` bytes from ``address``."""
         return self._status(self.servo_id, self.read(address, size))
 
     def _status(self, servo_id: int, data: bytes = b"") -> bytes:

@@ -5,7 +5,7 @@ back by the same ratio, so no energy appears or is lost on the way.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import copysign, pi
 from typing import Final, Protocol
@@ -13,6 +13,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.gears import Gears
 from sim_backend.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
 
 
@@ -104,6 +105,10 @@ class Plant(ABC):
             effort[at] = torque * per_unit
 
     @abstractmethod
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        """Give shafts the inertia and friction of these gears; None leaves a shaft as the plant has it."""
+
+    @abstractmethod
     def advance(self) -> None:
         """Advance one timestep under the efforts that are in ``joints``."""
 
@@ -122,6 +127,8 @@ class JointWorld(Protocol):
 
     @property
     def arrays(self) -> JointArrays: ...
+
+    def fit_gears(self, gears: Mapping[str, Gears]) -> None: ...
 
     def advance(self) -> None: ...
 
@@ -151,6 +158,10 @@ class WorldPlant(Plant):
         self._world = world
         self._after_step = after_step
 
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        pairs = zip(self.couplings, gears, strict=True)
+        self._world.fit_gears({c.joint: own.behind(1.0 / c.ratio) for c, own in pairs if own is not None})
+
     def advance(self) -> None:
         self._world.advance()
         if self._after_step is not None:
@@ -160,7 +171,8 @@ class WorldPlant(Plant):
 class BenchPlant(Plant):
     """Servos on a bench, each with its own load: inertia, a constant torque, friction of both kinds. No joints.
 
-    ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands.
+    ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands. A servo whose gears
+    were identified brings them along; the others have what is said here.
     """
 
     def __init__(
@@ -179,9 +191,10 @@ class BenchPlant(Plant):
         # A joint's position is its shaft's angle.
         super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
         self.load_nm = [0.0] * len(couplings)
-        self._inertia = inertia_kg_m2
-        self._friction = friction_nm
-        self._damping = damping_nm_s
+        self._gears = [Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)] * len(couplings)
+
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        self._gears = [own or usual for own, usual in zip(gears, self._gears, strict=True)]
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the shafts to these angles (rad), at rest."""
@@ -189,12 +202,12 @@ class BenchPlant(Plant):
         self.joints.velocity[:] = 0.0
 
     def advance(self) -> None:
-        per_nm = self.timestep_s / self._inertia
-        friction = self._friction * per_nm
         position, velocities = self.joints.position, self.joints.velocity
         for i, torque in enumerate(self.joints.effort.tolist()):
-            velocity = float(velocities[i])
-            velocity += (torque + self.load_nm[i] - self._damping * velocity) * per_nm
+            gears, load, velocity = self._gears[i], self.load_nm[i], float(velocities[i])
+            per_nm = self.timestep_s / gears.rotor_kg_m2
+            friction = gears.friction_nm(torque - load, velocity) * per_nm
+            velocity += (torque + load - gears.viscous_nm_s * velocity) * per_nm
             # Friction takes speed away but never turns it round.
             velocity = copysign(max(0.0, abs(velocity) - friction), velocity)
             velocities[i] = velocity

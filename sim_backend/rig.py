@@ -7,6 +7,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from sim_backend.gears import Gears
 from sim_backend.plant import Plant
 from sim_backend.sts.firmware import StsFirmware
 from sim_backend.sts.kernel import step_all
@@ -41,6 +42,9 @@ class Stepped(Protocol):
     @property
     def firmware(self) -> Fed: ...
 
+    @property
+    def gears(self) -> Gears | None: ...
+
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
 
 
@@ -59,6 +63,7 @@ class Rig(Generic[AnyServo]):
         self.servos = tuple(servos)
         self.plant = plant
         self.timestep_s = plant.timestep_s
+        plant.fit([servo.gears for servo in servos])
         self._steps = [servo.step for servo in servos]
         self._firmware = [servo.firmware for servo in servos]
         self.supply = supply or Supply()

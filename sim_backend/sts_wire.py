@@ -127,7 +127,9 @@ class StsParser(Parser):
             return None
         body.append(value)
         if complete or (len(body) == 2 and not 2 <= value <= self.LONGEST):
-            self._body, self._last = None, 0
+            self._body = None
+        if complete:
+            self._last = 0
         if complete and checksum(body[:-1]) == value:
             return Instruction(body[0], body[2], bytes(body[3:-1]))
         return None

@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.backlash import motor_name, with_gaps
+from sim_backend.gears import Gears
+from sim_backend.joint_gears import JointGears
 from sim_backend.plant import JointArrays
 from sim_backend.spread import NOMINAL, Spread
 
@@ -61,6 +63,7 @@ class World:
         `initial_position`: in the order of `joints` (rad, m); by default that of the keyframe `rest` or `ready`.
         `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
+        self._gears: JointGears | None = None
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
         self.model: Any = with_gaps(scene or SCENE, backlash or {})
         if spread.seed is not None:
@@ -142,8 +145,16 @@ class World:
         """Joint velocities, shape (n,): rad/s, or m/s."""
         return self.arrays.velocity.take(self._qvel)
 
+    def fit_gears(self, gears: Mapping[str, Gears]) -> None:
+        """Give joints the inertia and friction of these gears, in the joints' units; the others keep the scene's."""
+        if gears:
+            dofs = {int(self.model.joint(self._motors.get(name, name)).dofadr[0]): own for name, own in gears.items()}
+            self._gears = JointGears(self.model, self.data, dofs, self._gears)
+
     def advance(self) -> None:
         """Advance by one timestep under the efforts that are in ``arrays``."""
+        if self._gears is not None:
+            self._gears.update()
         mujoco.mj_step(self.model, self.data)
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:

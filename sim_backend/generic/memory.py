@@ -11,6 +11,7 @@ from typing import ClassVar, Final
 
 from drivers.servos import sts
 from drivers.servos.register import Access, ByteOrder, Register, ServoModel
+from sim_backend.flash import Flash, Kept
 
 SIZE: Final = 256
 EEPROM_END: Final = sts.torque_enable.address
@@ -56,6 +57,7 @@ class Memory:
             for name in (sts.servo_id.name, sts.baud_rate.name)
         )
         self._order = model.byte_order
+        self.kept = Kept(registers, (at for at in self._writable if at < self.EEPROM_END), model.byte_order)
         self._model = model
         self._bytes = bytearray(SIZE)
         self._saved = bytearray(self.EEPROM_END)
@@ -135,6 +137,24 @@ class Memory:
         self.put(sts.model_number, self._model.number)
         self.put(sts.servo_id, servo_id)
         self._save()
+
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        self.put(register, value)
+        own = self.own(register)
+        if own is not None:
+            span = slice(own.address, own.address + own.size)
+            self._saved[span] = self._bytes[span]
+
+    @property
+    def flash(self) -> Flash:
+        """What it keeps without power."""
+        return Flash(bytes(self._saved))
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None:
+        self._saved[:] = flash.settings
+        self.power_up()
 
     def _save(self) -> None:
         self._saved[:] = self._bytes[: self.EEPROM_END]

@@ -124,6 +124,15 @@ class StsFirmware:
         self._states["deaf_s"] = seconds
 
     @property
+    def encoder_fails(self) -> bool:
+        """Whether the encoder has stopped answering the firmware; a fault to inject, which power-off does not mend."""
+        return bool(self._number("encoder_fails"))
+
+    @encoder_fails.setter
+    def encoder_fails(self, fails: bool) -> None:
+        self._states["encoder_fails"] = fails
+
+    @property
     def raw_count(self) -> int:
         """The encoder's count within the turn, before the homing offset."""
         return self._number("raw")

@@ -33,7 +33,7 @@ POSITION, VELOCITY, PWM, STEP = 0, 1, 2, 3
 """Operating modes."""
 COUNTS_PER_S_BIT, FULL_SPEED_BIT, UNFOLDED_BIT = 1 << 2, 1 << 3, 1 << 4
 """Bits of the phase register."""
-VOLTAGE, TEMPERATURE, CURRENT, OVERLOAD = 1, 4, 8, 32
+VOLTAGE, ENCODER, TEMPERATURE, CURRENT, OVERLOAD = 1, 2, 4, 8, 32
 """Bits of the status."""
 HOLD_OFF_MS: Final = 51
 COOL_DOWN_C: Final = 5
@@ -95,7 +95,22 @@ def counts_turns(s: Record) -> bool:
 
 @compiled
 def sense(s: Record) -> None:
-    """Read the encoder; follow it over the seam where the mode counts turns."""
+    """Read the encoder, if it answers, and count how far the shaft has come."""
+    if s.encoder_fails:
+        s.status |= ENCODER
+    else:
+        s.status &= ~ENCODER
+        see(s)
+    s.window_age_ms += 1
+    if s.window_age_ms >= s.window_ms:
+        moved = s.position - s.window_position
+        s.window_counts = 0 if abs(moved) < byte(s, 80) else moved
+        s.window_position, s.window_age_ms = s.position, 0
+
+
+@compiled
+def see(s: Record) -> None:
+    """Take the encoder's angle; follow it over the seam where the mode counts turns."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, 33)
     offset = signed(s, 31, 11) if counts_turns(s) else 0
@@ -110,11 +125,6 @@ def sense(s: Record) -> None:
             s.turns += 1
         s.position = quotient(2 * s.position + 8 * (reading + s.turns * TURN), 10)
     s.raw, s.reading = raw, reading
-    s.window_age_ms += 1
-    if s.window_age_ms >= s.window_ms:
-        moved = s.position - s.window_position
-        s.window_counts = 0 if abs(moved) < byte(s, 80) else moved
-        s.window_position, s.window_age_ms = s.position, 0
 
 
 @compiled
@@ -390,7 +400,8 @@ def tick(s: Record) -> None:
         rest_loops(s)
         asked = 0
     watch_push(s, asked)
-    s.drive = 0 if unsupplied else clip(protected(s, asked), BRIDGE_LIMIT)
+    blind = s.status & byte(s, 19) & ENCODER
+    s.drive = 0 if unsupplied or blind else clip(protected(s, asked), BRIDGE_LIMIT)
     s.on = on
     report(s)
 

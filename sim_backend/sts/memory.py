@@ -8,10 +8,12 @@ from typing import Final
 
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
+from sim_backend.flash import Flash, Kept
 from sim_backend.sts.state import TABLE_SIZE, States
 
 READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
 PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
+KEPT: Final = Kept(sts.REGISTERS, PERSISTENT - READ_ONLY, "little")
 MIDDLE_SPAN: Final = 2047
 """The homing offset's largest size: its twelfth bit is the sign."""
 
@@ -121,6 +123,21 @@ class StsMemory:
         """Instruction 6: the saved defaults into the flash, except for the ID."""
         self._saved[:] = self._defaults
         self._saved[sts.servo_id.address] = self.servo_id
+
+    @property
+    def flash(self) -> Flash:
+        """What it keeps without power."""
+        return Flash(bytes(self._saved), self._defaults)
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None:
+        self._saved, self._defaults = bytearray(flash.settings), flash.defaults
+        self.power_up()
+
+    @property
+    def kept(self) -> Kept:
+        """Which bytes these are."""
+        return KEPT
 
     def _write_byte(self, at: int, value: int) -> None:
         self._table[at] = value

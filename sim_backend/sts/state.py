@@ -31,6 +31,7 @@ _PARAMETERS: Final = (
     # The world: what power-off does not change.
     ("temperature_c", "f8"),
     ("lagged_rad", "f8"),  # the shaft's angle, as the encoder has it by now
+    ("encoder_fails", "i8"),  # it does not answer the firmware
     ("deaf_s", "f8"),  # until it has rebooted
     ("supply", "i8"),  # which of the line's supplies feeds it
     ("voltage_v", "f8"),

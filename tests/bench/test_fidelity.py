@@ -1,4 +1,4 @@
-"""The virtual STS3215 against the figures of the real one."""
+"""The virtual servos against the figures of the real ones."""
 
 import io
 import json
@@ -19,7 +19,11 @@ def test_the_figure_is_within_fifteen_percent_or_says_why_not(figure: fidelity.F
     assert figure.fits, f"{figure.measured} {figure.unit} instead of {figure.expected}"
     if figure.reason:  # an exception has its bounds too
         assert figure.expected is not None
-        assert abs(figure.measured - figure.expected) <= (12 if "1024" in figure.name else 2)
+        if figure.source == "data sheet":
+            assert figure.ratio is not None
+            assert 0.4 < figure.ratio < 1.0
+        else:
+            assert abs(figure.measured - figure.expected) <= (12 if "1024" in figure.name else 2)
 
 
 def test_the_exceptions_are_few() -> None:
@@ -27,6 +31,10 @@ def test_the_exceptions_are_few() -> None:
         "step of 1024: overshoot",
         "step of 100: overshoot",
         "step of 10: ends short by",
+        "xl320: speed without load",
+        "mx-106: torque at stall",
+        "mx-64: torque at stall",
+        "xl320: torque at stall",
     ]
 
 

@@ -6,7 +6,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import ServoRefused
 from drivers.servos import ax_mx as dxl
-from drivers.servos import sts, xl320
+from drivers.servos import sts
 from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import Access, Register, ServoModel
@@ -19,8 +19,11 @@ from sim_backend.servo import VirtualServo
 from sim_backend.sts_wire import Code
 
 IDS = (1, 2)
-every_model = pytest.mark.parametrize("model", [m for m in MODELS.values() if m != xl320.XL320], ids=lambda m: m.name)
-"""There is no virtual XL-320."""
+every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda m: m.name)
+
+
+_SHORT_BY = {"xl320": 13}
+"""Its identified friction, over a P gain that makes so little drive."""
 
 
 class Bench:
@@ -112,6 +115,6 @@ def test_it_is_at_rest_and_well_and_then_where_it_was_told_to_go(model: ServoMod
     assert start - way < halfway.position_counts < start
     assert halfway.velocity_counts_s < 0
     for state in there.values():
-        assert state.position_counts == pytest.approx(start - way, abs=max(2, way / 20))
+        assert state.position_counts == pytest.approx(start - way, abs=_SHORT_BY.get(model.name, max(2, way / 20)))
         assert state.alarms == ()
         assert 0 <= state.position_counts <= model.last_count

@@ -8,7 +8,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
 from drivers.errors import ServoCorrupt, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
-from drivers.servos import scs, sts, x
+from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
 from sim_backend.bus import VirtualBus
@@ -37,6 +37,7 @@ CASES = (
     Case(scs.SCS0009, scs.present_temperature, scs.torque_enable, scs.present_position),
     Case(dxl.AX_12A, dxl.present_temperature, dxl.torque_enable, dxl.present_position),
     Case(x.XL430_W250, x.present_temperature, x.torque_enable, x.present_position),
+    Case(xl320.XL320, xl320.present_temperature, xl320.torque_enable, xl320.present_position),
 )
 every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.model.name)
 

@@ -74,6 +74,9 @@ def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
             line = VirtualDynamixelBus.of(plant, models)
         else:
             line = VirtualBus.of(plant, models)
+        if model == dynamixel1.MX_28:
+            for servo in line.servos:  # the factory's gain would let the arm sink onto the stand
+                servo.write(dynamixel1.p_gain.address, b"\x60")
         return ServoHardware("arm", joints, lambda: Bus(VirtualPort(line, clock), clock, models), clock)
 
     return make

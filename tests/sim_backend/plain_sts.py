@@ -75,6 +75,7 @@ class Encoder:
 
     def __init__(self, angle_rad: float, settings: Settings) -> None:
         self.settings = settings
+        self.fails = False
         self.angle = angle_rad
         self.turn = 0
         self.count = self.last = self._look()
@@ -90,11 +91,12 @@ class Encoder:
         self.angle += (angle_rad - self.angle) * dt_s / (self.LAG_S + dt_s)
 
     def read(self) -> None:
-        now = self._look()
-        step = now - self.last
-        self.turn += -1 if step > 2048 else 1 if step < -2048 else 0
-        self.last = now
-        self.count = toward_zero(2 * self.count + 8 * (now + 4096 * self.turn), 10)
+        if not self.fails:
+            now = self._look()
+            step = now - self.last
+            self.turn += -1 if step > 2048 else 1 if step < -2048 else 0
+            self.last = now
+            self.count = toward_zero(2 * self.count + 8 * (now + 4096 * self.turn), 10)
         self.age += 1
         if self.age == 20:
             self.age = 0
@@ -246,6 +248,9 @@ class Guard:
     def _say(self, bit: int, yes: bool) -> None:
         (self.bits.add if yes else self.bits.discard)(bit)
 
+    def encoder(self, fails: bool) -> None:
+        self._say(1, fails)
+
     def supply(self, voltage: int, temperature: int) -> None:
         s = self.settings
         self.over_v_ms = self.over_v_ms + 1 if voltage > s.max_voltage else 0
@@ -315,6 +320,7 @@ class PlainServo:
     def _millisecond(self, voltage: int, temperature: int, units: int) -> None:
         s, seen, guard = self.settings, self.encoder, self.guard
         seen.read()
+        guard.encoder(seen.fails)
         if self._goal_written:
             self._goal_written = False
             s.torque = 1
@@ -335,7 +341,7 @@ class PlainServo:
         guard.push(asked, seen.snapshot)
         if guard.acts(5) and s.mode != 2:
             asked = guard.pushed * s.protective * 10
-        self.drive = 0 if dead else within(asked, 970)
+        self.drive = 0 if dead or guard.acts(1) else within(asked, 970)
         running = not self.profile.done if s.by_position else False
         self.moving = running or (seen.speed != 0 and (self.moving or not s.by_position))
 

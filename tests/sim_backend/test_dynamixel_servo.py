@@ -11,9 +11,10 @@ from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_servo import REBOOT_S, VirtualXServo
+from sim_backend.dynamixel_servo import VirtualXServo
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
+from sim_backend.protocol2_servo import REBOOT_S
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

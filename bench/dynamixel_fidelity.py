@@ -1,0 +1,165 @@
+"""How true the virtual Dynamixels are whose motors were identified: rows of ``python -m bench.fidelity``.
+
+The figures beside: data sheets of ROBOTIS ("data sheet"), what BAM saw on its oscilloscope ("hardware"), and what its
+identified motor and friction make of a load by arithmetic alone ("law").
+"""
+
+from collections.abc import Iterator
+from math import pi
+from typing import Any
+
+from bench.figures import Figure
+from drivers.bus.bus import Bus
+from drivers.servos import ax_mx, x, xl320
+from drivers.servos.register import Register, ServoModel
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel1_models import MX_64, MX_106
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_motors import IDENTIFIED
+from sim_backend.line import ServoLine
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.rig import Supply
+
+RPM = 2.0 * pi / 60.0
+X330, XL = x.XL330_M288, xl320.XL320
+HELD_BY_COUNTS = 60
+PULLS_NM = (0.1, 0.2)
+FULL_DRIVE_RAD = 2.5
+"""An error of which every model makes full drive."""
+XL330_PER_RAD = 4096 / (2.0 * pi) / (256 * 885) * 400
+"""Share of full drive, with the factory's P."""
+
+
+class Bench:
+    """One servo on a shaft, under torque where it stands."""
+
+    def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
+        self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
+        self.plant.load_nm = [load_nm]
+        self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.Model) else model  # whose table it has
+        self.line = _line(self.plant, model)
+        self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})
+        self.table: Any = ax_mx if isinstance(model, ax_mx.Model) else xl320 if model == XL else x
+
+    def write(self, register: Register, value: int) -> None:
+        self.bus.write(1, register, value)
+
+    def read(self, register: Register) -> int:
+        return self.bus.read(1, register)
+
+    def go(self, counts: int) -> None:
+        """Hold, and go so far from here as fast as it can."""
+        table, start = self.table, self.read(self.table.present_position)
+        self.write(table.torque_enable, 1)
+        self.write(table.goal_position, start + counts)
+
+    def start_below(self, distance_rad: float) -> float:
+        """Hold the present place as goal, and begin this far below it; returns the angle there."""
+        self.go(0)
+        begin_rad = self.plant.angles()[0] - distance_rad
+        self.plant.place([begin_rad])
+        return begin_rad
+
+    def wait(self, seconds: float, held: bool = False) -> None:
+        """Let time pass; a shaft that is held stays where it is."""
+        angle = self.plant.angles()
+        for _ in range(round(seconds * 1000)):
+            if held:
+                self.plant.place(angle)
+            self.clock.sleep_until(self.clock.now() + 0.001)
+            self.line.advance(self.clock.now())
+
+
+def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
+    supply = Supply(model.rated_voltage_v, 0.0)
+    if isinstance(model, ax_mx.Model):
+        return VirtualBus.of(plant, model, supply=supply, paced=False)
+    return VirtualDynamixelBus.of(plant, {1: model}, supply=supply, paced=False)
+
+
+def drives() -> Iterator[Figure]:
+    """How much drive an error makes: the P gain's law."""
+    cases: tuple[tuple[ServoModel, Register, float, float, str], ...] = (
+        (X330, x.present_pwm, 885.0, XL330_PER_RAD, "hardware"),
+        (x.XL430_W250, x.present_pwm, 885.0, 640 / 128 / 885 * 4096 / (2.0 * pi), "e-manual"),
+        (XL, xl320.present_load, 1023.0, 0.05048 * 32, "hardware"),
+        (MX_64, ax_mx.present_load, 1023.0, 0.158 * 32, "hardware"),
+    )
+    for model, shown, full, expected, source in cases:
+        bench = Bench(model)
+        bench.go(HELD_BY_COUNTS)
+        bench.wait(0.2, held=True)
+        error_rad = HELD_BY_COUNTS * 2.0 * pi / model.counts_per_turn
+        measured = abs(bench.read(shown)) / full / error_rad
+        yield Figure(f"{model.name}: drive an error makes, factory P", "1/rad", measured, expected, source)
+
+
+def speeds() -> Iterator[Figure]:
+    """Full drive without load."""
+    why = "BAM's XL-320 is slower than the data sheet says, by every law of friction"
+    for model in (X330, MX_64, MX_106, XL):
+        bench = Bench(model)
+        bench.start_below(FULL_DRIVE_RAD)
+        fastest = 0.0
+        for _ in range(50):
+            bench.wait(0.01)
+            fastest = max(fastest, abs(bench.plant.velocities()[0]))
+        reason = why if model == XL else ""
+        expected = model.no_load_speed_rad_s / RPM
+        yield Figure(f"{model.name}: speed without load", "rpm", fastest / RPM, expected, "data sheet", reason)
+
+
+def lifts(model: ServoModel, load_nm: float) -> bool:
+    """Whether full drive moves this load."""
+    bench = Bench(model, -load_nm)
+    before = bench.start_below(FULL_DRIVE_RAD)
+    bench.wait(0.15)
+    return bench.plant.angles()[0] > before
+
+
+def stall_nm(model: ServoModel) -> float:
+    """The largest load that full drive moves, to a hundredth of the data sheet's."""
+    lowest, highest = 0.0, 2.0 * model.stall_torque_nm
+    while highest - lowest > 0.01 * model.stall_torque_nm:
+        middle = (lowest + highest) / 2.0
+        lowest, highest = (middle, highest) if lifts(model, middle) else (lowest, middle)
+    return lowest
+
+
+def stalls() -> Iterator[Figure]:
+    """Full drive against a load."""
+    why = "the load-dependent friction of a pendulum far below stall, extended to stall"
+    for model in (X330, MX_106, MX_64, XL):
+        reason = "" if model == X330 else why
+        measured = stall_nm(model)
+        yield Figure(f"{model.name}: torque at stall", "N m", measured, model.stall_torque_nm, "data sheet", reason)
+
+
+def sag_counts(load_nm: float, from_counts: int) -> int:
+    """How far an XL330 that came this way is from its goal under a load."""
+    bench = Bench(X330, -load_nm)
+    goal = bench.read(x.present_position)
+    bench.start_below(-from_counts * 2.0 * pi / 4096)
+    bench.wait(2.0)
+    return goal - bench.read(x.present_position)
+
+
+def sags() -> Iterator[Figure]:
+    """What a load does to an XL330: gears that carry it make it stiffer from above and softer from below."""
+    motor = IDENTIFIED[X330.name]
+    assert motor.gears is not None
+    share = motor.gears.load_share + motor.gears.sticking_share
+    stiffness = motor.torque_constant_nm_a * X330.rated_voltage_v / motor.resistance_ohm * XL330_PER_RAD
+    lifted, lowered = (stiffness * (1 - share) / (1 + share), stiffness * (1 + share) / (1 - share))
+    for name, start, expected in (("lifting", -1500, lifted), ("lowering", 300, lowered)):
+        small, large = (sag_counts(load_nm, start) for load_nm in PULLS_NM)
+        measured = (PULLS_NM[1] - PULLS_NM[0]) / ((large - small) * 2.0 * pi / 4096)
+        yield Figure(f"{X330.name}: stiffness, {name} a load", "N m/rad", measured, expected, "law")
+
+
+def dynamixels() -> Iterator[Figure]:
+    """All of them."""
+    for part in (drives, speeds, stalls, sags):
+        yield from part()

@@ -1,0 +1,160 @@
+"""Friction that grows with the load: its law, on a bench and in the simulated world."""
+
+import numpy as np
+import pytest
+
+from drivers.servos import x
+from drivers.servos.ax_mx import Model
+from sim_backend.bus import VirtualBus, servo_of
+from sim_backend.common import CommonPlant
+from sim_backend.dynamixel1_models import MX_64, MX_106
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.dynamixel_motors import IDENTIFIED
+from sim_backend.gears import Gears
+from sim_backend.plant import BenchPlant, Coupling, WorldPlant
+from sim_backend.world import World
+from tests.sim_backend.robot_arm import JOINTS, READY
+
+GEARS = Gears(0.01, 0.02, 0.05, 0.1, sticking_nm=0.03, sticking_share=0.2, sticking_rad_s=0.5, sticking_exponent=1.0)
+
+
+def bench(gears: Gears) -> BenchPlant:
+    plant = BenchPlant([1])
+    plant.fit([gears])
+    return plant
+
+
+def moved(plant: BenchPlant, torque_nm: float, load_nm: float) -> float:
+    """How far (rad) the shaft goes in a second."""
+    before = plant.angles()[0]
+    plant.load_nm = [load_nm]
+    for _ in range(1000):
+        plant.push([torque_nm])
+        plant.advance()
+    return plant.angles()[0] - before
+
+
+def test_the_law() -> None:
+    assert GEARS.friction_nm(0.0, 100.0) == pytest.approx(0.05)
+    assert GEARS.friction_nm(2.0, 100.0) == pytest.approx(0.25)
+    assert GEARS.friction_nm(-2.0, 0.0) == pytest.approx(0.05 + 0.03 + 0.3 * 2.0)
+    assert GEARS.friction_nm(0.0, -0.5) == pytest.approx(0.05 + 0.03 / np.e)
+
+
+def test_a_shaft_under_load_starts_only_beyond_the_friction_of_both_ends() -> None:
+    # At rest: 0.08 + 0.3 * (motor + load) holds against motor - load, so the motor needs (0.08 + 1.3 * load) / 0.7.
+    needed = (0.08 + 1.3 * 1.0) / 0.7
+    assert moved(bench(GEARS), 0.99 * needed, -1.0) == 0.0
+    assert moved(bench(GEARS), 1.01 * needed, -1.0) > 0.1
+    held = (0.7 * 1.0 - 0.08) / 1.3  # less, and the load drives the motor
+    assert moved(bench(GEARS), 1.01 * held, -1.0) == 0.0
+    assert moved(bench(GEARS), 0.99 * held, -1.0) < -0.01
+
+
+def test_friction_never_turns_a_shaft_round() -> None:
+    plant = bench(Gears(0.0001, 0.0, 0.01, 0.9, sticking_share=0.5))
+    plant.joints.velocity[0] = 1.0
+    plant.load_nm = [-0.5]
+    speeds = []
+    for _ in range(300):
+        plant.push([0.5])
+        plant.advance()
+        speeds.append(plant.velocities()[0])
+    assert min(speeds) == 0.0
+    assert speeds[-1] == 0.0
+
+
+def test_what_a_joint_feels_of_gears_behind_a_ratio() -> None:
+    behind = GEARS.behind(-20.0)
+    assert behind.rotor_kg_m2 == pytest.approx(4.0)
+    assert behind.viscous_nm_s == pytest.approx(8.0)
+    # 3 N on the joint are 0.15 N m on the shaft; 0.01 m/s are 0.2 rad/s.
+    assert behind.friction_nm(3.0, 0.01) == pytest.approx(20.0 * GEARS.friction_nm(0.15, 0.2))
+
+
+@pytest.mark.parametrize("model", [MX_64, MX_106], ids=lambda model: model.name)
+def test_servos_bring_their_gears_to_the_bench(model: Model) -> None:
+    plant = BenchPlant([1, 2], inertia_kg_m2=99.0)
+    VirtualBus.of(plant, {1: model, 2: model})
+    gears = IDENTIFIED[model.name].gears
+    assert gears is not None
+    plant.push([1.0, 0.0])
+    plant.advance()
+    free = 1.0 - gears.friction_nm(1.0, 0.0)
+    assert plant.velocities()[0] == pytest.approx(free * 0.001 / gears.rotor_kg_m2)
+    assert servo_of(model, 1).gears == gears
+
+
+def test_a_servo_that_nobody_identified_leaves_the_bench_as_it_is() -> None:
+    plant = BenchPlant([1], inertia_kg_m2=0.5, friction_nm=0.0)
+    VirtualDynamixelBus.of(plant, {1: x.XL430_W250})
+    plant.push([1.0])
+    plant.advance()
+    assert plant.velocities()[0] == pytest.approx(0.002)
+
+
+COUPLINGS = [Coupling(i, joint, transmission=0.03 if joint == JOINTS[6] else 1.0) for i, joint in enumerate(JOINTS, 1)]
+
+
+def held_arm(load_share: float) -> tuple[World, WorldPlant]:
+    """The arm at ready with gears on joint 3 alone."""
+    world = World(initial_position=READY)
+    plant = WorldPlant(world, COUPLINGS)
+    gears = Gears(0.01, 0.05, 0.02, load_share)
+    plant.fit([gears if coupling.joint == "joint3" else None for coupling in COUPLINGS])
+    return world, plant
+
+
+def gravity(world: World) -> list[float]:
+    """What holds the arm (N m), in shafts' terms."""
+    return [float(world.data.qfrc_bias[world.model.joint(c.joint).dofadr[0]]) * c.transmission for c in COUPLINGS]
+
+
+def drift(load_share: float, given: float) -> float:
+    """How far (rad) joint 3 goes in 0.3 s with this share of the torque that would hold it; the others hold."""
+    world, plant = held_arm(load_share)
+    for _ in range(300):
+        torques = gravity(world)
+        torques[2] *= given
+        plant.push(torques)
+        plant.advance()
+    return float(abs(world.position()[2] - READY[2]))
+
+
+def test_in_the_world_loaded_gears_hold_what_free_ones_let_go() -> None:
+    assert drift(0.0, 0.8) > 10.0 * drift(0.3, 0.8)
+    # Half of it: even a share of 0.3 of the motor's and the arm's torque is less than what is missing.
+    assert drift(0.3, 0.3) > 0.05
+
+
+def test_in_the_world_other_joints_keep_the_scene_s_friction_and_inertia() -> None:
+    world, _ = held_arm(0.3)
+    fresh, dof = World().model, world.model.joint("joint3").dofadr[0]
+    others = [i for i in range(world.model.nv) if i != dof]
+    for field in ("dof_frictionloss", "dof_damping", "dof_armature"):
+        assert (getattr(world.model, field)[others] == getattr(fresh, field)[others]).all()
+    assert world.model.dof_armature[dof] == 0.01
+
+
+def test_gears_of_an_arm_on_two_lines() -> None:
+    world = World()
+    common = CommonPlant(WorldPlant(world, COUPLINGS))
+    for joints in (JOINTS[:6], JOINTS[6:]):
+        models = {c.servo_id: x.XL330_M288 for c in COUPLINGS if c.joint in joints}
+        common.join(VirtualDynamixelBus.of(common.part(joints), models))
+    gears = IDENTIFIED[x.XL330_M288.name].gears
+    assert gears is not None
+    inertias = [world.model.dof_armature[world.model.joint(name).dofadr[0]] for name in JOINTS]
+    assert inertias[:6] == pytest.approx([gears.rotor_kg_m2] * 6)
+    assert inertias[6] == pytest.approx(gears.rotor_kg_m2 / 0.03**2)
+
+
+def test_the_same_run_twice() -> None:
+    def run() -> bytes:
+        world = World()
+        line = VirtualDynamixelBus.of(WorldPlant(world, COUPLINGS), dict.fromkeys(range(1, 8), x.XL330_M288))
+        line.advance(0.0)
+        line.advance(0.3)
+        return world.position().tobytes() + world.velocity().tobytes()
+
+    assert run() == run()
