@@ -13,6 +13,10 @@ from hal.types import FloatArray
 
 GIVE_WAY_RAD: Final = 0.0046
 """How far the goal may follow the shaft, three counts of an STS: half of the backlash of about a degree, and less."""
+SLOW_CYCLES: Final = 7
+"""A swing that is slow enough lasts so many cycles of the loop, there and back; a faster one it would drive."""
+BEFORE_CYCLES: Final = 4
+"""Before the first half of a swing another one is taken to have lasted so long."""
 RETURN_S: Final = 0.5
 """Time constant with which the goal returns once the command moves on."""
 
@@ -33,6 +37,8 @@ class LimitCycle:
     def restart(self) -> None:
         """Forget all swings."""
         self._side = np.zeros(len(self._dead_band))
+        self._cycles = np.zeros(len(self._dead_band))
+        self._before = np.full(len(self._dead_band), BEFORE_CYCLES)
         self.swinging: NDArray[np.bool_] = np.zeros(len(self._dead_band), dtype=bool)
         """Which joints swing, or did since their commands stand."""
         self.offset = np.zeros(len(self._dead_band))
@@ -45,7 +51,11 @@ class LimitCycle:
         than the dead band, and comes back past it, swings.
         """
         side = np.where(np.abs(error) > self._dead_band, np.sign(error), self._side)
-        self.swinging = loose & (self.swinging | (side * self._side < 0.0))
+        passed = side * self._side < 0.0
+        slow = self._before + self._cycles >= SLOW_CYCLES
+        self.swinging = loose & np.where(passed, slow, self.swinging)
+        self._before = np.where(loose, np.where(passed, self._cycles, self._before), BEFORE_CYCLES)
+        self._cycles = np.where(side == self._side, self._cycles + 1, 1)
         self._side = np.where(loose, side, 0.0)
         beside = np.where(np.isnan(error), self.offset, np.clip(-error, -self._give_way, self._give_way))
         self.offset = np.where(self.swinging, beside, self.offset * max(0.0, 1.0 - dt_s / RETURN_S))

@@ -104,21 +104,20 @@ def emulate(
     """
     ways = build.mounted(couplings(files.robot))
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
-    practice = build.practice_seed is not None
-    if practice:
+    if build.practice_seed is not None:
         world.clear_table()
     feeder = Feeder()
     hand = Hand(world, {one.joint: one.transmission for one in ways})
     recorder = Recorder(world) if pictures else None
 
     def after_step(time_s: float) -> None:
-        if not practice:
+        if world.laid:
             feeder.update(world, time_s)
         hand.update()
         if recorder:
             recorder.update(time_s)
 
-    handle: Handler = partial(obey, hand)
+    handle: Handler = partial(obey, hand, world.lay_table)
     if build.in_box:
         box = virtual_box(files.robot, WorldPlant(world, as_delivered(ways), after_step), build.spread)
         handle = partial(plugged, box, [one.joint for one in ways], handle)

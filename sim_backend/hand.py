@@ -3,7 +3,7 @@
 It pushes with limited force at a limited speed, as a spring and a damper: against a stop it presses, and no more.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -92,7 +92,7 @@ class Hand:
         data.qfrc_applied = max(-STRONGEST_NM, min(torque_nm, STRONGEST_NM)) / grip.reach
 
 
-def obey(hand: Hand, command: Mapping[str, Any]) -> dict[str, Any]:
+def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
     """Do what ``servoloop hand`` asks, and say where all joints are. ValueError for what a hand cannot do."""
     joints, what = command.get("joints", []), command.get("do")
     if unknown := [name for name in joints if name not in hand.joints]:
@@ -103,8 +103,10 @@ def obey(hand: Hand, command: Mapping[str, Any]) -> dict[str, Any]:
         hand.release(*joints)
     elif what == "move" and len(joints) == 1:
         hand.move(joints[0], float(command["position"]))
+    elif what == "lay":
+        lay_table()
     elif what != "look":
-        raise ValueError(f"a hand holds, releases, moves one joint to a position, or looks, and does not {what}")
+        raise ValueError(f"a hand holds, releases, moves one joint to a position, lays the table or looks, not {what}")
     return {
         name: {"position": round(hand.position(name), 5), "held": hand.holds(name), "arrived": hand.arrived(name)}
         for name in hand.joints

@@ -76,6 +76,8 @@ class World:
         self._find_geoms()
         self.ready: FloatArray = self.model.key(READY).qpos[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
+        self.laid = True
+        """Whether stand, bins and cube are there."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
@@ -197,11 +199,27 @@ class World:
 
     def clear_table(self) -> None:
         """Take stand, bins and cube away: nothing is in the arm's way but the table."""
-        for geom in np.flatnonzero(~self._of_arm):
-            if geom != self.model.geom("table").id:
-                self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = 0
-                self.model.geom_rgba[geom][3] = 0.0
-        self.model.body_gravcomp[self.model.body("cube").id] = 1.0
+        model, things = self.model, self._things()
+        self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
+        model.geom_contype[things] = model.geom_conaffinity[things] = 0
+        model.geom_rgba[things, 3] = 0.0
+        model.body_gravcomp[model.body("cube").id] = 1.0
+        self.laid = False
+
+    def lay_table(self) -> None:
+        """Bring back what ``clear_table`` took away, with the cube on its stand."""
+        if self.laid:
+            return
+        model, things = self.model, self._things()
+        model.geom_contype[things], model.geom_conaffinity[things] = self._cleared
+        model.geom_rgba[things, 3] = 1.0
+        model.body_gravcomp[model.body("cube").id] = 0.0
+        self.laid = True
+        self.feed_cube()
+
+    def _things(self) -> NDArray[np.int64]:
+        """The geometries on the table."""
+        return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self.model.geom("table").id])
 
     def feed_cube(self) -> None:
         """Lay the cube at rest in the middle of the stand."""

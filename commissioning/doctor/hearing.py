@@ -48,7 +48,9 @@ class Hearing:
             return "well" if good >= STEADY_SHARE * len(self.kinds) else "unsteady"
         if set(self.kinds) <= {"silent", "late"}:
             return "mute" if self.pings else "silent"
-        return "unsteady" if "silent" in self.kinds else "broken"
+        if "refused" in self.kinds:
+            return "mute"
+        return "unsteady" if {"silent", "reset"} & set(self.kinds) else "broken"
 
 
 def hear(bus: Bus, servo_ids: Sequence[int], clock: Clock) -> Mapping[int, Hearing]:

@@ -1,6 +1,6 @@
 """Whether an arm's folder is right: all that is wrong with it, at once."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
@@ -8,7 +8,7 @@ from hal.description import Description, HardwareInfo, merged
 from hal.description_check import description_problems, servo_problems
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot import Robot, RobotFile, assemble, load_robot_file
-from servoloop.arms.folder import Arm, read_arm
+from servoloop.arms.folder import ARM_FILE, Arm, read_arm
 from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.arms.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.files import read_description
@@ -32,6 +32,7 @@ class _Check:
         component = merged(description.components)
         self._say(self._arm.urdf, description_problems(description))
         self._say(self._arm.scene, scene_problems(self._arm.scene, description.xml, component.joints))
+        self._say(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
         robot = self._robot(robot_file, description, component) if robot_file else None
         controllers = self._controllers(robot_file, component) if robot_file else None
         if robot:
@@ -88,6 +89,14 @@ class _Check:
 
     def _failed(self, error: Exception) -> None:
         self.problems += str(error).splitlines()
+
+
+def _plan_problems(arm: Arm, component: HardwareInfo) -> Iterator[str]:
+    """Yields joints whose calibration nobody has described, and descriptions of none of the arm's joints."""
+    plan = arm.file.calibration
+    named = {*plan.joints, *plan.auto.start, *plan.auto.clear, *plan.auto.stops, *plan.auto.drive}
+    yield from (f"calibration says nothing of {name}" for name in component.joints if name not in plan.joints)
+    yield from (f"calibration names {name}, which has no servo" for name in sorted(named - set(component.joints)))
 
 
 def check_arm(folder: Path) -> list[str]:

@@ -33,7 +33,7 @@ def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
 
 def print_table(found: list[Arm], console: Console) -> None:
     """Print the arms for people."""
-    table = Table("arm", "what it is", "licence of the description")
+    table = Table("arm", "what it is", "licence")
     for arm in found:
         table.add_row(arm.name, escape(arm.file.description), arm.file.license)
     console.print(table)

@@ -100,7 +100,7 @@ def _plain(outcome: "Outcome") -> dict[str, Any]:
 
 def hand(
     link: Annotated[Path, typer.Argument(help="Where `servoloop emulate` serves the bus.")],
-    do: Annotated[str, typer.Argument(help="hold, release, move or look; connect or disconnect servos of a box.")],
+    do: Annotated[str, typer.Argument(help="hold, release, move, look, lay (the table); connect, disconnect (a box).")],
     joint: Annotated[str | None, typer.Argument(help="One joint; hold, release and connect take all without.")] = None,
     position: Annotated[float | None, typer.Argument(help="Where to move it, rad or m as the URDF counts.")] = None,
     json: JsonOption = False,

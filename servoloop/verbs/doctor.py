@@ -1,12 +1,13 @@
 """``servoloop doctor``: what ails the arm, the likeliest root first, each with the command that mends it."""
 
-from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
     from commissioning.doctor.report import BusFigures, Report
     from drivers.clock import Clock
     from servoloop.files import Files
+    from servoloop.signals import Signals
 
 STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
 MOVES = (
-    "each joint will turn a little, slowly and under torque, and the arm is limp then, as it is now: hold it if "
-    "it could fall. Go on?"
+    "each joint will turn by up to 0.4 rad, slowly and under torque, and the arm is limp then, as it is now: see "
+    "that it has room, off its table, and hold it if it could fall. Go on?"
 )
 
 
@@ -31,11 +33,9 @@ def doctor(
             "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
         ),
     ] = None,
-    arm: Annotated[
-        str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")
-    ] = OWN,
-    robot: Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")] = None,
-    urdf: Annotated[Path | None, typer.Option("--urdf", help="Robot description instead of the arm's.")] = None,
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
     report_file: Annotated[
         Path | None, typer.Option("--report", help="Write all of it to this file too, to attach to a bug report.")
     ] = None,
@@ -56,6 +56,7 @@ def doctor(
     from commissioning.doctor.examine import doctor as examine
     from commissioning.doctor.markdown import markdown
     from commissioning.ports.machine import Machine
+    from commissioning.whole_file import write_whole
     from drivers.clock import MonotonicClock
     from hal.calibration_file import load_calibration
     from servoloop.files import require_writable
@@ -68,12 +69,13 @@ def doctor(
     if move:
         confirm(MOVES, yes)
     clock = MonotonicClock()
-    with Signals("servos that were under torque hold") as signals:
-        motion = _motion(move, files, clock, lambda: signals.count > 0)
-        calibration = load_calibration(files.robot_path)
+    calibration = load_calibration(files.robot_path)
+    # While nothing moves, Ctrl-C ends at once.
+    with Signals("servos that were under torque hold") if move else nullcontext() as signals:
+        motion = _motion(files, clock, signals)
         report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
     if report_file is not None:
-        report_file.write_text(markdown(report, Machine().user.name, files.robot_path))
+        write_whole(report_file, markdown(report, Machine().user.name, files.robot_path))
     if json:
         print_json(report)
     else:
@@ -81,15 +83,16 @@ def doctor(
     raise typer.Exit(0 if report.healthy else 1)
 
 
-def _motion(wanted: bool, files: "Files", clock: "Clock", stopped: Callable[[], bool]) -> "Move":
+def _motion(files: "Files", clock: "Clock", signals: "Signals | None") -> "Move":
+    """The motion that a signal stops; none without."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
     from hal.gravity import Gravity
 
-    if not wanted:
+    if signals is None:
         return no_move
     gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
-    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, stopped)
+    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count > 0)
 
 
 def _devices(said: list[str] | None, buses: list[str]) -> dict[str, str]:
@@ -122,13 +125,14 @@ def print_report(report: "Report", console: "Console") -> None:
 def _table(bus: "BusFigures") -> object:
     from rich.table import Table
 
-    table = Table("joint", "ID", "model", "firmware", "position", "V", "°C", "torque", "alarms", title=bus.port)
+    table = Table(title=bus.port)
+    for name in ("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms"):
+        table.add_column(name, no_wrap=name in ("joint", "model"))
     for one in bus.servos:
-        volts = "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}"
         row = (
-            one.firmware or one.heard,
+            one.heard,
             "" if one.position is None else f"{one.position:.3f}",
-            volts,
+            "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}",
             "" if one.temperature_c is None else f"{one.temperature_c:.0f}",
             {None: "", True: "on", False: "off"}[one.torque],
         )

@@ -1,5 +1,6 @@
 """``arms check``: each fault of a folder is found, several at once, and arms that ship have none."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -17,7 +18,7 @@ FILES = {
     "pick_place.yaml": ARMS / "so101" / "pick_place.yaml",
 }
 PARALLEL = {
-    "arm.yaml": ARMS / "so101" / "arm.yaml",
+    "arm.yaml": ARMS / "robot_arm" / "arm.yaml",
     "arm.urdf": ARMS.parents[1] / "urdf" / "robot_arm.urdf",
     "robot.yaml": ARMS.parent / "robot_arm.yaml",
     "scene.xml": ARMS.parents[1] / "urdf" / "scene.xml",
@@ -32,6 +33,8 @@ def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
     """A copy of an arm with something replaced in its files."""
     for name, original in files.items():
         shutil.copy(original, folder / name)
+    own = (folder / "arm.yaml").read_text()
+    (folder / "arm.yaml").write_text(re.sub(r"^(urdf|robot|scene|controllers|pick_place): .*\n", "", own, flags=re.M))
     for name, old, new in edits:
         text = (folder / name).read_text()
         assert old in text, old
@@ -136,6 +139,14 @@ FAULTS: dict[str, tuple[Edit, str]] = {
         "poses.ready: gravity asks",
     ),
     "a controller of another joint": (("controllers.yaml", "joints: [gripper]", "joints: [jaw]"), "names jaw"),
+    "a joint without a calibration": (
+        ("arm.yaml", '    wrist_flex: {positive: "Lower the jaws"}\n', ""),
+        "arm.yaml: calibration says nothing of wrist_flex",
+    ),
+    "a calibration without a joint": (
+        ("arm.yaml", "start: {shoulder_lift", "start: {shoulder: 0.0, shoulder_lift"),
+        "arm.yaml: calibration names shoulder, which has no servo",
+    ),
     "a mistake in arm.yaml": (("arm.yaml", "description:", "descriptive:"), "arm.yaml:1: descriptive"),
 }
 

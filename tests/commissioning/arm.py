@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.angles import Travel
 from commissioning.calibrate.flow import Task
 from commissioning.calibrate.plan import ArmPlan, JointPlan
+from commissioning.calibrate.result import Found, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus
 from hal.joint import Joint
 from servoloop.arms.folder import find_arm, read_arm_files
@@ -84,6 +86,15 @@ class UnalignedArm:
     def coupling(self, joint: str) -> Coupling:
         """How this joint's servo is really mounted."""
         return next(one for one in self.couplings if one.joint == joint)
+
+    def as_mounted(self) -> dict[str, JointCalibration]:
+        """What a calibration without any error would find."""
+        found: dict[str, JointCalibration] = {}
+        for joint, true in zip(self.joints, self.couplings, strict=True):
+            at = [true.zero_counts + true.sign * end / unit(joint) for end in (joint.limits.lower, joint.limits.upper)]
+            travel = Travel(round(min(at)), round(max(at)))
+            found[joint.name] = calibration_of(joint, Found(travel, true.sign, true.zero_counts, 0.0, 0))
+        return found
 
     def wait(self) -> None:
         self.clock.sleep_until(self.clock.now() + LOOK_S)

@@ -18,7 +18,7 @@ from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.emulator import couplings, virtual_lines
-from servoloop.files import Files
+from servoloop.files import CONFIG, Files, read_files
 from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
 from sim_backend.line import ServoLine
@@ -32,7 +32,8 @@ NOBODYS_MACHINE = Machine(Path("/nowhere"), list)
 
 @cache
 def files_of(arm: str) -> Files:
-    return read_arm_files(find_arm(arm))
+    """``arm``: its name in config/arms, or a robot file for this project's own."""
+    return read_files(robot=CONFIG / arm) if arm.endswith(".yaml") else read_arm_files(find_arm(arm))
 
 
 @dataclass
@@ -57,13 +58,15 @@ class Patient:
         self.plant = WorldPlant(self.world, ways)
         self.lines = virtual_lines(self.robot, self.plant, self.build.spread)
         self.line: ServoLine[Any] = next(iter(self.lines.values()))
+        self.wait(0.0)  # its time begins
         self.calibration = perfect(self.robot.joints) if self.calibrated else None
 
     def open(self, device: str, baud: int) -> VirtualPort:
-        """The port of the first bus, or what keeps it shut."""
+        """The port of a bus, or what keeps it shut."""
         if self.open_error:
             raise self.open_error
-        return self.port(self.line, self.clock, baud=baud, name=device)
+        line = self.lines.get(device.rpartition("-")[2], self.line)
+        return self.port(line, self.clock, baud=baud, name=device)
 
     def bus(self) -> Bus:
         """A bus of a program beside the doctor."""
@@ -88,7 +91,7 @@ class Patient:
         (memory.save if hasattr(memory, "save") and register.persistent else memory.put)(register, value)
 
     def examine(self, move: Move = no_move) -> Report:
-        devices = dict.fromkeys(self.lines, self.device)
+        devices = {name: f"{self.device}-{name}" if name else self.device for name in self.lines}
         return doctor(
             self.robot,
             devices,

@@ -1,13 +1,11 @@
 """Storing and verifying a calibration: file before servos, offsets behind their lock, and a slow move."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from calibration.eeprom import OPEN, EepromError
-from commissioning.calibrate.flow import ByHand
-from commissioning.calibrate.result import CalibrationError, JointCalibration
+from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.store import store
 from commissioning.calibrate.verify import check
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
@@ -15,14 +13,10 @@ from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
-from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
+from tests.commissioning.arm import JOINTS, UnalignedArm
 
 TURNED_SEED = 3
 """An arm that has the seam of some of its servos within their travel."""
-
-
-def calibrated(arm: UnalignedArm) -> Mapping[str, JointCalibration]:
-    return ByHand(arm.bus, JOINTS, PLAN.joints, Person(arm)).run()
 
 
 @pytest.fixture
@@ -34,7 +28,7 @@ def robot(tmp_path: Path) -> Path:
 
 def test_the_whole_way_from_an_unaligned_arm_to_one_that_goes_where_it_is_sent(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
-    made = calibrated(arm)
+    made = arm.as_mounted()
     changes = store(robot, arm.bus, JOINTS, made, arm.clock)
     assert any(changes.values()), "this arm has a seam in its way"
     assert all(servo.memory.get(sts.lock) != OPEN for servo in arm.line.servos)
@@ -54,7 +48,7 @@ def test_the_whole_way_from_an_unaligned_arm_to_one_that_goes_where_it_is_sent(r
 
 def test_a_joint_that_is_held_does_not_pass_and_the_arm_is_limp_again(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
-    store(robot, arm.bus, JOINTS, calibrated(arm), arm.clock)
+    store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
     joints = read_files(robot=robot).robot.joints
     arm.hand.release()
     arm.hand.hold("joint4")
@@ -66,7 +60,7 @@ def test_a_joint_that_is_held_does_not_pass_and_the_arm_is_limp_again(robot: Pat
 
 def test_the_former_calibration_is_kept(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
-    made = calibrated(arm)
+    made = arm.as_mounted()
     store(robot, arm.bus, JOINTS, made, arm.clock)
     first = calibration_path(robot).read_text()
     store(robot, arm.bus, JOINTS, made, arm.clock)
@@ -76,7 +70,7 @@ def test_the_former_calibration_is_kept(robot: Path) -> None:
 
 def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
-    made = calibrated(arm)
+    made = arm.as_mounted()
     writes = 0
     write = arm.port.write
 
@@ -98,7 +92,7 @@ def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robo
 
 def test_nothing_is_written_to_a_servo_under_torque(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
-    made = calibrated(arm)
+    made = arm.as_mounted()
     for servo in arm.line.servos:
         servo.memory.put(sts.torque_enable, 1)
     with pytest.raises(EepromError, match="switch it off first"):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from commissioning.doctor.kinds import KINDS
+from drivers.servos import x
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 
@@ -77,3 +78,25 @@ def test_it_is_recognised_before_everything_else(spoil: Callable[[Patient], None
     assert command in (first.command or "")
     assert report.healthy == (first.severity != "fault")
     assert first.severity == KINDS[kind].severity
+
+
+def test_a_dynamixel_arm_is_examined_by_its_own_table() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(3, x.operating_mode, 1)
+    patient.put(4, x.return_delay, 250)
+    patient.line.faults.silence(5)
+    found = [(one.id, one.place.servo_id, one.command) for one in patient.examine().findings]
+    assert found == [
+        ("servo_absent", 5, "servoloop scan /dev/ttyACM0"),
+        ("wrong_mode", 3, "servoloop register write --port /dev/ttyACM0 --id 3 operating_mode 3"),
+        ("return_delay", 4, "servoloop register write --port /dev/ttyACM0 --id 4 return_delay 0"),
+    ]
+
+
+def test_a_dynamixels_voltage_limit_that_does_not_fit_its_supply() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(2, x.max_voltage_limit, 110)
+    patient.wait(0.5)
+    findings = patient.findings()
+    assert "voltage_limits_wrong" in findings
+    assert "alarm_voltage" not in findings, "it is explained by the limit"

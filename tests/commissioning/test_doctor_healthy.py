@@ -2,15 +2,17 @@
 
 import pytest
 
+from servoloop.arms.folder import arms
 from sim_backend.build import Build
 from tests.commissioning.patient import Patient
 
 SEEDS = range(50)
-ARMS = ("robot_arm", "so101", "so101_12v", "robot_arm_dynamixel")
+FIFTY = ("robot_arm", "so101")
+OTHERS = [arm.name for arm in arms() if arm.name not in FIFTY]
 
 
 @pytest.mark.parametrize("holding", [False, True], ids=["limp", "holding"])
-@pytest.mark.parametrize("arm", ARMS[:2])
+@pytest.mark.parametrize("arm", FIFTY)
 def test_fifty_healthy_arms(arm: str, holding: bool) -> None:
     for seed in SEEDS:
         patient = Patient(arm, Build(backlash_deg=seed % 2 * 1.0, seed=seed))
@@ -22,12 +24,21 @@ def test_fifty_healthy_arms(arm: str, holding: bool) -> None:
 
 
 @pytest.mark.parametrize("holding", [False, True], ids=["limp", "holding"])
-@pytest.mark.parametrize("arm", ARMS[2:])
+@pytest.mark.parametrize("arm", OTHERS)
 def test_other_makes_and_voltages(arm: str, holding: bool) -> None:
     patient = Patient(arm, Build(seed=1))
     if holding:
         patient.hold()
     assert patient.examine().findings == ()
+
+
+def test_a_robot_with_two_buses_and_one_without_power() -> None:
+    patient = Patient("robot_arm_two_buses.yaml")
+    assert patient.examine().findings == ()
+    for servo in patient.lines["hand"].servos:
+        patient.lines["hand"].faults.silence(servo.servo_id)
+    (finding,) = patient.examine().findings
+    assert (finding.id, finding.place.bus) == ("no_power", "hand")
 
 
 def test_nothing_is_written_and_torque_stays() -> None:

@@ -39,19 +39,20 @@ def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
 
 
 @pytest.mark.parametrize("gear", GEARS)
-@pytest.mark.parametrize("seed", [None, 1, 2])
-def test_another_gear_in_a_joint_is_named(gear: str, seed: int | None) -> None:
+@pytest.mark.parametrize("servo_id", [5, 7])
+@pytest.mark.parametrize("seed", [None, 1])
+def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | None) -> None:
+    """In the wrist and the hand: where a joint swings the whole arm, that decides what drive it needs."""
     patient = Patient(build=Build(seed=seed))
-    states = patient.line.servo(LIFT).firmware._states
+    states = patient.line.servo(servo_id).firmware._states
     for constant in ("torque_constant_nm_a", "back_emf_v_s"):
         states[constant] /= GEARS[gear]
-    assert found(examine(patient))[0] == ("wrong_gear", LIFT)
+    assert found(examine(patient)) == [("wrong_gear", servo_id)]
 
 
 def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
-    """Something heavy hangs on the arm that the URDF does not know."""
     patient = Patient()
-    patient.world.model.body_mass[:] *= 4.0
+    patient.put(LIFT, sts.position_p, 5)
     report = examine(patient)
     assert ("gives_way", LIFT) in found(report)
     assert report.healthy
@@ -61,9 +62,8 @@ def test_a_joint_that_shakes() -> None:
     patient = Patient(build=Build(backlash_deg=3.0))
     patient.put(LIFT, sts.position_p, 254)
     patient.put(LIFT, sts.position_d, 0)
-    report = examine(patient)
-    assert found(report)[0] == ("shakes", LIFT)
-    assert "position_p 16" in (report.findings[0].command or "")
+    shakes = next(one for one in examine(patient).findings if (one.id, one.place.servo_id) == ("shakes", LIFT))
+    assert shakes.command == "servoloop register write --port /dev/ttyACM0 --id 2 position_p 16"
 
 
 def test_a_joint_that_something_holds() -> None:
@@ -75,10 +75,15 @@ def test_a_joint_that_something_holds() -> None:
 
 
 def test_a_supply_that_breaks_down_while_joints_move() -> None:
-    patient = Patient(build=Build())
-    shared = patient.line.rig._shared
-    assert shared is not None
-    shared["resistance_ohm"] = 8.0
+    patient = Patient()
+    joints = patient.plant.joints
+
+    def weaken(time_s: float) -> None:
+        fastest = max(abs(joints.velocity[at]) for at in joints.velocity_at)
+        patient.line.rig.feed(9.5 if fastest > 0.2 else 12.0)
+
+    patient.plant._after_step = weaken
+    patient.wait(4.0)  # limp, the arm sinks first
     assert ("supply_sags", None) in found(examine(patient))
 
 
@@ -88,11 +93,11 @@ def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
     faulty = Patient()
     ailments.wheel_mode(faulty)
     for patient, why in ((held, "is not limp"), (faulty, "as long as there are faults")):
-        before = list(patient.world.position())
+        before = [servo.memory.get(sts.goal_position) for servo in patient.line.servos]
         report = examine(patient)
         (finding,) = (one for one in report.findings if one.id == "not_moved")
         assert why in finding.cause
-        assert max(abs(a - b) for a, b in zip(before, patient.world.position(), strict=True)) < 0.01
+        assert [servo.memory.get(sts.goal_position) for servo in patient.line.servos] == before
     assert all(servo.memory.get(sts.torque_enable) for servo in held.line.servos)
 
 
@@ -133,7 +138,11 @@ def test_no_joint_is_faster_than_tools_may_be() -> None:
     patient = Patient()
     fastest = [0.0] * len(patient.robot.joints)
 
+    first = patient.line.servo(1).memory
+
     def watch(time_s: float) -> None:
+        if first.get(sts.torque_limit) < 999 or not first.get(sts.torque_enable):
+            return  # limp before it, or let down behind it: the arm sinks
         for at, joint in enumerate(patient.plant.joints.velocity_at):
             fastest[at] = max(fastest[at], abs(float(patient.plant.joints.velocity[joint])))
 

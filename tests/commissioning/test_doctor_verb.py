@@ -54,6 +54,17 @@ def test_a_fault_is_json_and_a_status(
     assert said["buses"][0]["servos"][3]["registers"]["operating_mode"] == 1
 
 
+def test_it_asks_before_it_moves_and_moves_nothing_where_there_are_faults(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.servo(4).memory.put(sts.operating_mode, 1)
+    assert run(monkeypatch, "doctor", "--port", str(link), "--move", answer="n\n") == 1
+    assert "wrong_mode" not in capsys.readouterr().out
+    assert run(monkeypatch, "doctor", "--port", str(link), "--move", "--json", answer="y\n") == 1
+    said = json.loads(capsys.readouterr().out)
+    assert {"wrong_mode", "not_moved"} <= {one["id"] for one in said["findings"]}
+
+
 def test_a_missing_port_is_a_finding_and_no_crash(
     link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from commissioning.doctor.kinds import KINDS
-from commissioning.scan.look import Kind as ScanKind
+from commissioning.scan.problems import Kind as ScanKind
 from drivers.servos import sts
 from tests.commissioning.patient import Patient
 from tests.commissioning.test_doctor_faults import FIRST
@@ -59,7 +59,9 @@ def test_a_row_names_tests_that_exist(row: Row) -> None:
             assert test in AILMENTS, test
             continue
         path, name = test.split("::")
-        assert name.partition("[")[0] in functions(path), test
+        function, _, parameter = name.rstrip("]").partition("[")
+        assert function in functions(path), test
+        assert parameter.partition("-")[0] in (HOME / path).read_text(), test
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import sys
 import threading
@@ -18,12 +19,22 @@ from calibration.eeprom import Eeprom, EepromError
 from drivers.servos import sts, x
 from drivers.servos.register import Register
 from servoloop import cli
+from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.line import ServoLine
 from tests.commissioning.machines import SmallMachine
 from tests.commissioning.served import run, served
 
 PAGE = (Path(__file__).parents[2] / "docs" / "tools.md").read_text()
 DEVICE = "/dev/ttyACM0"
+
+
+WHOLE_ARM = (
+    "servoloop setup --arm so101 --port /dev/ttyACM0",
+    "servoloop passport save arm.passport.yaml --arm so101 --port /dev/ttyACM0",
+    "servoloop passport restore arm.passport.yaml --id 6 --to-new --port /dev/ttyACM0",
+    "servoloop calibration import my_arm.json --arm so101",
+)
+"""Commands of the page that are for the servos of one arm, not for any."""
 
 
 @pytest.fixture
@@ -35,6 +46,10 @@ def link(tmp_path: Path) -> Path:
 def bus(link: Path) -> Iterator[ServoLine[Any]]:
     with served(link, dict.fromkeys(range(1, 8), sts.STS3215)) as bus:
         yield bus
+
+
+def page_commands() -> list[str]:
+    return [line for block in blocks("sh") for line in block.splitlines()]
 
 
 def blocks(language: str) -> list[str]:
@@ -50,7 +65,7 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.SETTLE_S", 0.05)
-    commands = [line for block in blocks("sh") for line in block.splitlines()]
+    commands = [command for command in page_commands() if command not in WHOLE_ARM]
     verbs = {shlex.split(command)[1] for command in commands}
     assert verbs == {"ports", "scan", "register", "set-id", "set-baud", "factory-reset", "reboot"}
     for command in commands:
@@ -63,6 +78,29 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
     assert sorted(servo.servo_id for servo in bus.servos) == [1, 2, 3, 4, 5, 6, 8]
     third = bus.servo(3)
     assert (third.baud, third.memory.get(sts.max_temperature), third.memory.get(sts.torque_enable)) == (10**6, 70, 0)
+
+
+@pytest.mark.slow
+def test_the_page_s_commands_for_a_whole_arm_do_their_work(
+    link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert set(WHOLE_ARM) <= set(page_commands())
+    monkeypatch.chdir(tmp_path)  # where the page's files are
+    arm = find_arm("so101")
+    joints = read_arm_files(arm).robot.joints
+    shutil.copytree(arm.folder, "mine")  # a calibration is stored in it
+    entry = {"drive_mode": 0, "homing_offset": -300, "range_min": 800, "range_max": 3300}
+    Path("my_arm.json").write_text(json.dumps({one.name: {"id": one.servo_id, **entry} for one in joints}))
+    models = {joint.servo_id: joint.model for joint in joints}
+    for command, there in zip(WHOLE_ARM, (models, models, {1: models[6]}, models), strict=True):
+        typed = command.replace(DEVICE, str(link))
+        if "import" in command:
+            typed = typed.replace("--arm so101", "--arm ./mine")
+        with served(link, there) as bus:
+            status = run(monkeypatch, *shlex.split(typed)[1:], answer="y\n" * 9)
+            ids = sorted(servo.servo_id for servo in bus.servos)
+        assert status == 0, (command, capsys.readouterr())
+        assert ids == ([6] if "--to-new" in command else sorted(models))
 
 
 def test_the_script_of_the_page_runs(bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str]) -> None:

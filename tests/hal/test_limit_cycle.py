@@ -13,6 +13,8 @@ from hal.types import FloatArray
 
 PERIOD_S = 0.05
 DEAD_BAND = 0.003
+SWUNG = [0.01] * 4
+"""Half a swing that is slow enough for the loop."""
 LOOSE, HELD = np.array([True]), np.array([False])
 
 
@@ -39,11 +41,16 @@ def test_a_joint_that_stays_on_its_side_is_left_alone(errors: Sequence[float]) -
 
 
 def test_the_goal_of_a_joint_that_swings_goes_along() -> None:
-    swing = [0.01, 0.001, -0.004]
+    swing = [*SWUNG, -0.004]
     assert after(swing).offset == pytest.approx(0.004)
     assert after([*swing, 0.002]).offset == pytest.approx(-0.002)
-    assert after([*swing, 0.02]).offset == pytest.approx(-GIVE_WAY_RAD)
+    assert after([*swing, -0.02]).offset == pytest.approx(GIVE_WAY_RAD)
     assert after([*swing, math.nan]).offset == pytest.approx(0.004), "where the servo is missing its goal stays"
+
+
+def test_behind_a_swing_that_is_too_fast_for_the_loop_the_goal_would_drive_it_so_it_stays() -> None:
+    light = after([0.01, -0.01, 0.01, -0.01, 0.01])
+    assert not light.swinging.any() and abs(float(light.offset[0])) < GIVE_WAY_RAD
 
 
 def test_a_joint_that_gravity_holds_or_whose_command_moves_swings_by_itself_to_rest() -> None:
@@ -51,7 +58,7 @@ def test_a_joint_that_gravity_holds_or_whose_command_moves_swings_by_itself_to_r
 
 
 def test_once_the_command_moves_on_the_goal_returns_to_it_slowly() -> None:
-    made = after([0.01, -0.01])
+    made = after([*SWUNG, -0.01])
     offsets = [float(made.offset[0])]
     for _ in range(40):
         made.update(np.array([-0.01]), HELD, PERIOD_S)
@@ -62,7 +69,7 @@ def test_once_the_command_moves_on_the_goal_returns_to_it_slowly() -> None:
 
 
 def test_a_finger_goes_along_by_its_servos_angle() -> None:
-    assert after([0.01, -0.01], transmission=0.03).offset == pytest.approx(0.03 * GIVE_WAY_RAD)
+    assert after([*SWUNG, -0.01], transmission=0.03).offset == pytest.approx(0.03 * GIVE_WAY_RAD)
 
 
 errors = st.one_of(st.just(math.nan), st.floats(-0.1, 0.1))

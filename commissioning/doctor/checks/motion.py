@@ -28,24 +28,25 @@ def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
         yield finding("not_moved", Place(), "gears, gains and gravity hold were not tried", snapshot.not_moved)
     for motion in snapshot.motions:
         place, servo = known[motion.joint.name]
-        yield from _way(place, motion)
-        yield from _rest(place, servo, motion)
+        restless = list(_rest(place, servo, motion))
+        yield from restless or _way(place, motion)  # the drive of a joint that sags or swings says nothing of its gear
 
 
 def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
-    share, joint = motion.moved / motion.asked, motion.joint
-    if share < STUCK_SHARE:
+    if ratio := gear_ratio(motion):
         cause = (
-            f"sent by {motion.asked:+.3f} it moved by {motion.moved:+.3f}: something is in its way, it is at a "
-            "stop, its horn is loose, or it has no force (its torque limit, the supply)"
-        )
-        yield finding("does_not_move", place, "the joint does not move when it is sent", cause)
-    elif ratio := gear_ratio(motion):
-        cause = (
-            f"for each rad/s it needs {ratio:.1f} times less drive than a {joint.model.name}: its gear is probably "
-            "another one (1:147 and 1:191 are faster than 1:345, and weaker)"
+            f"for each rad/s it needs {ratio:.1f} times less drive than a {motion.joint.model.name}: its gear is "
+            "probably another one (1:147 and 1:191 are faster than 1:345, and weaker)"
         )
         yield finding("wrong_gear", place, "the joint is weaker and faster than the others", cause)
+
+
+def _stuck(place: Place, motion: JointMotion) -> Finding:
+    cause = (
+        f"sent by {motion.asked:+.3f} it moved by {motion.moved:+.3f}: something is in its way, it is at a stop, "
+        "its horn is loose, or it has no force (its torque limit, the supply)"
+    )
+    return finding("does_not_move", place, "the joint does not move when it is sent", cause)
 
 
 def gear_ratio(motion: JointMotion) -> float | None:
@@ -60,6 +61,9 @@ def gear_ratio(motion: JointMotion) -> float | None:
 
 def _rest(place: Place, servo: ServoSnapshot, motion: JointMotion) -> Iterator[Finding]:
     joint, count = motion.joint, abs(motion.joint.units_per_count)
+    if motion.moved / motion.asked < STUCK_SHARE:
+        yield _stuck(place, motion)
+        return
     if motion.swing > SHAKES_COUNTS * count:
         cause = (
             f"at rest it swings by {motion.swing:.4f} {_unit(joint)}: its position_p is too high for its load and "

@@ -1,0 +1,70 @@
+"""Somebody who follows what the tools say, with the hands of ``servoloop hand``, on a virtual SO-101."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from sim_backend.control import ask, control_path
+
+LOOK_S = 0.05
+UPRIGHT = [("shoulder_lift", -1.1), ("wrist_flex", -0.5), ("elbow_flex", -0.5)]
+SWEEP = [
+    *[("elbow_flex", 1.75), ("elbow_flex", -1.75), ("wrist_flex", 1.75), ("wrist_flex", -1.75), ("wrist_flex", 0.0)],
+    *[("shoulder_lift", 1.8), ("shoulder_lift", -1.8), ("shoulder_lift", 0.0), ("elbow_flex", -0.5)],
+    *[("shoulder_pan", 2.0), ("shoulder_pan", -2.0), ("shoulder_pan", 0.0)],
+    *[("wrist_roll", 2.9), ("wrist_roll", -2.8), ("wrist_roll", 0.5), ("gripper", 1.8), ("gripper", -0.2)],
+]
+"""Off the table all the time."""
+
+
+def tell(link: Path, do: str, *joints: str) -> None:
+    """Do something at once."""
+    ask(control_path(link), {"do": do, "joints": list(joints)})
+
+
+def take(link: Path, ways: list[tuple[str, float]]) -> None:
+    """Take joints there, one after the other."""
+    for joint, position in ways:
+        ask(control_path(link), {"do": "move", "joints": [joint], "position": position})
+        while not ask(control_path(link), {"do": "look"})[joint]["arrived"]:
+            time.sleep(LOOK_S)
+        time.sleep(4 * LOOK_S)
+
+
+def do(link: Path, text: str) -> str:
+    """Do what a tool says in one line, and answer what it asks."""
+    if "then press Enter" in text:
+        _connect(link, text)
+        return "\n"
+    if "then the arm is limp again" in text:
+        tell(link, "release")
+    if "Enter when it is done" not in text:
+        return ""
+    joint = text.split(":")[0]
+    if text.startswith("Move every joint"):
+        take(link, SWEEP)
+    elif "straight above" in text:
+        take(link, [(joint, 0.0487)])
+    else:
+        take(link, [(joint, ask(control_path(link), {"do": "look"})[joint]["position"] + 0.4)])
+    return "\n"
+
+
+def _connect(link: Path, text: str) -> None:
+    named = [joint for joint in ask(control_path(link), {"do": "look"}) if f" {joint}" in text]
+    tell(link, "connect", *(named if len(named) == 1 else []))
+
+
+def follow(link: Path, *arguments: str) -> tuple[int, str, str]:
+    """Run a verb and do what it says; its exit status, and what it printed to stdout and stderr."""
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-m", "servoloop", *arguments]
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1) as process:
+        assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+        said: list[str] = []
+        for line in process.stderr:
+            said.append(line)
+            process.stdin.write(do(link, line.strip()))
+            process.stdin.flush()
+        return process.wait(), process.stdout.read(), "".join(said)

@@ -1,0 +1,111 @@
+"""docs/getting-started-so101.md: every command, in its order, on a virtual box of factory-new servos."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from servoloop.arms.folder import ARMS
+from sim_backend.world_feed import WorldFeedClient, feed_path
+from tests.commissioning.practice import UPRIGHT, follow, take, tell
+from tests.ros.stack_process import StackProcess, until
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+DOC = Path(__file__).parents[2] / "docs" / "getting-started-so101.md"
+PORT = "--port /dev/ttyACM0"
+NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/arms/so101/pick_place.yaml"
+STEPS = [
+    "servoloop ports",
+    f"servoloop setup --arm so101 {PORT}",
+    "servoloop scan /dev/ttyACM0",
+    f"servoloop calibrate --arm so101 {PORT}",
+    f"servoloop doctor --arm so101 {PORT}",
+    f"servoloop passport save so101.passport.yaml --arm so101 {PORT}",
+    f"servoloop up --arm so101 {PORT}",
+    NODE,
+    "servoloop pick B",
+    "servoloop emulate ./bus --arm so101 --box",
+    *(f"servoloop hand ./bus {do}" for do in ("connect gripper", "connect", "hold", "move elbow_flex -0.5")),
+    *(f"servoloop hand ./bus {do}" for do in ("release", "lay")),
+]
+
+
+def test_the_page_has_these_commands_in_this_order() -> None:
+    blocks = re.findall(r"```sh\n(.*?)```", DOC.read_text(), re.DOTALL)
+    assert [line for block in blocks for line in block.splitlines()] == STEPS
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """A copy of the arm's folder: its calibration is written there."""
+    return Path(shutil.copytree(ARMS / "so101", tmp_path / "so101"))
+
+
+@pytest.fixture
+def link(arm: Path) -> Iterator[Path]:
+    link = arm.parent / "bus"
+    emulator = StackProcess(arm.parent / "emulate.log", "emulate", str(link), "--arm", str(arm), "--box")
+    try:
+        emulator.wait_for(link)
+        yield link
+    finally:
+        emulator.end()
+
+
+def once(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, "-m", "servoloop", *arguments], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.timeout(400)
+def test_from_a_box_of_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_domain: int) -> None:
+    of_arm = ("--arm", str(arm), "--port", str(link))
+    once("ports")
+    status, printed, said = follow(link, "setup", *of_arm)
+    assert status == 0, printed + said
+    found = json.loads(once("scan", str(link), "--json"))
+    assert [servo["servo_id"] for servo in found["servos"]] == [1, 2, 3, 4, 5, 6]
+    tell(link, "hold")
+    take(link, UPRIGHT)
+    status, printed, said = follow(link, "calibrate", *of_arm, "--yes")
+    assert status == 0, printed + said
+    once("doctor", *of_arm)
+    once("passport", "save", str(arm.parent / "so101.passport.yaml"), *of_arm)
+    once("hand", str(link), "lay")
+    _sort(arm, link)
+
+
+def _sort(arm: Path, link: Path) -> None:
+    """The stack, the node and one job on what has been set up."""
+    feed = WorldFeedClient(feed_path(link))
+    ready = arm.parent / "ready"
+    stack = StackProcess(
+        arm.parent / "up.log", "up", "--arm", str(arm), "--port", str(link), "--ready-file", str(ready)
+    )
+    node = None
+    try:
+        stack.wait_for(ready)
+        arguments = ("--ros-args", "--params-file", str(arm / "pick_place.yaml"))
+        node = StackProcess(arm.parent / "node.log", *arguments, module="nodes.vision_pick_place_controller")
+        once("pick", "B")
+        bins: list[object] = []
+
+        def in_bin() -> bool:
+            bins.extend(seen["cube_bin"] for seen in feed.all())
+            return "B" in bins
+
+        until(in_bin)
+    finally:
+        if node is not None:
+            node.end()
+        stack.end()
+        feed.close()

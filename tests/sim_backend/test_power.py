@@ -1,0 +1,69 @@
+"""The power of a virtual line over time: another voltage is seen, none at all is silence, and a restart forgets."""
+
+import pytest
+
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoState
+from drivers.servos import sts, x
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from sim_backend.power import BROWN_OUT_V, feed, restart
+from sim_backend.servo import REBOOT_S
+
+IDS = (1, 2)
+
+
+class Line:
+    def __init__(self) -> None:
+        self.clock = SimulatedClock()
+        self.servos = VirtualBus.of(BenchPlant(IDS))
+        self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        self.servos.advance(self.clock.now())
+
+    def silent(self) -> list[int]:
+        return [i for i, reading in self.bus.read_states(IDS).items() if isinstance(reading, ServoFault)]
+
+
+@pytest.mark.parametrize("voltage_v", [5.0, 9.5, 14.5])
+def test_servos_report_the_voltage_that_they_are_fed_with(voltage_v: float) -> None:
+    line = Line()
+    feed(line.servos, voltage_v)
+    line.wait(0.1)
+    for reading in line.bus.read_states(IDS).values():
+        assert isinstance(reading, ServoState)
+        assert reading.voltage_v == pytest.approx(voltage_v, abs=0.06)
+
+
+def test_without_power_all_are_silent_until_they_have_started_again() -> None:
+    line = Line()
+    feed(line.servos, BROWN_OUT_V - 0.1)
+    line.wait(5.0)
+    assert line.silent() == list(IDS)
+    feed(line.servos, 12.0)
+    line.wait(0.5 * REBOOT_S)
+    assert line.silent() == list(IDS)
+    line.wait(REBOOT_S)
+    assert line.silent() == []
+
+
+def test_a_restart_takes_torque_and_limit_of_that_servo_alone() -> None:
+    line = Line()
+    for servo_id in IDS:
+        line.bus.write(servo_id, sts.torque_limit, 400)
+        line.bus.write(servo_id, sts.torque_enable, 1)
+    restart(line.servos.servo(2))
+    line.wait(2.0 * REBOOT_S)
+    held = {i: (line.bus.read(i, sts.torque_enable), line.bus.read(i, sts.torque_limit)) for i in IDS}
+    assert held == {1: (1, 400), 2: (0, 1000)}
+
+
+def test_of_other_makes_nobody_knows() -> None:
+    line = VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, x.XL430_W250))
+    with pytest.raises(TypeError, match="xl430-w250"):
+        feed(line, 12.0)
