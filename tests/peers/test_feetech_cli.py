@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from tests.peers.conftest import Serve
+from tests.peers.waiting import eventually
 
 
 class Feetech:
@@ -38,9 +39,8 @@ def feetech(serve: Serve) -> Feetech:
 
 
 def test_it_finds_all_servos_and_what_they_are(feetech: Feetech) -> None:
-    found = feetech.says("scan")
-    assert all(re.search(rf"^\D*{servo_id}\b", found, re.MULTILINE) for servo_id in (1, 2, 5))
-    assert len(re.findall(r"model\s+777", found)) == 3
+    found = re.compile(r"^\s*id\s+(\d+)\s+model\s+777", re.MULTILINE)
+    eventually(lambda: found.findall(feetech.says("scan")) == ["1", "2", "5"])
 
 
 def test_it_dumps_the_table(feetech: Feetech) -> None:

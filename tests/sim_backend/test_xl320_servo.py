@@ -17,7 +17,8 @@ from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
 from sim_backend.protocol2_servo import REBOOT_S
 from sim_backend.rig import Supply
-from sim_backend.xl320_servo import FACTORY, VirtualXl320Servo
+from sim_backend.xl320_memory import FACTORY
+from sim_backend.xl320_servo import VirtualXl320Servo
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
