@@ -1,7 +1,7 @@
 """How true the virtual Dynamixels are whose motors were identified: rows of ``python -m bench.fidelity``.
 
-The figures beside: data sheets of ROBOTIS ("data sheet"), what BAM saw on its oscilloscope ("hardware"), and what its
-identified motor and friction make of a load by arithmetic alone ("law").
+The figures beside: data sheets of ROBOTIS ("data sheet"), and what BAM's oscilloscope, motors and friction make of an
+error or a load by arithmetic alone ("law").
 """
 
 from collections.abc import Iterator
@@ -82,10 +82,10 @@ def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
 def drives() -> Iterator[Figure]:
     """How much drive an error makes: the P gain's law."""
     cases: tuple[tuple[ServoModel, Register, float, float, str], ...] = (
-        (X330, x.present_pwm, 885.0, XL330_PER_RAD, "hardware"),
+        (X330, x.present_pwm, 885.0, XL330_PER_RAD, "law"),
         (x.XL430_W250, x.present_pwm, 885.0, 640 / 128 / 885 * 4096 / (2.0 * pi), "e-manual"),
-        (XL, xl320.present_load, 1023.0, 0.05048 * 32, "hardware"),
-        (MX_64, ax_mx.present_load, 1023.0, 0.158 * 32, "hardware"),
+        (XL, xl320.present_load, 1023.0, 0.05048 * 32, "law"),
+        (MX_64, ax_mx.present_load, 1023.0, 0.158 * 32, "law"),
     )
     for model, shown, full, expected, source in cases:
         bench = Bench(model)

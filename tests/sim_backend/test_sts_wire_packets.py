@@ -1,0 +1,141 @@
+"""What a client sees of an STS3215, byte for byte on the virtual wire: its table and its instructions.
+
+docs/simulation.md says which test holds which fact. Numbers are register addresses.
+"""
+
+import pytest
+
+from sim_backend.power import feed
+from tests.sim_backend.sts_wire import Wire, packet, word
+
+# The table.
+
+
+def test_80_to_86_are_kept_only_with_the_lock_open() -> None:
+    wire = Wire()
+    values = bytes((3, 21, 40, 2, 140, 90, 2))
+    wire.write(80, values)
+    assert wire.read(80, 7) == int.from_bytes(values, "little")
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    assert wire.read(80, 7) == int.from_bytes(bytes((2, 20, 50, 1, 150, 100, 1)), "little")
+    wire.write(55, b"\x00")
+    wire.write(80, values)
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    assert wire.read(80, 7) == int.from_bytes(values, "little")
+
+
+def test_16_acts_by_way_of_48_and_only_after_power_on() -> None:
+    wire = Wire()
+    wire.write(55, b"\x00")
+    wire.write(16, word(300))
+    wire.held = 2048
+    wire.go(3000)
+    wire.wait(0.5)
+    assert (wire.read(48, 2), wire.read(60, 2) & 0x3FF) == (1000, 970)
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    wire.go(3000)
+    wire.wait(0.5)
+    assert (wire.read(48, 2), wire.read(60, 2) & 0x3FF) == (300, 300)
+
+
+def test_after_power_on() -> None:
+    wire = Wire()
+    wire.go(2500, 100)
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    assert [wire.read(at) for at in (40, 41, 55)] == [0, 0, 1]
+    assert [wire.read(at, 2) for at in (42, 46, 48)] == [0, 0, 1000]
+
+
+def test_reads_at_the_tables_end() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 2, 84, 8)) == [bytes((0xFF, 0xFF, 1, 5, 0, 150, 100, 1, ~(1 + 5 + 251) & 0xFF))]
+    assert wire.send(packet(1, 2, 87, 1)) == []
+    assert wire.send(packet(1, 2, 60, 0)) == [packet(1, 0)]
+    assert wire.send(packet(1, 3, 87, 9)) == [packet(1, 0)]
+
+
+# The instructions.
+
+
+@pytest.mark.parametrize("instruction", [(0x55,), (7, 1, 2), (5,), (3,)])
+def test_what_it_does_not_know_is_answered_by_an_empty_status(instruction: tuple[int, ...]) -> None:
+    assert Wire().send(packet(1, *instruction)) == [packet(1, 0)]
+
+
+def test_register_8_at_0_leaves_pings_and_reads() -> None:
+    wire = Wire()
+    wire.write(8, b"\x00")
+    assert wire.send(packet(1, 3, 41, 5)) == wire.send(packet(1, 0x55)) == []
+    assert len(wire.send(packet(1, 1))) == 1
+    assert wire.read(41) == 5
+    assert len(wire.send(packet(0xFE, 0x82, 56, 2, 1))) == 1
+
+
+def test_a_read_to_all_is_answered_and_a_write_to_all_is_not() -> None:
+    wire = Wire()
+    assert wire.send(packet(0xFE, 3, 41, 7)) == []
+    assert wire.send(packet(0xFE, 2, 41, 1)) == [packet(0xFE, 0, 7)]
+
+
+def test_ff_ff_within_a_packet_begins_another() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 42, 0xFF, 0xFF)) == []  # goal -32767 does not arrive
+    assert wire.read(42, 2) == 0
+    assert wire.send(packet(1, 3, 42, 1, 1)[:5] + packet(1, 1)) == [packet(1, 0)]
+
+
+def test_sync_read_slots_are_an_answer_and_three_bytes_and_an_absent_servo_leaves_its_empty() -> None:
+    wire = Wire(1, 2, paced=True)
+    asked = packet(0xFE, 0x82, 56, 8, 1, 9, 2)
+    first, second = wire.bus.receive(asked, 5.0)
+    end_s, answer = 5.0 + len(asked) * 1e-5, 14
+    assert first.due_s == pytest.approx(end_s + (1 + answer) * 1e-5)
+    assert second.due_s == pytest.approx(end_s + (2 * (answer + 3) + answer) * 1e-5)
+
+
+def test_a_new_baud_rate_and_a_new_id_act_from_the_next_packet() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 5, 9)) == [packet(1, 0)]
+    assert wire.send(packet(1, 1)) == []
+    assert wire.send(packet(9, 3, 6, 1)) == [packet(9, 0)]
+    assert wire.send(packet(9, 1)) == []
+    assert [reply.data for reply in wire.bus.receive(packet(9, 1), wire.now_s, 500_000)] == [packet(9, 0)]
+
+
+# Packets without a gap.
+
+
+def test_packets_in_one_piece_are_all_obeyed_and_answered_in_one_piece_behind_the_last() -> None:
+    wire = Wire(paced=True)
+    sent = packet(1, 3, 21, 40) + packet(1, 3, 22, 41) + packet(1, 1)
+    (reply,) = wire.bus.receive(sent, 5.0)
+    assert reply.data == packet(1, 0) * 3
+    assert reply.due_s == pytest.approx(5.0 + (len(sent) + 1 + 18) * 1e-5)
+    wire.now_s = 5.1
+    assert wire.read(21, 2) == 40 + 256 * 41
+
+
+def test_what_is_read_overwrites_the_answers_that_wait() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 41, 9) + packet(1, 2, 41, 1)) == [packet(1, 0, 9)]
+    assert wire.send(packet(1, 2, 41, 1) + packet(1, 3, 41, 8)) == [packet(1, 0, 9) + packet(1, 0)]
+    assert wire.send(packet(1, 2, 41, 1) + packet(1, 2, 42, 1)) == [packet(1, 0, 0)]
+    assert wire.send(packet(1, 3, 41, 7) + packet(0xFE, 0x82, 41, 1, 1)) == [packet(1, 0, 7)]
+
+
+def test_two_servos_asked_in_one_piece_answer_at_once_and_spoil_each_other() -> None:
+    (answer,) = Wire(1, 2).send(packet(1, 1) + packet(2, 1))
+    assert answer == bytes(a & b for a, b in zip(packet(1, 0), packet(2, 0), strict=True))
+
+
+def test_a_gap_between_two_packets_gives_each_its_answer() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 41, 9)) + wire.send(packet(1, 2, 41, 1)) == [packet(1, 0), packet(1, 0, 9)]
