@@ -28,6 +28,8 @@ STS_FRICTION_SHARE: Final = 0.04
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
 """By e-manual: P gain / 128 units of PWM a count."""
+XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
+"""Half of that is what BAM saw of an XL330 on its oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
 """It has no dead zone, but steps of a count in what it measures and in what it is told."""
 X_FRICTION_SHARE: Final = 0.04
@@ -90,7 +92,8 @@ def compliance_of(
         dead_band = max(held["cw_dead_zone"], held["ccw_dead_zone"]) + ENCODER_STEP_COUNTS
         facts = STS_MOTOR_TIME_S, _profile_counts_s2(held["max_acceleration"]), dead_band, STS_FRICTION_SHARE
     elif model in x.MODELS.values() and position_p:
-        per_count = position_p * X_DRIVE_PER_COUNT
+        measured = model in (x.XL330_M077, x.XL330_M288)
+        per_count = position_p * (XL330_DRIVE_PER_COUNT if measured else X_DRIVE_PER_COUNT)
         facts = 0.0, math.inf, X_DEAD_BAND_COUNTS, X_FRICTION_SHARE
     else:
         return None

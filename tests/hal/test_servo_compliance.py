@@ -31,6 +31,14 @@ def test_an_x_is_as_stiff_as_its_gain_says() -> None:
     assert math.isinf(stiff.profile_acceleration)
 
 
+@pytest.mark.parametrize("name", ["xl330-m077", "xl330-m288"])
+def test_an_xl330_makes_half_the_drive_of_its_gain(name: str) -> None:
+    model = MODELS[name]
+    found = compliance_of(model, 800)
+    assert found is not None
+    assert found.stiffness == pytest.approx(800 / 256 / 885 / COUNT_RAD * model.stall_torque_nm, rel=0.01)
+
+
 def test_a_rack_makes_newtons_and_metres_of_it() -> None:
     turning, sliding = compliance_of(STS3215), compliance_of(STS3215, transmission=0.03)
     assert turning is not None and sliding is not None

@@ -18,14 +18,18 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.emulator import as_delivered, couplings, virtual_box
+from sim_backend.box import VirtualBox
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.eeprom import EepromError, keep_eeprom
 from sim_backend.line import ServoLine
-from sim_backend.plant import BenchPlant
+from sim_backend.plant import BenchPlant, WorldPlant
 from sim_backend.port import VirtualPort
 from sim_backend.power import feed
+from sim_backend.world import World
 from tests.complaint import complaint
 
 
@@ -208,3 +212,20 @@ def test_an_emulator_that_was_killed_has_lost_nothing(path: Path) -> None:
             emulator.send_signal(signal.SIGKILL)
             emulator.communicate()
         link.unlink(missing_ok=True)
+
+
+def test_ids_given_to_servos_out_of_a_box_are_kept(path: Path) -> None:
+    robot = read_arm_files(find_arm("robot_arm")).robot
+
+    def box() -> VirtualBox:
+        box = virtual_box(robot, WorldPlant(World(), as_delivered(couplings(robot))))
+        keep_eeprom(path, [box.line])
+        return box
+
+    first = box()
+    first.connect(2)
+    clock = SimulatedClock(10.0)
+    bus = Bus(VirtualPort(first.line, clock), clock, {1: sts.STS3215})
+    bus.write(1, sts.lock, 0)
+    bus.write(1, sts.servo_id, 3)
+    assert box().ids() == [1, 1, 3, 1, 1, 1, 1]

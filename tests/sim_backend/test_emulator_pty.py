@@ -92,46 +92,12 @@ class Client:
         read = self.handler.read2ByteTxRx
         return int(self.answer(lambda: read(self.port, servo_id, 56)))
 
-    def torque_on(self, servo_id: int) -> None:
-        self.answer(lambda: self.handler.write2ByteTxRx(self.port, servo_id, 42, 2048))
-        self.answer(lambda: self.handler.write1ByteTxRx(self.port, servo_id, 40, 1))
-
 
 @pytest.fixture
 def client(link: Path) -> Iterator[Client]:
     client = Client(link)
     yield client
     client.port.closePort()
-
-
-def test_the_sdk_pings_reads_and_writes(client: Client) -> None:
-    handler, port = client.handler, client.port
-    assert client.answer(lambda: handler.ping(port, 2)) == 777
-    client.answer(lambda: handler.write1ByteTxRx(port, 2, 41, 9))
-    assert client.answer(lambda: handler.read1ByteTxRx(port, 2, 41)) == 9
-    assert handler.ping(port, 77)[1] == sdk.COMM_RX_TIMEOUT
-
-
-def test_the_sdk_moves_the_servos_in_a_group(client: Client) -> None:
-    handler, port = client.handler, client.port
-    goals = {1: 1900, 2: 2100, 3: 2300}
-    write = sdk.GroupSyncWrite(port, handler, 42, 6)
-    for servo_id, goal in goals.items():
-        client.torque_on(servo_id)
-        write.addParam(servo_id, [goal & 0xFF, goal >> 8, 0, 0, 0xE8, 0x03])
-    assert write.txPacket() == sdk.COMM_SUCCESS
-    read = sdk.GroupSyncRead(port, handler, 56, 8)
-    for servo_id in goals:
-        read.addParam(servo_id)
-
-    def arrived() -> bool:
-        if read.txRxPacket() != sdk.COMM_SUCCESS:
-            port.ser.reset_input_buffer()
-            return False
-        return all(abs(read.getData(i, 56, 2) - goal) <= 5 for i, goal in goals.items())
-
-    eventually(arrived)
-    assert read.getData(1, 62, 1) in {119, 120}
 
 
 def test_clients_come_and_go(link: Path) -> None:

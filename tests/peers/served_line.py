@@ -1,0 +1,28 @@
+"""A virtual line on a pseudo-terminal, for a client that must not know that it is one: ``python served_line.py``.
+
+Arguments: LINK MODEL ID... A process of its own, because a client may hold its interpreter for as long as it waits.
+"""
+
+import signal
+import sys
+from pathlib import Path
+
+from drivers.servos.catalog import MODELS, series_of
+from sim_backend.bus import VirtualBus
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.emulator import serve
+from sim_backend.plant import BenchPlant
+
+
+def main() -> None:
+    link, model, *ids = sys.argv[1:]
+    models = dict.fromkeys(map(int, ids), MODELS[model])
+    protocol2 = series_of(MODELS[model]).protocol.name == "Dynamixel protocol 2.0"
+    line = (VirtualDynamixelBus if protocol2 else VirtualBus).of(BenchPlant(list(models)), models)
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
+    serve(line, Path(link), stop=lambda: bool(ended), on_ready=lambda: print("ready", flush=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""feetech-cli's own commands on virtual servos: what its user would type, and what it says."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.peers.conftest import Serve
+
+
+class Feetech:
+    """The program at one line."""
+
+    def __init__(self, link: str) -> None:
+        main = "import sys; from feetech_cli.cli import main; sys.exit(main())"
+        self._command = [sys.executable, "-c", main, "-p", link, "-b", "1000000", "--max-id", "9"]
+
+    def says(self, *arguments: str, status: int = 0) -> str:
+        """What it prints, colours left out; three tries, as it asks a held-up line but once."""
+        for _ in range(3):
+            run = subprocess.run([*self._command, *arguments], capture_output=True, text=True, timeout=60)
+            if run.returncode == status:
+                break
+        text = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", run.stdout)
+        assert run.returncode == status, text + run.stderr
+        return text
+
+    def value(self, servo_id: int, register: str) -> int:
+        match = re.search(r"-?\d+", self.says("read", str(servo_id), register).split("=")[-1].split(":")[-1])
+        assert match
+        return int(match.group())
+
+
+@pytest.fixture
+def feetech(serve: Serve) -> Feetech:
+    return Feetech(serve("sts3215", 1, 2, 5))
+
+
+def test_it_finds_all_servos_and_what_they_are(feetech: Feetech) -> None:
+    found = feetech.says("scan")
+    assert all(re.search(rf"^\D*{servo_id}\b", found, re.MULTILINE) for servo_id in (1, 2, 5))
+    assert len(re.findall(r"model\s+777", found)) == 3
+
+
+def test_it_dumps_the_table(feetech: Feetech) -> None:
+    table = feetech.says("info", "2", "--all")
+    for register in ("model", "position", "voltage", "temperature", "homing_offset"):
+        assert register in table.lower(), table
+
+
+def test_it_moves_a_servo_and_switches_it_off(feetech: Feetech) -> None:
+    feetech.says("move", "1", "--position", "2200", "--speed", "2000", "--acceleration", "50")
+    assert feetech.value(1, "torque_enable") == 1
+    assert abs(feetech.value(1, "present_position") - 2200) <= 5
+    feetech.says("torque", "1", "off")
+    assert feetech.value(1, "torque_enable") == 0
+
+
+def test_its_self_test_passes(feetech: Feetech) -> None:
+    assert "PASS" in feetech.says("selftest", "2", "--moves", "2")
+
+
+def test_it_gives_a_servo_another_id_and_another_zero(feetech: Feetech) -> None:
+    feetech.says("set-id", "5", "7", "-y")
+    assert feetech.value(7, "id") == 7
+    feetech.says("move", "7", "--position", "2300")
+    feetech.says("set-zero", "7", "-y")
+    assert abs(feetech.value(7, "present_position") - 2048) <= 5
+    assert feetech.value(7, "homing_offset") != 0
+
+
+def test_it_changes_the_mode_and_brings_the_factory_back(feetech: Feetech) -> None:
+    feetech.says("mode", "2", "wheel")
+    assert feetech.value(2, "operating_mode") == 1
+    feetech.says("factory-reset", "2", "-y")
+    assert feetech.value(2, "operating_mode") == 0

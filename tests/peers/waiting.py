@@ -1,0 +1,15 @@
+"""Patience for clients that ask once, on a machine that may hold an answer back."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
+    """Poll until ``what()`` is true. The limit is for a machine in trouble, not a measurement."""
+    deadline_s = time.monotonic() + within_s
+    while not what():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.01)
