@@ -143,7 +143,7 @@ def test_wheel_mode_is_not_driven_as_position(model: str) -> None:
 def test_an_overload_takes_the_drive_away_until_the_torque_is_switched(model: str) -> None:
     bench = Bench(model)
     start = bench.run(0.05).position_counts
-    bench.plant.load_nm[0] = -dxl.MODELS[model].stall_torque_nm - 0.15
+    bench.plant.load_nm[0] = -1.2 * dxl.MODELS[model].stall_torque_nm - 0.15
     bench.bus.write_goals({1: ServoGoal(start)})
     bench.bus.torque_on(1)
     reading = bench.run(2.5)
