@@ -71,7 +71,8 @@ def apply_settings(joint: Joint, bus: Bus) -> None:
     """
     known = settings_of(joint.model)
     wanted = {known[name]: value for name, value in joint.settings}
-    for change in update(bus, joint.servo_id, series_of(joint.model).lock, wanted):
+    lock = series_of(joint.model).lock
+    for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
         LOG.info("%s (servo %d): %s is %d now, was %d", joint.name, joint.servo_id, change.register.name,
                  change.new, change.old)  # fmt: skip
     _warn_of_others(joint, bus, known)

@@ -5,14 +5,27 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from sim_backend.bus import VirtualBus
+from sim_backend.plant import BenchPlant
 from tests.ros_domain import ros_domain
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
 
-LONG_FILES = ("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_")
+LONG_FILES = (
+    *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
+    *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
+)
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have the servos' millisecond compiled before there are workers: several that compile at once spoil its cache."""
+    if not hasattr(config, "workerinput"):
+        line = VirtualBus.of(BenchPlant([1]))
+        line.rig.step()
+        line.servo(1).firmware.step(0.001, 0.0, 0.0)
 
 
 @pytest.hookimpl(optionalhook=True)

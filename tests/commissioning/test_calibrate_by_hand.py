@@ -17,7 +17,7 @@ SEEDS = range(max(2, CYCLES // 500))
 
 
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
-@pytest.mark.parametrize("name", ["robot_arm", "so101"])
+@pytest.mark.parametrize("name", [pytest.param("robot_arm", marks=pytest.mark.slow), "so101"])
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", SEEDS)
 def test_zeros_and_directions_are_found(seed: int, name: str, backlash_deg: float) -> None:

@@ -5,12 +5,15 @@ import pytest
 from servoloop.arms.folder import arms
 from sim_backend.build import Build
 from tests.commissioning.patient import Patient
+from tests.drivers.fault_lines import CYCLES
 
-SEEDS = range(50)
+SEEDS = range(50 if CYCLES > 1000 else 10)
+"""Fifty in make soak."""
 FIFTY = ("robot_arm", "so101")
 OTHERS = [arm.name for arm in arms() if arm.name not in FIFTY]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("holding", [False, True], ids=["limp", "holding"])
 @pytest.mark.parametrize("arm", FIFTY)
 def test_fifty_healthy_arms(arm: str, holding: bool) -> None:

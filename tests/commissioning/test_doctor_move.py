@@ -28,6 +28,7 @@ def found(report: Report) -> list[tuple[str, int | None]]:
     return [(one.id, one.place.servo_id) for one in report.findings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["robot_arm", "so101"])
 def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
     for seed in range(4):

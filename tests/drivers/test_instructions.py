@@ -4,32 +4,11 @@ import pytest
 
 from drivers.errors import DriverError, ServoRefused, ServoSilent
 from drivers.servos import ax_mx as dxl
-from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
-from drivers.servos.register import Register
 from tests.drivers.test_single_calls import Bench, Case, every_case
 
-LASTING: dict[str, tuple[Register, int]] = {
-    "Feetech STS": (sts.max_torque, 500),
-    "Feetech SCS": (scs.max_torque, 500),
-    "Dynamixel protocol 1.0": (dxl.max_torque, 500),
-    "Dynamixel protocol 2.0": (x.pwm_limit, 500),
-    xl320.XL320.name: (xl320.max_torque, 500),
-}
-GOALS: dict[str, Register] = {
-    "Feetech STS": sts.goal_position,
-    "Feetech SCS": scs.goal_position,
-    "Dynamixel protocol 1.0": dxl.goal_position,
-    "Dynamixel protocol 2.0": x.goal_position,
-    xl320.XL320.name: xl320.goal_position,
-}
-
-
-def table_of(case: Case) -> str:
-    """The key of the case in the two above: an XL-320 has a table of its own."""
-    return case.model.name if case.model == xl320.XL320 else series_of(case.model).protocol.name
-
-
+HALF = 500
+"""Of full drive, of which all are another number of steps."""
 DEAF_S = 1.0
 """No servo reboots for longer."""
 
@@ -46,7 +25,7 @@ def test_a_ping_is_answered_or_not(case: Case) -> None:
 @every_case
 def test_a_reg_write_waits_for_the_action(case: Case) -> None:
     bench = Bench(case)
-    goal = GOALS[table_of(case)]
+    goal = series_of(case.model).goal_position
     before = bench.held(goal)
     bench.bus.reg_write(1, goal, 700)
     assert bench.held(goal) == before != 700
@@ -74,7 +53,7 @@ def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -
 @every_case
 def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
     bench = Bench(case)
-    register, value = LASTING[table_of(case)]
+    register, value = series_of(case.model).max_torque, HALF
     factory = bench.held(register)
     bench.servos.servo(1).memory.put(register, value)
     bench.bus.factory_reset(1)

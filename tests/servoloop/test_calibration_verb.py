@@ -45,7 +45,9 @@ def test_in_shown_and_out_again(robot: Path, tmp_path: Path) -> None:
     given, out = tmp_path / "theirs.json", tmp_path / "out.json"
     given.write_text(json.dumps(theirs(), indent=4))
     said = json.loads(run("import", str(given), "--robot", str(robot), "--json"))
-    assert [joint["zero_counts"] for joint in said["joints"]][1] == JOINTS[1].zero_counts + 20
+    hand = JOINTS[-1]
+    assert said["joints"][-1]["zero_counts"] == hand.zero_counts + 20, "its stop, 20 counts up"
+    assert said["joints"][1]["zero_counts"] == 2047, "a marked pose is in no such file: LeRobot's zero"
     rows = json.loads(run("show", "--robot", str(robot), "--json"))
     assert [row["homing_offset"] for row in rows] == [-300] * len(JOINTS)
     assert rows[1]["travel"] == pytest.approx(rows[1]["urdf_range"], abs=0.004)

@@ -41,6 +41,7 @@ def save(line: VirtualBus, servo_id: int, value: int) -> None:
     servo.memory.save(sts.position_p, value)
 
 
+@pytest.mark.slow
 def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     assert "servos 1, 2, 3, 4, 5, 6, 7" in run("save", file, "--port", port)
@@ -62,6 +63,7 @@ def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Pat
     assert said["servos"]["7"]["joint"] == "hand_right_joint"
 
 
+@pytest.mark.slow
 def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     old, new = VirtualBus.of(BenchPlant(IDS)), VirtualBus.of(BenchPlant((1,)))
