@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
 from drivers.clock import MonotonicClock
 from drivers.errors import ServoSilent
 from drivers.port.serial_port import SerialPort
@@ -204,9 +205,9 @@ def test_an_emulator_that_was_killed_has_lost_nothing(path: Path) -> None:
             assert emulator.stdout is not None
             assert emulator.stdout.readline().startswith("ready")
             bus = Bus(SerialPort(str(link), 1_000_000), MonotonicClock(), {3: sts.STS3215})
-            assert bus.read(3, sts.homing_offset) == expected
-            bus.write(3, sts.lock, 0)
-            bus.write(3, sts.homing_offset, 42)
+            assert retry(lambda bus=bus: bus.read(3, sts.homing_offset)) == expected
+            retry(lambda bus=bus: bus.write(3, sts.lock, 0))
+            retry(lambda bus=bus: bus.write(3, sts.homing_offset, 42))
             bus.close()
         finally:
             emulator.send_signal(signal.SIGKILL)
