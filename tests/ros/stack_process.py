@@ -69,10 +69,10 @@ def running(folder: Path, *arguments: str, module: str = "servoloop") -> Iterato
 
 
 @contextmanager
-def emulating(folder: Path) -> Iterator[Path]:
-    """``servoloop emulate`` until the end of the block; yields the link."""
+def emulating(folder: Path, *arguments: str) -> Iterator[Path]:
+    """``servoloop emulate`` with these arguments until the end of the block; yields the link."""
     link = folder / "bus"
-    emulator = StackProcess(folder / "emulate.log", "emulate", str(link))
+    emulator = StackProcess(folder / "emulate.log", "emulate", str(link), *arguments)
     try:
         emulator.wait_for(link)
         yield link

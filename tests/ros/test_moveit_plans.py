@@ -94,14 +94,13 @@ def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rest
             points = plan(curved(tuple(measured(servos)), LEFT, bow), LIMITS)
             first = len(servos.states)
             sent = servos.send(goal_of(message(points)))
-            canceled = canceled_on(servos, sent, moment * points[-1].time_from_start_s)
+            canceled_on(servos, sent, moment * points[-1].time_from_start_s)
             here = tuple(measured(servos))
             assert off_line(references(servos, first), whole) < 0.01
             assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
             servos.cycles(4)
-            # One that arrived before the cancel has succeeded within its tolerance, and comes nearer.
-            moved = START_RAD / 2.0 if canceled else START_RAD
-            assert tuple(measured(servos)) == pytest.approx(here, abs=moved), "told while the arm still moved"
+            # One that arrived before the cancel comes nearer still; all are free of their motors by half a degree.
+            assert tuple(measured(servos)) == pytest.approx(here, abs=START_RAD), "told while the arm still moved"
             driven(servos, straight(tuple(measured(servos)), RIGHT))
 
 
