@@ -14,7 +14,6 @@ from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
-from servoloop.arms.commands import app as arms_app
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
@@ -22,6 +21,7 @@ from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport, register, servo
+from servoloop.verbs.arms import app as arms_app
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.ports import ports

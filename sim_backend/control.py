@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from drivers.errors import PortError
-from sim_backend.world_feed import remove_remains
+from sim_backend.world_feed import listening
 
 ANSWER_S: Final = 5.0
 """So long a client waits for an emulator's answer."""
@@ -34,15 +34,7 @@ class ControlServer:
         self.path = path
         self._handle = handle
         self._clients: dict[socket.socket, bytes] = {}
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.setblocking(False)
-        try:
-            remove_remains(path)
-            self._socket.bind(str(path))
-        except OSError as error:
-            self._socket.close()
-            raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
-        self._socket.listen()
+        self._socket = listening(path)
 
     def tick(self) -> None:
         """Do what has been asked since the last call."""

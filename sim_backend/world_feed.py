@@ -83,15 +83,7 @@ class WorldFeed:
         self._clients: list[socket.socket] = []
         self._next_s = 0.0
         self._trace: list[tuple[float, list[float]]] = []
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.setblocking(False)
-        try:
-            remove_remains(path)
-            self._socket.bind(str(path))
-        except OSError as error:
-            self._socket.close()
-            raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
-        self._socket.listen()
+        self._socket = listening(path)
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:
         """Note where the joints are, and publish if it is time to."""
@@ -142,7 +134,24 @@ def _sent(client: socket.socket, line: bytes) -> bool:
     return False
 
 
-def remove_remains(path: Path) -> None:
+def listening(path: Path) -> socket.socket:
+    """A socket that listens at ``path`` and never blocks. Raises PortBusy if an emulator does, PortError."""
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    made.setblocking(False)
+    try:
+        _remove_remains(path)
+        made.bind(str(path))
+    except OSError as error:
+        made.close()
+        raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
+    except PortError:
+        made.close()
+        raise
+    made.listen()
+    return made
+
+
+def _remove_remains(path: Path) -> None:
     """Remove the socket of an ended emulator; leave everything else alone."""
     if not path.exists() and not path.is_symlink():
         return

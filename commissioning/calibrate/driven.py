@@ -62,7 +62,7 @@ def by_itself(
 
 
 class ByItself:
-    """One calibration of the joints on one bus without hands."""
+    """A calibration of the joints on one bus without hands."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class ByItself:
 
 
 class _Seek:
-    """One joint on its way to one stop."""
+    """The way of one joint to one stop."""
 
     def __init__(self, arm: SlowArm, index: int, joint: Joint, way: int) -> None:
         self._arm = arm

@@ -46,7 +46,7 @@ class Guide(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is to be done by hand: ``kind`` for programs, ``text`` for people, ``joints`` in question."""
+    """A task for somebody's hands: ``kind`` for programs, ``text`` for people, ``joints`` in question."""
 
     kind: str
     text: str

@@ -1,4 +1,4 @@
-"""What a sweep, a direction and an anchor make of one joint: sign, zero and homing offset; and what is doubtful."""
+"""A joint's calibration from its sweep, direction and anchor: sign, zero, homing offset; and doubts about it."""
 
 from dataclasses import dataclass
 from math import ceil, floor, tau
@@ -38,7 +38,7 @@ class JointCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What was measured of one joint: continuous counts, read with ``homing_offset``."""
+    """The measurement of one joint: continuous counts, read with ``homing_offset``."""
 
     travel: Travel
     sign: int
@@ -89,7 +89,7 @@ def _off_the_seam(joint: Joint, needed: Travel, offset: int | None) -> tuple[Tra
 
 
 def doubts(joint: Joint, calibration: JointCalibration) -> str:
-    """What is doubtful about the travel; empty where nothing is."""
+    """The doubts about the travel in a sentence; empty where there are none."""
     travel, range_ = calibration.travel(joint), joint.limits.upper - joint.limits.lower
     share = travel / range_ - 1.0
     if share < SWEPT_SHARE - 1.0:

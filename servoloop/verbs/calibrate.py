@@ -32,7 +32,6 @@ def calibrate(
     before you have seen what was found. With --auto somebody still looks on, and says which way each joint moved.
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
-    from commissioning.calibrate.result import CalibrationError
     from servoloop.arms.folder import find_arm, read_arm_files
     from servoloop.signals import Signals
     from servoloop.verbs.terminal import Terminal
@@ -44,10 +43,7 @@ def calibrate(
             f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
         )
     with Signals("servos that were under torque hold") as signals:
-        try:
-            outcome = _calibrated(found, files, port, Terminal(signals, yes), auto)
-        except CalibrationError as error:
-            raise DriverError(str(error)) from error
+        outcome = _calibrated(found, files, port, Terminal(signals, yes), auto)
     if json:
         print_json(_plain(outcome))
     elif outcome.stored:
