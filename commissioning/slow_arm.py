@@ -20,7 +20,11 @@ SPEED_SHARE: Final = 0.25
 """Of the joint's velocity limit; tools never move faster."""
 FASTEST_RAD_S: Final = 0.4
 """Of a servo's shaft."""
-SETTLE_S: Final = 0.4
+SETTLE_S: Final = 0.3
+"""So long a joint that stands has stood."""
+STANDS_RAD: Final = 0.003
+"""A servo's shaft that turns by less within ``SETTLE_S`` stands: two counts of an STS."""
+LONGEST_SETTLE_S: Final = 2.0
 PATIENCE_CYCLES: Final = 4
 """A packet that is lost is no reason to let the arm go."""
 LETTING_DOWN: Final = (0.3, 0.2, 0.12, 0.06)
@@ -96,13 +100,25 @@ class SlowArm:
         return float(self.state.position[index])
 
     def go(self, index: int, target: float) -> None:
-        """Move one joint there on a smooth way at its slow speed, and wait until it has settled."""
+        """Move one joint there on a smooth way at its slow speed, and wait until it stands, 2 s at most."""
         start, limits = float(self.command[index]), self.joints[index].limits
         cycles = round(0.5 * pi * abs(target - start) / limits.velocity / PERIOD_S) + 1
         for cycle in range(1, cycles + 1):
             self.cycle(index, start + (target - start) * 0.5 * (1.0 - cos(pi * cycle / cycles)))
-        for _ in range(round(SETTLE_S / PERIOD_S)):
-            self.cycle(index, target)
+        stands = STANDS_RAD * self.joints[index].transmission
+        for _ in range(round(LONGEST_SETTLE_S / SETTLE_S)):
+            before = self.measured(index)
+            self._keep(index, target, SETTLE_S)
+            if abs(self.measured(index) - before) <= stands:
+                return
+
+    def rest(self, seconds: float) -> None:
+        """Hold all joints where they were sent. Raises StoppedError."""
+        self._keep(0, float(self.command[0]), seconds)
+
+    def _keep(self, index: int, position: float, seconds: float) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            self.cycle(index, position)
 
     def cycle(self, index: int, position: float) -> None:
         """One cycle in which one joint is sent to a position, and the others stay. Raises StoppedError."""

@@ -23,7 +23,11 @@ from hal.joint import Joint
 
 LIMP = "The arm goes limp now and falls: hold it. Switch its torque off?"
 STORE = "Store this calibration?"
-TRY = "Each joint will move a little now, slowly and under torque; then the arm is limp again: hold it. Try?"
+TRY = "Torque goes on now: hold the arm until it holds itself. Then each joint moves a little, slowly. Try?"
+LET_GO = "The arm holds itself: let it go"
+HOLD = "The arm goes limp: hold it"
+HANDS_S = 2.0
+"""So long hands may need to do what they were told."""
 
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
@@ -110,9 +114,18 @@ def calibrate(
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
-        with SlowArm(open_bus, calibrated, clock) as arm:
-            check(arm, asker.say)
+        _try(open_bus, calibrated, asker, clock)
     return Outcome(differences, calibration_path(robot), True, changes, tried)
+
+
+def _try(open_bus: Callable[[], Bus], joints: Sequence[Joint], asker: Asker, clock: Clock) -> None:
+    """Move each joint a little under torque; whoever holds the arm is told when to let go and when to take it again."""
+    with SlowArm(open_bus, joints, clock) as arm:
+        asker.say(LET_GO)
+        arm.rest(HANDS_S)
+        check(arm, asker.say)
+        asker.say(HOLD)
+        arm.rest(HANDS_S)
 
 
 def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:

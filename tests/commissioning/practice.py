@@ -37,8 +37,10 @@ def do(link: Path, text: str) -> str:
     if "then press Enter" in text:
         _connect(link, text)
         return "\n"
-    if "then the arm is limp again" in text:
+    if "let it go" in text:
         tell(link, "release")
+    if "goes limp" in text:
+        tell(link, "hold")
     if "Enter when it is done" not in text:
         return ""
     joint = text.split(":")[0]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from commissioning.calibrate.result import CalibrationError
-from commissioning.calibrate.run import LIMP, STORE, TRY, Difference, calibrate
+from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Difference, calibrate
 from drivers.errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
@@ -26,9 +26,16 @@ class Owner(Person):
 
     def confirm(self, question: str) -> bool:
         self.asked.append(question)
-        if question == TRY:
-            self.arm.hand.release()
         return question not in self.no
+
+    def say(self, text: str) -> None:
+        super().say(text)
+        if text == LET_GO:
+            assert torque(self.arm) == [joint.servo_id for joint in JOINTS], "it is let go when it holds itself"
+            self.arm.hand.release()
+        if text == HOLD:
+            assert torque(self.arm), "it is taken before it is limp"
+            self.arm.hand.hold()
 
     def show(self, differences: tuple[Difference, ...]) -> None:
         self.shown = list(differences)
@@ -51,9 +58,8 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY]
     assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
-    assert torque(arm) == []
+    assert torque(arm) == [] and arm.hand.holds(JOINTS[0].name)
     joints = read_files(robot=robot).robot.joints
-    arm.hand.hold()
     again = calibrate(robot, joints, PLAN.joints, lambda: arm.open_bus(joints), Owner(arm), arm.clock)
     assert all(abs(one.zero_moved) < 0.004 * one.before.transmission for one in again.differences)
     assert not any((again.changes or {}).values()), "what fits is not written again"

@@ -6,13 +6,17 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from math import tau
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from servoloop.arms.folder import ARMS
+from servoloop.arms.folder import ARMS, find_arm, read_arm_files
+from servoloop.emulator import couplings
+from sim_backend.mounting import Mounting
 from sim_backend.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell
 from tests.ros.stack_process import StackProcess, until
@@ -76,12 +80,23 @@ def test_from_a_box_of_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_do
     assert [servo["servo_id"] for servo in found["servos"]] == [1, 2, 3, 4, 5, 6]
     tell(link, "hold")
     take(link, UPRIGHT)
-    status, printed, said = follow(link, "calibrate", *of_arm, "--yes")
+    status, printed, said = follow(link, "calibrate", *of_arm, "--yes", "--json")
     assert status == 0, printed + said
+    _assert_as_mounted(json.loads(printed)["joints"])
+    tell(link, "release")
     once("doctor", *of_arm)
     once("passport", "save", str(arm.parent / "so101.passport.yaml"), *of_arm)
     once("hand", str(link), "lay")
     _sort(arm, link)
+
+
+def _assert_as_mounted(joints: dict[str, Any]) -> None:
+    """Every direction and zero is the virtual arm's own, which the servos could not know."""
+    for true in Mounting(0).couplings(couplings(read_arm_files(find_arm("so101")).robot)):
+        made = joints[true.joint]
+        off = (made["zero_counts"] + (made["homing_offset"] or 0) - true.zero_counts + 2048) % 4096 - 2048
+        assert made["sign"] == true.sign and abs(off) * tau / 4096 <= 0.03, true.joint
+        assert made["doubt"] is None, true.joint
 
 
 def _sort(arm: Path, link: Path) -> None:
