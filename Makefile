@@ -40,9 +40,8 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-# Two at a time: what runs here are whole demos in real time, which need a core each.
 test-slow: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow $(PYTEST_ARGS)
+	$(PYTEST) -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 

@@ -2,7 +2,6 @@
 
 import xml.etree.ElementTree as ElementTree
 
-from hal.robot import load_robot_file
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, SRDF, controllers, groups, read, states
 
 
@@ -39,13 +38,11 @@ def test_named_states_name_every_driven_joint_of_their_group_within_its_limits()
             assert DESCRIPTION.joints[joint].lower <= value <= DESCRIPTION.joints[joint].upper, (name, joint)
 
 
-def test_named_states_are_those_of_the_node_and_the_robot_file() -> None:
+def test_named_states_are_zero_and_those_of_the_node() -> None:
     node = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
-    park = load_robot_file(CONFIG / "robot_arm.yaml").park
-    assert park is not None
     assert states() == {
         ("arm", "ready"): dict(zip(ARM, node["poses"]["ready"], strict=True)),
-        ("arm", "upright"): park.pose,
+        ("arm", "upright"): dict.fromkeys(ARM, 0.0),
         ("hand", "open"): {"hand_right_joint": node["hand_open_m"]},
         ("hand", "close"): {"hand_right_joint": node["hand_closed_m"]},
     }
