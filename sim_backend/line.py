@@ -120,6 +120,8 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
         """What the servos answer to ``data``, whose first byte the master sends at ``now_s``."""
+        if baud == 0:  # hung up, as termios has it: nothing goes over the line
+            return []
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
         if now_s - self._heard_s > PAUSE_S:

@@ -53,8 +53,7 @@ class SerialPort:
             LOG.warning("%s", advice)
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
-        self._wake_size = 0
-        self._settings = termios.tcgetattr(self._fd)
+        self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
 
     def write(self, data: bytes) -> None:
         sent = 0
@@ -132,16 +131,16 @@ class SerialPort:
     def set_baud(self, baud: int) -> None:
         former = self._serial.baudrate
         try:
-            self._serial.baudrate = baud
-            _check_rate(self.name, self._fd, baud)
-        except (ValueError, OSError, termios.error) as error:
-            self._serial.baudrate = former
-            raise PortError(_baud_text(self.name, baud, error)) from error
-        except PortError:
-            self._serial.baudrate = former
-            raise
-        finally:
-            self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
+            try:
+                self._serial.baudrate = baud
+                _check_rate(self.name, self._fd, baud)
+            except (PortError, ValueError, OSError, termios.error) as error:
+                self._serial.baudrate = former  # which a port that is gone refuses too
+                raise _baud_error(self.name, baud, error) from error
+            finally:
+                self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
+        except (termios.error, OSError, ValueError) as error:
+            raise self._lost(error) from error
         self.baud = baud
 
     def close(self) -> None:
@@ -182,7 +181,7 @@ def _open(device: str, baud: int) -> serial.Serial:
     except serial.SerialException as error:
         raise _open_error(path, error) from error
     except (ValueError, OSError, termios.error) as error:
-        raise PortError(_baud_text(device, baud, error)) from error
+        raise _baud_error(device, baud, error) from error
 
 
 def _shut_out_others(path: Path, fd: int) -> None:
@@ -196,8 +195,9 @@ def _shut_out_others(path: Path, fd: int) -> None:
             fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
-def _baud_text(device: str, baud: int, error: Exception) -> str:
-    return f"{device} does not take {baud} baud or is no serial port: {error}"
+def _baud_error(device: str, baud: int, error: Exception) -> PortError:
+    text = f"{device} does not take {baud} baud or is no serial port: {error}"
+    return error if isinstance(error, PortError) else PortError(text)
 
 
 def _check_rate(device: str, fd: int, baud: int) -> None:

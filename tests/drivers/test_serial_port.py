@@ -410,6 +410,14 @@ def test_the_other_end_closing_is_a_lost_port_that_says_what_to_do(terminal: Ter
     port.close()
 
 
+def test_a_rate_for_a_port_that_is_gone_is_a_lost_port(terminal: Terminal) -> None:
+    port = SerialPort(terminal.device)
+    terminal.end()
+    with pytest.raises(PortLost, match=f"{terminal.device} is gone"):
+        port.set_baud(115_200)
+    port.close()
+
+
 def test_a_closed_port_is_free_for_others(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     descriptor = port._fd

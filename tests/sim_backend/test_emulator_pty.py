@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -111,6 +112,18 @@ def test_another_baud_is_accepted_and_meets_silence(client: Client) -> None:
     assert client.port.setBaudRate(250_000)
     assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
     assert client.port.setBaudRate(1_000_000)
+    assert client.position(1) == pytest.approx(2048, abs=2)
+
+
+def test_a_client_that_hangs_up_ends_nothing(client: Client) -> None:
+    """Baud rate 0 is how a terminal hangs up."""
+    terminal = client.port.ser.fileno()
+    settings = termios.tcgetattr(terminal)
+    rates, settings[4:6] = settings[4:6], [termios.B0, termios.B0]
+    termios.tcsetattr(terminal, termios.TCSANOW, settings)
+    assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
+    settings[4:6] = rates
+    termios.tcsetattr(terminal, termios.TCSANOW, settings)
     assert client.position(1) == pytest.approx(2048, abs=2)
 
 
