@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from commissioning.provision import persistent_registers
+from commissioning.registers.tables import rates_of
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
@@ -49,7 +51,25 @@ def couplings(robot: Robot) -> list[Coupling]:
 
 
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
-    """A virtual bus with the servos that the robot file names for it. ``spread``: of STS servos and their supply."""
+    """A virtual bus with the servos that the robot file names for it, at its rate.
+
+    ``spread``: of STS servos and their supply. Raises RobotFileError where a servo cannot be set to the rate.
+    """
+    line = _line(robot, plant, bus, spread)
+    baud = robot.file.lines()[bus].baud
+    for joint in robot.joints:
+        if joint.bus == bus:
+            values = {rate: value for value, rate in rates_of(joint.model).items()}
+            if baud not in values:
+                known = ", ".join(map(str, sorted(values)))
+                raise RobotFileError(
+                    f"{joint.name}: a {joint.model.name} knows {known} baud, not {baud}: change `baud`"
+                )
+            line.servo(joint.servo_id).memory.save(persistent_registers(joint.model)["baud_rate"], values[baud])
+    return line
+
+
+def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any]:
     models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
         return VirtualDynamixelBus.of(plant, models)

@@ -55,6 +55,10 @@ class Protocol2Memory(ABC):
         if at < self.EEPROM_END:
             self._decode()
 
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register: in these servos it lies in EEPROM with that."""
+        self.put(register, value)
+
     def _decode(self) -> None:
         """Take ID and baud from the registers."""
         self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]

@@ -1,0 +1,46 @@
+"""The virtual servos listen at the rate that the robot file says, as those of its arm are set up."""
+
+from pathlib import Path
+
+import pytest
+
+from hal.errors import RobotFileError
+from servoloop.emulator import couplings, virtual_bus
+from servoloop.files import CONFIG, read_files
+from servoloop.hardware import servo_bus
+from sim_backend.clock import SimulatedClock
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+
+@pytest.mark.parametrize(
+    ("file", "baud"),
+    [("robot_arm.yaml", 500_000), ("robot_arm.yaml", 38_400), ("robot_arm_dynamixel.yaml", 57_600)],
+)
+def test_every_servo_answers_at_the_files_rate_also_after_a_restart(tmp_path: Path, file: str, baud: int) -> None:
+    files = read_files(robot=at_rate(tmp_path, file, baud))
+    line = virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))
+    clock = SimulatedClock()
+    bus = servo_bus(files.robot.file, VirtualPort(line, clock, baud=baud, name="line"), clock)
+    for joint in files.robot.joints:
+        bus.identify(joint.servo_id, joint.model)
+        line.servo(joint.servo_id).power_cycle()
+    clock.sleep_until(2.0)
+    for joint in files.robot.joints:
+        bus.identify(joint.servo_id, joint.model)
+
+
+def test_a_rate_that_a_servo_does_not_know_is_refused_with_those_that_it_knows(tmp_path: Path) -> None:
+    files = read_files(robot=at_rate(tmp_path, "robot_arm.yaml", 57_601))
+    with pytest.raises(RobotFileError, match=r"joint1: a sts3215 knows 38400, .*1000000 baud, not 57601"):
+        virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))
+
+
+def at_rate(folder: Path, file: str, baud: int) -> Path:
+    text = (CONFIG / file).read_text()
+    changed = text.replace("baud: 1000000", f"baud: {baud}")
+    assert changed != text
+    path = folder / file
+    path.write_text(changed)
+    return path
