@@ -80,7 +80,7 @@ class ServoSetup:
         return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))
 
     def forget_turns(self, joint: Joint) -> None:
-        """Have a limp servo take its place within the turn for its place: what it does not report, it must not count."""
+        """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
         if joint.model in sts.MODELS.values():
             self._ask(joint, lambda bus: retry(lambda: bus.forget_turns(joint.servo_id)))
 

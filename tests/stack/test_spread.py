@@ -10,6 +10,8 @@ from sim_backend.build import Build
 from tests.stack.rig import BINS, StackRig, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
+RESTING_RAD = 0.01
+"""Without the leap that a joint makes as the cube leaves the hand."""
 ACTIVATED_S = 2.5
 """Until then the arm has sunk with the torque, and has been lifted again."""
 FEW, MANY = 5, 50
@@ -34,6 +36,19 @@ def test_any_arm_gets_its_cube_into_the_bin(seed: int, backlash_deg: float) -> N
     assert max(error.largest_rad) <= LARGEST_RAD
     assert max(error.rms_moving_rad) <= RMS_RAD
     assert max(error.at_rest_rad) <= AT_REST_RAD
+
+
+@pytest.mark.parametrize(("seed", "jobs"), [(9, 5), (13, 3)])
+def test_at_rest_between_jobs_no_joint_swings_through_its_backlash(seed: int, jobs: int) -> None:
+    """A job's first goal is for where the arm is already: it ends no rest, nor what calms it."""
+    rig = StackRig(build=Build(1.0, seed)).up()
+    rig.run(ACTIVATED_S)
+    for number in range(jobs):
+        begun_s = rig.clock.now()
+        rig.run(0.33)
+        UnpacedJob(rig, list(BINS)[number % len(BINS)]).run()
+        error = rig.trace.following(since_s=begun_s)
+        assert max(error.at_rest_rad) <= RESTING_RAD, number
 
 
 @pytest.mark.parametrize("seed", [None, 2])
