@@ -82,7 +82,7 @@ class SingleServo:
     def broadcast_ping(self) -> tuple[int, ...]:
         """The servos that answer one question to all. DriverError where they would all answer it at once."""
         if not self._protocol.broadcast_ping:
-            raise DriverError("servos of this protocol would all answer a broadcast ping at once: ping each ID")
+            raise DriverError("servos of this protocol all answer a broadcast ping at once: ping each ID by itself")
         self._line.clean = False
         found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
         return tuple(sorted(found))

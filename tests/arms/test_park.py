@@ -7,7 +7,7 @@ from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.build import Build
 from tests.stack.rig import StackRig
 
-ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so100", "koch")
+ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so101_leader", "so100", "koch")
 LATER_S = 6.0
 FALLEN_RAD = 0.2
 OFF_RAD = 0.02
