@@ -157,9 +157,9 @@ class Pace:
         return left_s
 
     def _wait(self, seconds: float) -> None:
-        before_s = self._wall.now()
+        paused, before_s = self.paused, self._wall.now()
         self._wall.wait(seconds)
-        if not self.paused:
+        if not paused:
             self._running_s += self._wall.now() - before_s
 
     def _count(self, time_s: float) -> None:
