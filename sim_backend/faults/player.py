@@ -1,6 +1,6 @@
 """Lets faults happen at their times, in the world's own milliseconds."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack
 from heapq import heappop, heappush
 from typing import Final
@@ -21,8 +21,9 @@ class FaultPlayer:
     def __init__(self, targets: Targets) -> None:
         self.active: dict[int, Event] = {}
         """The faults that last now, in the order in which they began."""
-        self._targets = targets
-        self._due: list[tuple[float, int, int, Callable[[], None]]] = []
+        self.targets = targets
+        """What the faults are done to."""
+        self._due: list[tuple[float, int, int, Event]] = []
         self._running: dict[int, ExitStack] = {}
         self._number = 0
 
@@ -32,16 +33,30 @@ class FaultPlayer:
         Raises FaultError, which lists all that cannot be done here; then none of them will be.
         """
         events = tuple(events)
-        require_possible(events, self._targets.inventory)
+        require_possible(events, self.targets.inventory)
         for event in events:
             self._number += 1
-            self._plan(since_s + event.at_s, BEGINS, self._number, event)
+            heappush(self._due, (since_s + event.at_s, BEGINS, self._number, event))
 
     def update(self, time_s: float) -> None:
         """The world has reached ``time_s``."""
+        if self._due:
+            self.begin_due(time_s)
+        self.targets.step(time_s)
+
+    def begin_due(self, time_s: float) -> None:
+        """Begin and end what is due."""
         while self._due and self._due[0][0] <= time_s + ROUNDING_S:
-            heappop(self._due)[-1]()
-        self._targets.step(time_s)
+            at_s, order, number, event = heappop(self._due)
+            if order == BEGINS:
+                self._begin(number, event, at_s)
+            else:
+                self._end(number)
+
+    @property
+    def coming(self) -> list[Event]:
+        """The faults that have not begun yet, in the order in which they will."""
+        return [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
 
     def close(self) -> None:
         """End all faults, the last to have begun first, and forget those to come."""
@@ -49,21 +64,12 @@ class FaultPlayer:
         for number in reversed(list(self._running)):
             self._end(number)
 
-    def _plan(self, at_s: float, order: int, number: int, event: Event) -> None:
-        def begin() -> None:
-            self._begin(number, event, at_s)
-
-        def end() -> None:
-            self._end(number)
-
-        heappush(self._due, (at_s, order, number, begin if order == BEGINS else end))
-
     def _begin(self, number: int, event: Event, at_s: float) -> None:
         self._running[number] = running = ExitStack()
-        running.enter_context(event.acting(self._targets))
+        running.enter_context(event.acting(self.targets))
         self.active[number] = event
         if event.lasts_s is not None:
-            self._plan(at_s + event.lasts_s, ENDS, number, event)
+            heappush(self._due, (at_s + event.lasts_s, ENDS, number, event))
 
     def _end(self, number: int) -> None:
         del self.active[number]

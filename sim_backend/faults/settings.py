@@ -119,6 +119,8 @@ def _put(servo: Any, register: Register, value: int) -> None:
     """Put and save a value, whatever the lock or the torque says; what follows from a change follows."""
     if isinstance(servo, VirtualServo):
         servo.write(register.address, register.encode(value, "little"))
+    elif series_of(servo.model).make == "dynamixel":  # whose EEPROM nobody writes while it holds its torque
+        servo.memory.put(series_of(servo.model).torque_enable, 0)
     servo.memory.save(register, value)
     if not isinstance(servo, VirtualServo):
         servo.firmware.load_settings()

@@ -1,0 +1,138 @@
+"""Faults above the servos, on simulated time: a machine that stalls, a controller that goes wrong, a bad client."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from random import Random
+from typing import Any, Protocol
+
+import numpy as np
+
+from controller.interface import Controller
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.clock import Clock
+from hal.types import FloatArray, JointState
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.targets import Misdeed, Upset
+
+
+class Client(Protocol):
+    """The client that sends the arm its goals."""
+
+    @property
+    def handle(self) -> GoalHandle | None:
+        """Its newest goal."""
+
+    def die(self) -> None:
+        """It sends nothing any more."""
+
+
+class Upsettable:
+    """A controller that can be made to go wrong; all else is the controller's own."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.upsets: list[tuple[Upset, float]] = []
+        """What is wrong with it now: how, and how far its commands jump."""
+        self._controller: Any = controller
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._controller, name)
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        if any(how == "raises" for how, _ in self.upsets):
+            raise RuntimeError("a fault was injected into this controller")
+        self._controller.update(state, now_s, period_s)
+
+    @property
+    def command(self) -> FloatArray:
+        command: FloatArray = self._controller.command
+        for how, jump in self.upsets:
+            command = command + (np.nan if how == "nan" else jump)
+        return command
+
+
+class StackFaults:
+    """What a ``FaultPlayer`` needs of a stack: the machine, the controllers and the arm's client."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        controllers: Mapping[str, Upsettable],
+        arm: JointTrajectoryController,
+        client: Client,
+    ) -> None:
+        """``controllers``: all of the stack, by name, as it runs them."""
+        self.answers: list[str | None] = []
+        """What became of the goals that made no sense: the reason of the refusal, or None where one was taken."""
+        self._clock, self._controllers, self._arm, self._client = clock, controllers, arm, client
+
+    def stall(self, seconds: float) -> None:
+        """The stack's thread does not run for so long."""
+        self._clock.sleep_until(self._clock.now() + seconds)
+
+    @contextmanager
+    def upset(self, controller: str | None, how: Upset, jump: float) -> Iterator[None]:
+        """One controller goes wrong while the context lasts. Raises FaultError for one that there is not."""
+        name = controller or self._arm.name
+        if name not in self._controllers:
+            raise FaultError(f"there is no controller {name!r}: known are {', '.join(self._controllers)}")
+        upsets, mine = self._controllers[name].upsets, (how, jump)
+        upsets.append(mine)
+        try:
+            yield
+        finally:
+            upsets.remove(mine)
+
+    def misbehave(self, what: Misdeed, random: Random) -> None:
+        """The client does this now."""
+        if what == "nonsense":
+            goal = random.choice(NONSENSE)(self._arm.joints, random)
+            reason = self._arm.check(goal)
+            self.answers.append(reason)
+            if reason is None:
+                self._arm.submit(goal)
+        elif what == "dies":
+            self._client.die()
+        elif self._client.handle is not None:
+            self._arm.cancel(self._client.handle)
+
+
+def _goal(joints: tuple[str, ...], positions: tuple[float, ...], time_s: float = 1.0) -> TrajectoryGoal:
+    return TrajectoryGoal(joints, (GoalPoint(positions, time_s),))
+
+
+def _not_a_number(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    positions = [0.0] * len(joints)
+    positions[random.randrange(len(joints))] = random.choice([np.nan, np.inf, -np.inf])
+    return _goal(joints, tuple(positions))
+
+
+def _no_such_joint(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal((*joints[:-1], f"joint{random.randrange(1000)}_that_is_not_there"), (0.0,) * len(joints))
+
+
+def _beyond_the_limits(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal(joints, tuple(random.choice([-1.0, 1.0]) * random.uniform(10.0, 1e9) for _ in joints))
+
+
+def _too_few(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal(joints, (0.0,) * random.randrange(len(joints)))
+
+
+def _at_no_time(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal(joints, (0.0,) * len(joints), random.choice([-1.0, np.nan]))
+
+
+def _without_joints(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal((), ())
+
+
+NONSENSE: tuple[Callable[[tuple[str, ...], Random], TrajectoryGoal], ...] = (
+    _not_a_number,
+    _no_such_joint,
+    _beyond_the_limits,
+    _too_few,
+    _at_no_time,
+    _without_joints,
+)
+"""Goals that every arm must refuse."""

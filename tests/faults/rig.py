@@ -1,0 +1,113 @@
+"""The whole stack on simulated time, with faults: what it says and does about them is written down."""
+
+import logging
+import re
+from collections.abc import Sequence
+from functools import cache
+
+from controller.interface import Controller
+from controller.trajectory.goal import GoalHandle
+from drivers.bus.bus import Bus
+from drivers.errors import DriverError
+from hal.types import JointState
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.files import Files
+from servoloop.hardware import servo_bus
+from servoloop.stack_faults import StackFaults, Upsettable
+from sim_backend.faults.event import Event
+from sim_backend.faults.player import FaultPlayer
+from sim_backend.faults.targets import Targets
+from sim_backend.port import VirtualAdapter
+from tests.stack.rig import RecordingPort, StackRig
+
+
+@cache
+def files_of(arm: str) -> Files:
+    return read_arm_files(find_arm(arm))
+
+
+class FaultRig(StackRig):
+    """``said`` has everything that the stack said of faults: in its states, in its log, and as it ended."""
+
+    def __init__(self, arm: str = "robot_arm", keep_alive: bool = True) -> None:
+        self.controllers: dict[str, Upsettable] = {}
+        self.handle: GoalHandle | None = None
+        self.alive = True
+        self.said: list[str] = []
+        self.kinds: dict[str, set[str]] = {}
+        """The kinds of fault that states named, by joint."""
+        self.alarms: dict[str, set[str]] = {}
+        """The alarms that /diagnostics shows, by joint."""
+
+        def wrap(controller: Controller) -> Controller:
+            self.controllers[controller.name] = Upsettable(controller)
+            return self.controllers[controller.name]
+
+        self.player: FaultPlayer | None = None
+        super().__init__(files=files_of(arm), wrap=wrap, keep_alive=keep_alive)
+        self.adapters = {name: VirtualAdapter(line, self.clock, f"/dev/tty{name}") for name, line in self.lines.items()}
+        self.faults = StackFaults(self.clock, self.controllers, self.arm, self)
+        self.player = FaultPlayer(Targets(self.lines, self.world, self.adapters, self.faults))
+
+    def _open_buses(self) -> dict[str, Bus]:
+        self.ports = {
+            name: RecordingPort(adapter.open(adapter.name), self.clock) for name, adapter in self.adapters.items()
+        }
+        return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
+
+    def _after_step(self, time_s: float) -> None:
+        if self.player is not None:
+            self.player.update(time_s)
+        super()._after_step(time_s)
+
+    def _on_cycle(self, state: JointState) -> None:
+        super()._on_cycle(state)
+        for joint, fault in state.faults.items():
+            if fault.kind not in self.kinds.setdefault(joint, set()):
+                self.kinds[joint].add(fault.kind)
+                self.say(f"{joint}: {fault.kind}: {fault.text}")
+        for joint, health in state.health.items():
+            for alarm in set(health.alarms) - self.alarms.setdefault(joint, set()):
+                self.alarms[joint].add(alarm)
+                self.say(f"{joint}: alarm: {alarm}")
+
+    def say(self, text: str) -> None:
+        self.said.append(f"{self.clock.now():.3f} {text}")
+
+    def die(self) -> None:
+        self.alive = False
+
+    def play(self, *events: Event) -> None:
+        """Times count from now."""
+        assert self.player is not None
+        self.player.play(events, self.world.time_s)
+
+    def send(self, pose: Sequence[float], seconds: float) -> None:
+        """A goal of the client, if it lives."""
+        if self.alive:
+            self.handle = self.go(pose, seconds)
+
+    def endure(self, seconds: float) -> None:
+        """Cycles until then, or until the loop ends with an error, which is what it says last."""
+        handler = _Listener(self)
+        logging.getLogger("servoloop").addHandler(handler)
+        try:
+            self.run(seconds)
+        except DriverError as error:
+            self.say(f"ended: {error}")
+        finally:
+            logging.getLogger("servoloop").removeHandler(handler)
+
+    def says(self, pattern: str) -> bool:
+        return any(re.search(pattern, text) for text in self.said)
+
+
+class _Listener(logging.Handler):
+    """What is logged is said."""
+
+    def __init__(self, rig: FaultRig) -> None:
+        super().__init__(logging.INFO)
+        self._rig = rig
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._rig.say(f"log: {record.getMessage()}")
