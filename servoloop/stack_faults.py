@@ -97,8 +97,8 @@ class StackFaults:
             self._arm.cancel(self._client.handle)
 
 
-def _goal(joints: tuple[str, ...], positions: tuple[float, ...], time_s: float = 1.0) -> TrajectoryGoal:
-    return TrajectoryGoal(joints, (GoalPoint(positions, time_s),))
+def _goal(joints: tuple[str, ...], positions: tuple[float, ...]) -> TrajectoryGoal:
+    return TrajectoryGoal(joints, (GoalPoint(positions, 1.0),))
 
 
 def _not_a_number(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
@@ -119,8 +119,9 @@ def _too_few(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
     return _goal(joints, (0.0,) * random.randrange(len(joints)))
 
 
-def _at_no_time(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
-    return _goal(joints, (0.0,) * len(joints), random.choice([-1.0, np.nan]))
+def _back_in_time(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    still, time_s = (0.0,) * len(joints), random.uniform(0.5, 2.0)
+    return TrajectoryGoal(joints, (GoalPoint(still, time_s), GoalPoint(still, time_s - 0.4)))
 
 
 def _without_joints(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
@@ -132,7 +133,7 @@ NONSENSE: tuple[Callable[[tuple[str, ...], Random], TrajectoryGoal], ...] = (
     _no_such_joint,
     _beyond_the_limits,
     _too_few,
-    _at_no_time,
+    _back_in_time,
     _without_joints,
 )
 """Goals that every arm must refuse."""

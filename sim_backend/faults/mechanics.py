@@ -58,7 +58,7 @@ class Overload(OfServo, Lasting):
         return {**super().draw_parameters(random, there), "torque_nm": round(random.uniform(-4.0, 4.0), 2)}
 
 
-class SlippedHorn(OfServo, Momentary):
+class SlippedHorn(Momentary, OfServo):
     """The horn slips on the shaft: from now on the encoder says so many counts more at the same joint position."""
 
     kind: Literal["slipped_horn"] = "slipped_horn"

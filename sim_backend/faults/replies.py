@@ -23,15 +23,19 @@ class _OnTheWire(Replies):
         random = self.stream()
 
         def become(servo_id: int, packet: bytes) -> bytes:
-            hit = self.hits(random, servo_id)
-            return self.spoil(random, packet) if hit and packet else packet
+            hit = self.hit(random, servo_id)
+            return self.spoil(hit, packet) if hit and packet else packet
 
         with _listed(targets, self.bus, "on_reply", become):
             yield
 
-    def hits(self, random: Random, servo_id: int) -> bool:
-        """Whether this reply is hit; each reply that could be takes one number."""
-        return self.servo_id in (None, servo_id) and random.random() < self.chance
+    def hit(self, random: Random, servo_id: int) -> Random | None:
+        """The numbers for what becomes of this reply, if it is hit. Of ``random`` each that could be takes one: what
+        other faults have left of a reply changes nothing of what happens to the next."""
+        if self.servo_id not in (None, servo_id):
+            return None
+        number = random.random()
+        return Random(number) if number < self.chance else None
 
 
 class LostReplies(_OnTheWire):
@@ -90,7 +94,7 @@ class Collision(_OnTheWire):
             nonlocal said
             if servo_id == self.other_id and packet:
                 said = packet
-            hit = self.hits(random, servo_id)
+            hit = self.hit(random, servo_id)
             return overlaid([packet, said]) if hit and packet and said else packet
 
         with _listed(targets, targets.inventory.bus_of(self.servo_id, self.bus), "on_reply", become):

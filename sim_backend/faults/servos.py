@@ -31,7 +31,7 @@ class Silent(OfServo, Lasting):
             yield
 
 
-class BrownOut(OfServo, Momentary):
+class BrownOut(Momentary, OfServo):
     """One servo's power dips and it starts anew: RAM is gone, the motor free, the EEPROM as it was."""
 
     kind: Literal["brown_out"] = "brown_out"

@@ -96,7 +96,7 @@ class WrongMode(_WrongSetting):
         return {**super().draw_parameters(random, there), "mode": random.choice([0, 1, 3])}
 
 
-class EepromGone(OfServo, Momentary):
+class EepromGone(Momentary, OfServo):
     """A servo has lost its settings and starts anew with those of the factory: ID 1, the factory's rate and limits."""
 
     kind: Literal["eeprom_gone"] = "eeprom_gone"

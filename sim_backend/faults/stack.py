@@ -86,7 +86,7 @@ class ControllerJumps(_OfController):
         return {**super().draw_parameters(random, there), "by_rad": round(random.uniform(-3.0, 3.0), 2)}
 
 
-class _OfClient(_OfStack, Momentary):
+class _OfClient(Momentary, _OfStack):
     """A client of the stack does something it should not."""
 
     DOES: ClassVar[Misdeed]

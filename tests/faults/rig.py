@@ -62,6 +62,8 @@ class FaultRig(StackRig):
 
     def _on_cycle(self, state: JointState) -> None:
         super()._on_cycle(state)
+        for line in self.lines.values():  # the world goes on where nobody asks the servos
+            line.advance(self.clock.now())
         for joint, fault in state.faults.items():
             if fault.kind not in self.kinds.setdefault(joint, set()):
                 self.kinds[joint].add(fault.kind)
@@ -89,14 +91,17 @@ class FaultRig(StackRig):
 
     def endure(self, seconds: float) -> None:
         """Cycles until then, or until the loop ends with an error, which is what it says last."""
-        handler = _Listener(self)
-        logging.getLogger("servoloop").addHandler(handler)
+        handler, log = _Listener(self), logging.getLogger("servoloop")
+        level = log.level
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
         try:
             self.run(seconds)
         except DriverError as error:
             self.say(f"ended: {error}")
         finally:
-            logging.getLogger("servoloop").removeHandler(handler)
+            log.removeHandler(handler)
+            log.setLevel(level)
 
     def says(self, pattern: str) -> bool:
         return any(re.search(pattern, text) for text in self.said)
@@ -111,3 +116,22 @@ class _Listener(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self._rig.say(f"log: {record.getMessage()}")
+
+
+BEFORE_S, MOVE_S, REACH_RAD = 0.2, 1.5, 0.3
+
+
+def told(arm: str, event: Event, seconds: float = 3.0) -> FaultRig:
+    """An arm on its way to a goal, to which ``event`` happens."""
+    rig = FaultRig(arm).up()
+    rig.run(BEFORE_S)
+    rig.play(event)
+    here = rig.world.position()[: len(rig.arm.joints)]
+    limits = rig.loop.limits
+    rig.send([min(max(p + REACH_RAD, b.lower), b.upper) for p, b in zip(here, limits, strict=False)], MOVE_S)
+    rig.endure(seconds)
+    assert rig.handle is not None
+    rig.say(f"goal: {rig.handle.status.name}: {rig.handle.error_text}")
+    for answer in rig.faults.answers:
+        rig.say(f"refused: {answer}" if answer else "taken")
+    return rig
