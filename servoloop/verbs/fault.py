@@ -36,7 +36,11 @@ def fault(
     if json:
         print_json(found)
         return
-    lines = [f"on: {text}" for text in found["active"]] + [f"coming: {text}" for text in found["coming"]]
+    lines = [
+        f"{word}: {text}"
+        for word, key in (("done", "done"), ("on", "active"), ("coming", "coming"))
+        for text in found[key]
+    ]
     typer.echo("\n".join(lines) or "nothing is wrong")
 
 

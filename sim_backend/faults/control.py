@@ -16,15 +16,18 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     """
     if command.get("do") != "fault":
         return other(command)
-    text = command.get("text")
+    text, done = command.get("text"), list[str]()
     try:
         if text is not None:
-            player.play([parse(str(text))], now_s())
+            event = parse(str(text))
+            player.play([event], now_s())
             player.begin_due(now_s())
+            done = [text_of(event)] if event.at_s == event.lasts_s == 0.0 else []
     except FaultError as error:
         raise ValueError(str(error)) from error
     return {
         "time_s": round(now_s(), 3),
+        "done": done,
         "active": [text_of(event) for event in player.active.values()],
         "coming": [text_of(event) for event in player.coming],
     }
