@@ -11,9 +11,18 @@ from controller.interface import Controller
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.clock import Clock
+from drivers.servos.register import ServoModel
+from hal.robot import Robot
 from hal.types import FloatArray, JointState
-from sim_backend.faults.errors import FaultError
-from sim_backend.faults.targets import Misdeed, Upset
+from sim_backend.faults.targets import Inventory, Misdeed, Upset
+
+
+def inventory_of(robot: Robot) -> Inventory:
+    """The servos of a robot file, for schedules that are drawn before its stack is there."""
+    servos: dict[str, dict[int, ServoModel]] = {name: {} for name in robot.file.lines()}
+    for joint in robot.joints:
+        servos[joint.bus][joint.servo_id] = joint.model
+    return Inventory(servos)
 
 
 class Client(Protocol):
@@ -66,17 +75,19 @@ class StackFaults:
         """What became of the goals that made no sense: the reason of the refusal, or None where one was taken."""
         self._clock, self._controllers, self._arm, self._client = clock, controllers, arm, client
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the controllers."""
+        return tuple(self._controllers)
+
     def stall(self, seconds: float) -> None:
         """The stack's thread does not run for so long."""
         self._clock.sleep_until(self._clock.now() + seconds)
 
     @contextmanager
     def upset(self, controller: str | None, how: Upset, jump: float) -> Iterator[None]:
-        """One controller goes wrong while the context lasts. Raises FaultError for one that there is not."""
-        name = controller or self._arm.name
-        if name not in self._controllers:
-            raise FaultError(f"there is no controller {name!r}: known are {', '.join(self._controllers)}")
-        upsets, mine = self._controllers[name].upsets, (how, jump)
+        """One controller goes wrong while the context lasts."""
+        upsets, mine = self._controllers[controller or self._arm.name].upsets, (how, jump)
         upsets.append(mine)
         try:
             yield

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from random import Random
 from typing import Any, Literal
 
+from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies, Seconds, ServoId
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.faults.wire import LONGEST_NOISE
@@ -103,7 +104,10 @@ class Collision(_OnTheWire):
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
         parameters = super().draw_parameters(random, there)
-        bus = random.choice([name for name, servos in there.servos.items() if len(servos) > 1])
+        shared = [name for name, servos in there.servos.items() if len(servos) > 1]
+        if not shared:
+            raise FaultError("no line has two servos whose replies could collide")
+        bus = random.choice(shared)
         one, other = random.sample(list(there.servos[bus]), 2)
         return {**parameters, "bus": bus if len(there.servos) > 1 else None, "servo_id": one, "other_id": other}
 

@@ -46,6 +46,11 @@ class _OfController(_OfStack, Lasting):
     controller: str | None = None
     """Its name; None: the arm's."""
 
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        if self.controller is not None and there.controllers and self.controller not in there.controllers:
+            raise FaultError(f"there is no controller {self.controller!r}: known are {', '.join(there.controllers)}")
+
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
         with self.stack(targets).upset(self.controller, self.HOW, self._jump):

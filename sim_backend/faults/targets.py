@@ -43,6 +43,10 @@ class Mechanics(Protocol):
 class StackTarget(Protocol):
     """The stack with its controllers and its clients, on simulated time."""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the controllers."""
+
     def stall(self, seconds: float) -> None:
         """Let the machine stand still for so long once; the servos and the world go on."""
 
@@ -63,6 +67,8 @@ class Inventory:
     world: bool = True
     adapters: bool = True
     stack: bool = True
+    controllers: tuple[str, ...] = ()
+    """Those of the stack, as far as they are known."""
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
         """The name of the line that has this servo. Raises FaultError where there is none, or one on several lines."""
@@ -133,7 +139,8 @@ class Targets:
             }
             for name, line in self.lines.items()
         }
-        return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None)
+        controllers = self.stack.names if self.stack is not None else ()
+        return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None, controllers)
 
     def place(self, servo_id: int, bus: str | None) -> Place:
         """Where the servo is."""

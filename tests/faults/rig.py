@@ -1,8 +1,7 @@
 """The whole stack on simulated time, with faults: what it says and does about them is written down."""
 
 import logging
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 from controller.interface import Controller
@@ -89,22 +88,22 @@ class FaultRig(StackRig):
         if self.alive:
             self.handle = self.go(pose, seconds)
 
-    def endure(self, seconds: float) -> None:
+    def endure(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Cycles until then, or until the loop ends with an error, which is what it says last."""
         handler, log = _Listener(self), logging.getLogger("servoloop")
         level = log.level
         log.addHandler(handler)
         log.setLevel(logging.INFO)
         try:
-            self.run(seconds)
+            self.run(seconds, until)
         except DriverError as error:
             self.say(f"ended: {error}")
         finally:
             log.removeHandler(handler)
             log.setLevel(level)
 
-    def says(self, pattern: str) -> bool:
-        return any(re.search(pattern, text) for text in self.said)
+    def says(self, words: str) -> bool:
+        return any(words in text for text in self.said)
 
 
 class _Listener(logging.Handler):
@@ -121,15 +120,15 @@ class _Listener(logging.Handler):
 BEFORE_S, MOVE_S, REACH_RAD = 0.2, 1.5, 0.3
 
 
-def told(arm: str, event: Event, seconds: float = 3.0) -> FaultRig:
-    """An arm on its way to a goal, to which ``event`` happens."""
+def told(arm: str, event: Event, said: Sequence[str] = (), seconds: float = 3.0) -> FaultRig:
+    """An arm on its way to a goal, to which ``event`` happens; not longer than until all of ``said`` has been said."""
     rig = FaultRig(arm).up()
     rig.run(BEFORE_S)
     rig.play(event)
     here = rig.world.position()[: len(rig.arm.joints)]
     limits = rig.loop.limits
     rig.send([min(max(p + REACH_RAD, b.lower), b.upper) for p, b in zip(here, limits, strict=False)], MOVE_S)
-    rig.endure(seconds)
+    rig.endure(seconds, lambda: bool(said) and all(map(rig.says, said)))
     assert rig.handle is not None
     rig.say(f"goal: {rig.handle.status.name}: {rig.handle.error_text}")
     for answer in rig.faults.answers:

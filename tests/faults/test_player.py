@@ -6,6 +6,7 @@ import pytest
 
 from drivers.errors import PortLost, PortMissing
 from hal.lifecycle import LifecycleState
+from servoloop.stack_faults import inventory_of
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.draw import draw
@@ -112,6 +113,21 @@ def test_one_that_cannot_happen_keeps_all_from_happening() -> None:
     assert bench.reply(2)
 
 
+def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
+    rig = FaultRig()
+    assert rig.player is not None
+    there = rig.player.targets.inventory
+    assert there.servos == inventory_of(rig.files.robot).servos
+    assert list(there.servos[""]) == list(range(1, 8))
+    with pytest.raises(FaultError, match="no controller 'nobody': known are"):
+        rig.play(parse("controller_nan controller=nobody"))
+
+
+def test_servos_from_the_box_cannot_be_named() -> None:
+    with pytest.raises(FaultError, match="servos from the box have one ID"):
+        FaultPlayer(Targets({})).play([parse("echo")])
+
+
 def test_the_same_faults_give_the_same_bytes() -> None:
     schedule = [
         parse(text) for text in ("flipped_replies chance=0.2", "noise chance=0.2", "missed_instructions chance=0.1")
@@ -138,7 +154,7 @@ def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running
 
 @pytest.mark.parametrize("back", ["", " as=/dev/ttyACM7"])
 def test_an_adapter_is_opened_again_where_it_comes_back_under_its_name(back: str) -> None:
-    rig = told("robot_arm", parse(f"adapter_unplugged for=300ms{back}"), 0.1)
+    rig = told("robot_arm", parse(f"adapter_unplugged for=300ms{back}"), seconds=0.1)
     component = rig.made[0]
     assert component.state is LifecycleState.UNCONFIGURED
     rig.endure(0.3)
