@@ -40,8 +40,9 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
+# Three at a time: two stacks in real time need a core each, and mostly one of them waits.
 test-slow: setup
-	$(PYTEST) -m slow $(PYTEST_ARGS)
+	$(PYTEST) -n 3 -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 

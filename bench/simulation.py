@@ -15,24 +15,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.arguments import in_words
-from controller.interface import ControllerContext
-from controller.loop import ControlLoop
-from controller.manager.factory import Factory
-from controller.manager.manager import ControllerManager
-from controller.trajectory.goal import GoalPoint, TrajectoryGoal
-from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos import sts
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
-from hal.gravity_compensation import GravityCompensation
-from hal.servo_hardware import ServoHardware
 from servoloop.emulator import couplings, virtual_bus
 from servoloop.files import read_files
-from servoloop.hardware import compensation, compliances, servo_bus
-from sim_backend.clock import SimulatedClock
-from sim_backend.feeder import Feeder
+from servoloop.simulation.stack import SimulatedStack
 from sim_backend.plant import WorldPlant
-from sim_backend.port import VirtualPort
 from sim_backend.world import World
 
 RUNS = 5
@@ -75,69 +62,38 @@ class Stopwatch:
         return {part: spent_s / total_s for part, spent_s in self.spent_s.items()}
 
 
-class Stack:
-    """The virtual arm under the whole stack, in one thread on simulated time."""
+def moving(stack: SimulatedStack) -> Callable[[], None]:
+    """One motion of all joints of the arm, every other time back."""
+    way = [1]
 
-    def __init__(self) -> None:
-        self.files = read_files()
-        robot, description, limits = self.files.robot, self.files.description, self.files.limits
-        self.clock = SimulatedClock()
-        self.world = World()
-        feeder = Feeder()
-        plant = WorldPlant(self.world, couplings(robot), lambda time_s: feeder.update(self.world, time_s))
-        self.line = virtual_bus(robot, plant)
-        self.port = VirtualPort(self.line, self.clock)
-        self.compensation: GravityCompensation | None = compensation(robot.joints, description)
-        self.hardware = ServoHardware(
-            description.components[0].name,
-            robot.joints,
-            lambda: servo_bus(robot.file, self.port, self.clock),
-            self.clock,
-            self.compensation,
-        )
-        components = ComponentSet([self.hardware], self.clock)
-        self.manager = ControllerManager(components, limits)
-        settled = self.manager.cycle.settled
-        context = ControllerContext(description, self.files.component, limits, settled, compliances(robot.joints))
-        factory = Factory(self.files.controllers, context)
-        built = [factory.make(spec) for spec in self.files.controllers.controllers]
-        for controller in built:
-            self.manager.registry.add(controller)
-        self.arm = next(one for one in built if isinstance(one, JointTrajectoryController))
-        period_s = 1.0 / self.files.controllers.update_rate_hz
-        self.loop = ControlLoop(components, self.manager, limits, self.clock, period_s)
-        configure_all(components)
-        self.loop.activate()
-        self._way = 1
-        self.run(SETTLE_S)
-
-    def run(self, seconds: float) -> None:
-        """Run cycles for so long."""
-        end_s = self.clock.now() + seconds - 1e-9
-        self.loop.run(lambda: self.clock.now() >= end_s)
-
-    def move(self) -> None:
-        """One motion of all joints of the arm, every other time back."""
-        here = self.arm.tracking
+    def move() -> None:
+        here = stack.arm.tracking
         assert here is not None
-        pose = [float(angle) + self._way * SWING_RAD for angle in here.reference.position]
-        self._way = -self._way
-        goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), MOVE_S),))
-        reason = self.arm.check(goal)
-        assert reason is None, reason
-        self.arm.submit(goal)
-        self.run(MOVE_S)
+        pose = [float(angle) + way[0] * SWING_RAD for angle in here.reference.position]
+        way[0] = -way[0]
+        stack.go(pose, MOVE_S)
+        stack.run(MOVE_S)
 
-    def watch(self, stopwatch: Stopwatch) -> None:
-        """Have the stopwatch see where the time goes."""
-        stopwatch.watch("world", self.world, "advance")
-        stopwatch.watch("servos", self.line.rig, "step")
-        stopwatch.watch("line and packets", self.port, "read", "write", "discard_input")
-        if self.compensation is not None:
-            stopwatch.watch("compensation", self.compensation, "update")
-        stopwatch.watch("driver", self.hardware, "request", "read", "write")
-        stopwatch.watch("controllers", self.manager.cycle, "update")
-        stopwatch.watch("loop", self.loop, "run")
+    return move
+
+
+def up(wire: bool) -> SimulatedStack:
+    """The arm as ``servoloop simulate`` brings it up, at rest."""
+    stack = SimulatedStack(wire=wire).up()
+    stack.run(SETTLE_S)
+    return stack
+
+
+def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
+    """Have the stopwatch see where the time of a stack with servos goes."""
+    stopwatch.watch("world", stack.world, "advance")
+    stopwatch.watch("servos", stack.bus.rig, "step")
+    stopwatch.watch("line and packets", stack.virtual_port, "read", "write", "discard_input")
+    if stack.hardware.compensation is not None:
+        stopwatch.watch("compensation", stack.hardware.compensation, "update")
+    stopwatch.watch("driver", stack.hardware, "request", "read", "write")
+    stopwatch.watch("controllers", stack.manager.cycle, "update")
+    stopwatch.watch("loop", stack.loop, "run")
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +103,7 @@ class Figures:
     world: float
     servos: float
     stack: float
+    without_a_wire: float
     shares: dict[str, float]
 
 
@@ -182,14 +139,23 @@ def servos_speed(runs: int, steps: int) -> float:
 
 def measure(runs: int = RUNS, steps: int = STEPS) -> Figures:
     """Measure all of it. Where the time goes is asked of a run of its own, as asking takes time as well."""
-    stack = Stack()
+    stack = up(wire=True)
+    move = moving(stack)
     # There and back: one motion has more contacts than the other.
-    stack_s = best_s(stack.move, 2, runs)
+    stack_s = best_s(move, 2, runs)
+    without_s = best_s(moving(up(wire=False)), 2, runs)
     stopwatch = Stopwatch()
-    stack.watch(stopwatch)
-    stack.move()
-    stack.move()
-    return Figures(world_speed(runs, steps), servos_speed(runs, steps), 2 * MOVE_S / stack_s, stopwatch.shares())
+    watch(stack, stopwatch)
+    move()
+    move()
+    way_s = 2 * MOVE_S
+    return Figures(
+        world_speed(runs, steps),
+        servos_speed(runs, steps),
+        way_s / stack_s,
+        way_s / without_s,
+        stopwatch.shares(),
+    )
 
 
 def show(console: Console, figures: Figures) -> None:
@@ -198,6 +164,7 @@ def show(console: Console, figures: Figures) -> None:
     table.add_row("world alone", f"{figures.world:.0f}")
     table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
     table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
+    table.add_row("the same on the arm in MuJoCo, without servos and wire", f"{figures.without_a_wire:.0f}")
     console.print(table)
     shares = Table("whole stack", "share of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):

@@ -39,6 +39,11 @@ class Activation:
         """
         self._take_goals(self._joints)
         limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
+        for joint in self._joints:
+            if joint not in limp:
+                self._check_turn(joint)
+        for joint in limp:
+            self._setup.forget_turns(joint)
         try:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
@@ -90,6 +95,18 @@ class Activation:
             raise ActivationError(
                 f"not activated: {self._called(joint)} stands at {counts} counts, outside the servo's own limits "
                 f"{limits[0]} to {limits[1]}, and would drive there at once. Move it by hand, or widen them"
+            )
+
+    def _check_turn(self, joint: Joint) -> None:
+        """A servo that holds a goal far from what it reports counts turns, and would take any goal for one of another.
+
+        What it reports may be the place within the turn alone; only limp servos can be made to forget the others.
+        """
+        held, measured = self._setup.goal(joint), self._goals[joint.name]
+        if abs(held - measured) > joint.model.counts_per_turn // 2:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} is held at {held} counts and reports {measured}, as one that is "
+                "held a turn away. Hold the arm, and switch the servos' supply off and on"
             )
 
     def _hold_goals(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.gravity import Gravity
 from hal.joint import Joint
@@ -24,6 +25,8 @@ CORRECTION_S: Final = 0.5
 """Time constant of the slow correction, far above the servos' own lag and the cycle."""
 REST_S: Final = 0.2
 """The correction begins so long after the last change of the command: until then the joint is on its way."""
+STILL: Final = 1e-6
+"""A command that changes by less in a cycle (rad or m) stands: a goal for where the joint is ends no rest."""
 BLOCKED: Final = 2.0
 """A joint at rest that is off by more than so many times what servos leave is held by something: no correction."""
 
@@ -78,10 +81,11 @@ class GravityCompensation:
         before = command if self._command is None else self._command
         missing = np.isnan(measured)
         sag = self._sag(command)
+        stands = np.abs(command - before) < STILL
         # Where gravity turns the joint by more than the servo leaves alone, it holds the link against the gear's teeth.
-        loose = (command == before) & (np.abs(sag) < self._dead_band)
+        loose = stands & (np.abs(sag) < self._dead_band)
         self._limit_cycle.update(command - measured, loose, dt_s)
-        self._correct(command, before, measured, dt_s)
+        self._correct(command, before, measured, stands, dt_s)
         found = self._share * (sag + self._correction + self._limit_cycle.offset)
         goal = command + np.where(missing, self._offset, found)
         self._offset = np.clip(goal, np.minimum(self._lower, command), np.maximum(self._upper, command)) - command
@@ -96,9 +100,11 @@ class GravityCompensation:
         sag: FloatArray = np.clip(self._gravity.torques(position), -self._load, self._load) * self._softness
         return sag
 
-    def _correct(self, command: FloatArray, before: FloatArray, measured: FloatArray, dt_s: float) -> None:
+    def _correct(
+        self, command: FloatArray, before: FloatArray, measured: FloatArray, stands: NDArray[np.bool_], dt_s: float
+    ) -> None:
         """Integrate what remains of the error of joints that rest, once what is known has been compensated."""
-        self._rested_s = np.where(command == before, self._rested_s + dt_s, 0.0)
+        self._rested_s = np.where(stands, self._rested_s + dt_s, 0.0)
         error = command - measured
         off = np.abs(error)
         goal = before + self._offset

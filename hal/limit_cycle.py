@@ -13,8 +13,10 @@ from hal.types import FloatArray
 
 GIVE_WAY_RAD: Final = 0.0046
 """How far the goal may follow the shaft, three counts of an STS: half of the backlash of about a degree, and less."""
-SLOW_CYCLES: Final = 7
+SLOW_CYCLES: Final = 6
 """A swing that is slow enough lasts so many cycles of the loop, there and back; a faster one it would drive."""
+CALMED_CYCLES: Final = 5
+"""One that is being calmed becomes faster as it becomes smaller: it is let go when it lasts less."""
 BEFORE_CYCLES: Final = 4
 """Before the first half of a swing another one is taken to have lasted so long."""
 RETURN_S: Final = 0.5
@@ -52,7 +54,7 @@ class LimitCycle:
         """
         side = np.where(np.abs(error) > self._dead_band, np.sign(error), self._side)
         passed = side * self._side < 0.0
-        slow = self._before + self._cycles >= SLOW_CYCLES
+        slow = self._before + self._cycles >= np.where(self.swinging, CALMED_CYCLES, SLOW_CYCLES)
         self.swinging = loose & np.where(passed, slow, self.swinging)
         self._before = np.where(loose, np.where(passed, self._cycles, self._before), BEFORE_CYCLES)
         self._cycles = np.where(side == self._side, self._cycles + 1, 1)

@@ -6,9 +6,10 @@ from typing import TypeVar
 
 from calibration.eeprom import EepromError
 from drivers.bus.bus import Bus
-from drivers.bus.retry import ATTEMPTS
+from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.types import Reading, ServoFault
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused
+from drivers.servos import sts
 from hal.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
@@ -77,6 +78,11 @@ class ServoSetup:
     def torque_is_on(self, joint: Joint) -> bool:
         """Whether the servo drives its motor."""
         return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))
+
+    def forget_turns(self, joint: Joint) -> None:
+        """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
+        if joint.model in sts.MODELS.values():
+            self._ask(joint, lambda bus: retry(lambda: bus.forget_turns(joint.servo_id)))
 
     def limit_torque(self, joint: Joint) -> None:
         """Limit the servo's drive to the joint's share of full drive."""

@@ -28,6 +28,7 @@ from servoloop.verbs.fault import fault
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
+from servoloop.verbs.simulate import simulate
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -49,6 +50,7 @@ for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
 app.command()(calibrate)
 app.command()(hand)
 app.command()(fault)
+app.command()(simulate)
 app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")

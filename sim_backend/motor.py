@@ -4,7 +4,7 @@ Gear friction and the rotor's inertia are the plant's, because a physics engine 
 can. docs/simulation.md says where each number comes from.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from drivers.servos import sts
@@ -18,6 +18,8 @@ GEAR_FRICTION_NM: Final = 0.052
 """Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""
 GEAR_DAMPING_NM_S: Final = 0.03
 """Viscous friction that leaves 45 rpm of the 12 V motor's full drive, as its data sheet says."""
+IDENTIFIED_DAMPING_NM_S: Final = 0.052
+"""What BAM identified with the 7.4 V motor."""
 STALL_CURRENT_A: Final = 2.7
 """Of the STS3215 at 12 V; of other Feetech servos for want of their own."""
 
@@ -55,7 +57,20 @@ STS3215_12V: Final = MotorConstants(2.94 / 2.7, 2.3, 12.0 / 2.7)
 # 26 ms and the 5.4 rad/s without load of the recorded step responses.
 STS3215_7V4: Final = MotorConstants(1.21, 1.21, 2.68)
 
-_IDENTIFIED: Final = {sts.STS3215: STS3215_12V, sts.STS3215_C001: STS3215_7V4}
+
+def _geared(ratio: float) -> MotorConstants:
+    """The 7.4 V motor behind ``ratio`` times the gears that were identified; the rotor is felt by the square of it."""
+    gears = Gears(ROTOR_INERTIA_KG_M2 * ratio**2, IDENTIFIED_DAMPING_NM_S * ratio**2, GEAR_FRICTION_NM * ratio, 0.0)
+    at_shaft = STS3215_7V4.torque_constant_nm_a * ratio
+    return replace(STS3215_7V4, torque_constant_nm_a=at_shaft, back_emf_v_s=at_shaft, gears=gears)
+
+
+_IDENTIFIED: Final = {
+    sts.STS3215: STS3215_12V,
+    sts.STS3215_C001: STS3215_7V4,
+    sts.STS3215_C044: _geared(191 / 345),
+    sts.STS3215_C046: _geared(147 / 345),
+}
 
 
 def sts_motor(model: ServoModel) -> MotorConstants:

@@ -38,8 +38,9 @@ class VirtualServo(PacketServo):
         variant: StsVariant = AS_REIMPLEMENTED,
     ) -> None:
         """``motor``: if not the usual one of ``model``."""
-        super().__init__(model)
-        states = sts_states(motor or sts_motor(model), variant)
+        motor = motor or sts_motor(model)
+        super().__init__(model, motor.gears)
+        states = sts_states(motor, variant)
         self.memory: StsMemory = StsMemory(model, servo_id, states)
         self.firmware: StsFirmware = StsFirmware(self.memory, states, model.rated_voltage_v, variant)
 

@@ -70,7 +70,7 @@ class Bus:
         # What one servo is asked and told goes straight to the SDK, once.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
-        self.reboot, self.factory_reset = single.reboot, single.factory_reset
+        self.reboot, self.factory_reset, self.forget_turns = single.reboot, single.factory_reset, single.forget_turns
 
     @property
     def name(self) -> str:

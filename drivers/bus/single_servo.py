@@ -12,8 +12,7 @@ from drivers.port.line import Line
 from drivers.servos.register import Register
 from drivers.servos.series import WireProtocol
 
-_MANY: Final = 4096
-"""More bytes than can come while a late reply is waited for."""
+_MANY: Final = 4096  # more bytes than can come while a late reply is waited for
 
 
 class SingleServo:
@@ -76,12 +75,14 @@ class SingleServo:
         """Its settings become the factory's. All keep their ID but those of Dynamixel protocol 1.0, which get ID 1."""
         self._ask(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
+    def forget_turns(self, servo_id: int) -> None:
+        """A Feetech STS counts its shaft's turns anew, from none; its torque goes off."""
+        self._ask(servo_id, self._packets.FORGET_TURNS, b"", 0, "the order to forget its turns")
+
     def broadcast_ping(self) -> tuple[int, ...]:
         """The servos that answer one question to all. DriverError where they would all answer it at once."""
         if not self._protocol.broadcast_ping:
-            raise DriverError(
-                "servos of this protocol would all answer a broadcast ping at once: ping each ID by itself"
-            )
+            raise DriverError("servos of this protocol all answer a broadcast ping at once: ping each ID by itself")
         self._line.clean = False
         found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
         return tuple(sorted(found))

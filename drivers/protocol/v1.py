@@ -16,8 +16,7 @@ from drivers.protocol.decoder import Decoder, Reply
 
 BROADCAST_ID = 0xFE
 HEADER = b"\xff\xff"
-OVERHEAD = 6
-"""Bytes of a reply beside its data: header, id, length, status, checksum."""
+OVERHEAD = 6  # bytes of a reply beside its data: header, id, length, status, checksum
 
 PING = 0x01
 READ = 0x02
@@ -25,13 +24,13 @@ WRITE = 0x03
 REG_WRITE = 0x04
 FACTORY_RESET = 0x06
 REBOOT = 0x08
+FORGET_TURNS = 0x0A
 SYNC_READ = 0x82
 SYNC_WRITE = 0x83
 BULK_READ = 0x92
 
 _LARGEST_ID = 0xFD
-_LARGEST_BODY = 0xFF - 4
-"""Of a sync write, whose length is a byte."""
+_LARGEST_BODY = 0xFF - 4  # of a sync write, whose length is a byte
 _HEAD = Struct(">HBBB").pack
 _CHECKSUMS = tuple(bytes((~(adler - 1 - sum(HEADER)) & 0xFF,)) for adler in range(256))
 """By the lower byte of Adler-32, whose lower half is 1 more than the sum of up to 256 bytes (RFC 1950), of all before:

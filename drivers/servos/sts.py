@@ -99,19 +99,19 @@ STATUS_BITS: Final = {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "cur
 VOLTAGE_UNIT_V: Final = 0.1
 TORQUE_UNIT: Final = 0.001
 ACCELERATION_UNIT_COUNTS_S2: Final = 100
-GOAL_ACCELERATION: Final = 100
-"""Every goal's ``acceleration``: zero would mean the product of 85 and 86, in each servo another one."""
+GOAL_ACCELERATION: Final = 100  # of every goal: zero would mean the product of 85 and 86, in each servo another one
 CURRENT_UNIT_A: Final = 0.0065
 
-KG_CM: Final = 0.0980665
-"""Newton metres in the kg cm of the data sheets."""
-RPM: Final = 2.0 * math.pi / 60.0
-"""rad/s in a turn a minute."""
+KG_CM: Final = 0.0980665  # newton metres in the kg cm of the data sheets
+RPM: Final = 2.0 * math.pi / 60.0  # rad/s in a turn a minute
 DEG: Final = math.pi / 180.0
 
 # Name, number, byte order, counts a turn; at this voltage torque at stall (N m) and speed without load (rad/s).
 STS3215 = ServoModel("sts3215", 777, "little", 4096, 12.0, 2.94, 45.0 * RPM)  # C018, gear 1:345; 30 kg cm
 STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM, 52.0 * RPM)  # gear 1:345
+# Shops disagree about these: the same motor by the ratio of the gears.
+STS3215_C044 = ServoModel("sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191)
+STS3215_C046 = ServoModel("sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147)
 STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
 STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 

@@ -17,7 +17,8 @@ RUNNER = CliRunner()
 
 
 def test_the_arms_that_are_ready() -> None:
-    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", "so101", "so101_12v"]
+    so101 = ["so101", "so101_12v", "so101_leader"]
+    assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", *so101]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
     assert all(arm.file.description and arm.file.source and arm.file.license for arm in arms())
 
@@ -64,7 +65,7 @@ def test_an_arm_says_where_its_description_comes_from(tmp_path: Path) -> None:
 
 
 def test_an_unknown_arm_is_told_which_there_are() -> None:
-    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_12v, or a folder"):
+    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_leader, or a folder"):
         find_arm("so102")
 
 
@@ -105,6 +106,23 @@ def test_the_dynamixel_sister_differs_in_its_efforts_alone() -> None:
     one, other = (effort.sub("", path.read_text()) for path in (URDF, find_arm("robot_arm_dynamixel").urdf))
     changed = [pair for pair in zip(one.splitlines(), other.splitlines(), strict=True) if pair[0] != pair[1]]
     assert len(changed) == 2  # the comment and the robot file's name
+
+
+def test_the_leader_differs_in_its_gears_alone() -> None:
+    effort = re.compile(r'effort="[^"]*"')
+    one, other = (
+        effort.sub("", find_arm(name).urdf.read_text().partition("-->")[2]) for name in ("so101", "so101_leader")
+    )
+    assert one == other
+    gears = {joint.name: joint.model.name for joint in read_arm_files(find_arm("so101_leader")).robot.joints}
+    assert gears == {
+        "shoulder_pan": "sts3215_c044",
+        "shoulder_lift": "sts3215_c001",
+        "elbow_flex": "sts3215_c044",
+        "wrist_flex": "sts3215_c046",
+        "wrist_roll": "sts3215_c046",
+        "gripper": "sts3215_c046",
+    }
 
 
 def test_both_voltages_of_the_so101_are_mounted_alike() -> None:

@@ -6,9 +6,11 @@ import pytest
 from controller.action_goals import GoalStatus
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.arms.pick_place import PickPlace, load_pick_place
+from servoloop.simulation.stack import SimulatedStack
 from sim_backend.build import Build
 from sim_backend.world import World
-from tests.stack.rig import StackRig, UnpacedJob
+from tests.drivers.fault_lines import CYCLES
+from tests.stack.rig import UnpacedJob
 
 SCENES = ["so101", "so100", "koch"]
 ARMS = [*SCENES, "so101_12v"]
@@ -16,8 +18,8 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 GRADES = ["A", "B", "C"]
 ACTIVATED_S = 2.5
 LARGEST_RAD, RMS_RAD = 0.06, 0.02
-FEW, MANY = 1, 20
-SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, CYCLES // 500 if CYCLES > 1000 else 1))]
+"""One, and in make soak twenty."""
 
 
 def pick_place(name: str) -> PickPlace:
@@ -68,14 +70,14 @@ def test_jaws_stay_clear_of_the_cube_from_ready_to_pick(name: str) -> None:
 def test_its_servos_hold_the_ready_pose(name: str) -> None:
     files = read_arm_files(find_arm(name))
     ready = World(files.scene).ready
-    rig = StackRig(files=files, start=ready).up()
+    rig = SimulatedStack(files=files, start=ready).up()
     rig.run(ACTIVATED_S)
     rig.go(ready[:-1])
     rig.run(5.0)
     assert np.abs(rig.world.position() - ready)[:-1].max() < 0.01
 
 
-def sorted_into(rig: StackRig, name: str, grade: str) -> None:
+def sorted_into(rig: SimulatedStack, name: str, grade: str) -> None:
     """Run one job; the cube lies in the bin of its grade until it is taken away."""
     job = UnpacedJob(rig, grade, pick_place(name).settings())
     job.run()
@@ -89,7 +91,7 @@ def sorted_into(rig: StackRig, name: str, grade: str) -> None:
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("grade", GRADES)
 def test_the_cube_gets_into_the_bin_of_its_grade(name: str, grade: str) -> None:
-    rig = StackRig(files=read_arm_files(find_arm(name))).up()
+    rig = SimulatedStack(files=read_arm_files(find_arm(name))).up()
     rig.run(ACTIVATED_S)
     sorted_into(rig, name, grade)
     error = rig.trace.following(since_s=ACTIVATED_S)
@@ -102,7 +104,7 @@ def test_the_cube_gets_into_the_bin_of_its_grade(name: str, grade: str) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_any_arm_with_backlash_sorts_cube_after_cube(name: str, seed: int) -> None:
     """It lies limp for a while, as the demo's does until the stack is up. No pause between the jobs."""
-    rig = StackRig(files=read_arm_files(find_arm(name)), build=Build(1.0, seed))
+    rig = SimulatedStack(files=read_arm_files(find_arm(name)), build=Build(1.0, seed))
     for now_s in (0.0, 5.0):
         rig.bus.advance(now_s)
     rig.clock.sleep_until(5.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.simulation.stack import SimulatedStack
 from sim_backend.build import Build
-from tests.stack.rig import StackRig
 
-ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so100", "koch")
+ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so101_leader", "so100", "koch")
 LATER_S = 6.0
 FALLEN_RAD = 0.2
 OFF_RAD = 0.02
@@ -21,7 +21,7 @@ def test_an_arm_that_is_parked_and_let_go_stays_there(name: str, backlash_deg: f
     park = files.robot.file.park
     assert park is not None, f"{name} is let go wherever it is"
     start = [park.pose.get(joint.name, 0.0) - OFF_RAD * joint.transmission for joint in files.robot.joints]
-    rig = StackRig(files=files, start=start, build=Build(backlash_deg, 1))
+    rig = SimulatedStack(files=files, start=start, build=Build(backlash_deg, 1))
     before = rig.world.position()
     for line in rig.lines.values():
         line.advance(LATER_S)

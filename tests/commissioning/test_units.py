@@ -150,7 +150,7 @@ def test_the_smallest_x_lack_the_highest_rate() -> None:
     ("model", "name", "raw", "said"),
     [
         (sts.STS3215, "operating_mode", 3, "step"),
-        (sts.STS3215, "model_number", 777, "sts3215 or sts3215_c001"),
+        (sts.STS3215, "model_number", 777, "sts3215 or sts3215_c001 or sts3215_c044 or sts3215_c046"),
         (sts.STS3215, "status", 0b100001, "voltage, overload"),
         (x.XL430_W250, "hardware_error_status", 0b100, "temperature"),
         (x.XL430_W250, "operating_mode", 4, "extended position"),

@@ -85,6 +85,7 @@ def run(package: Path, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(package: Path) -> None:
     said = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
     for name in ADDED:

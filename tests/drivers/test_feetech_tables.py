@@ -76,6 +76,8 @@ def test_every_model_speaks_as_its_series(series: Series) -> None:
     [
         ("sts3215", (9, 3)),
         ("sts3215_c001", (9, 3)),
+        ("sts3215_c044", (9, 3)),
+        ("sts3215_c046", (9, 3)),
         ("sts3250", (9, 11)),
         ("sts3032", (9, 2)),
         ("scs15", (5, 15)),

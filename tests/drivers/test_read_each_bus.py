@@ -68,7 +68,12 @@ def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
     ("kind", "register", "number", "text"),
     [
         (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): correct"),
-        (KINDS[0], scs.model_number, 0x0903, r"is model 2307 \(sts3215 or sts3215_c001\), not 1284"),
+        (
+            KINDS[0],
+            scs.model_number,
+            0x0903,
+            r"is model 2307 \(sts3215 or sts3215_c001 or sts3215_c044 or sts3215_c046\), not 1284",
+        ),
         (KINDS[2], dxl.model_number, 29, r"is model 29 \(mx-28\), not 12 \(ax-12a\)"),
         (KINDS[2], dxl.model_number, 1060, r"is model 1060 \(xl430-w250\), not 12"),
         (KINDS[3], dxl.model_number, 4321, r"is model 4321 \(unknown\), not 29 \(mx-28\)"),

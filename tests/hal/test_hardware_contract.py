@@ -216,7 +216,7 @@ def test_switching_on_moves_nothing(arm: Arm) -> None:
     for _ in range(5):
         state = arm.pause()
         # A limp arm sinks while its servos are asked, and then hangs in its servos' springs.
-        np.testing.assert_allclose(state.position, before, atol=0.06)
+        np.testing.assert_allclose(state.position, before, atol=0.07)
 
 
 def test_it_goes_where_it_is_told_and_only_there(arm: Arm) -> None:

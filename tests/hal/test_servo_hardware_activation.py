@@ -255,7 +255,7 @@ def test_a_joint_a_little_outside_is_held_there_and_brought_in_within_its_veloci
 
 # Whatever fails on the way
 
-STEPS = len(IDS) * 5 + 1 + 2
+STEPS = len(IDS) * 6 + 1 + 2
 """Instructions of an activation: measure; of each its torque, two limits, goal and torque on; all goals."""
 
 Disturbance = Callable[[Bench], None]

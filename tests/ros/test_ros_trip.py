@@ -23,7 +23,8 @@ from nodes.controllers.trajectory import TrajectoryNode
 from nodes.rclpy_patches import gil_release, rcl_calls
 from nodes.stack import Stack
 from nodes.surface import Surface
-from tests.stack.rig import ARM, PICK, StackRig
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import ARM, PICK
 from tests.stack.trip import TripRecorder
 
 pytestmark = pytest.mark.ros
@@ -37,7 +38,7 @@ class InProcess:
     """A stack on simulated time, its ROS surface in this thread, and a client in another one."""
 
     def __init__(self) -> None:
-        self.rig = StackRig().up()
+        self.rig = SimulatedStack().up()
         files = self.rig.files
         factory: Any = SimpleNamespace(file=files.controllers)
         self.surface = Surface(

@@ -4,14 +4,15 @@ import pytest
 
 from controller.action_goals import GoalStatus
 from servoloop.files import CONFIG, read_files
-from tests.stack.rig import BINS, StackRig, UnpacedJob
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03
 
 
 @pytest.mark.parametrize("grade", BINS)
 def test_the_cube_ends_in_its_bin(grade: str) -> None:
-    rig = StackRig(files=read_files(robot=CONFIG / "robot_arm_dynamixel.yaml")).up()
+    rig = SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_dynamixel.yaml")).up()
     job = UnpacedJob(rig, grade)
     job.run()
     rig.run(1.0)

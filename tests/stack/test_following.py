@@ -16,7 +16,8 @@ from hal.types import FloatArray
 from servoloop.demo.following_error import FollowingError
 from servoloop.files import CONFIG, read_files
 from servoloop.hardware import compensation
-from tests.stack.rig import PICK, StackRig, UnpacedJob
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import PICK, UnpacedJob
 
 ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.010
@@ -57,7 +58,7 @@ def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object
         assert old in text
         text = text.replace(old, new)
     robot.write_text(text)
-    rig = StackRig(files=read_files(robot=robot), compensation=make).up()  # type: ignore[arg-type]
+    rig = SimulatedStack(files=read_files(robot=robot), compensation=make).up()  # type: ignore[arg-type]
     rig.run(ACTIVATED_S)
     UnpacedJob(rig, "A").run()
     rig.run(1.5)
@@ -96,7 +97,7 @@ def test_the_slow_correction_does_what_the_masses_do_not_explain(robot: Path) ->
 
 
 def test_after_switching_on_the_offsets_come_slowly() -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     goals = [[servo.memory.get(sts.goal_position) for servo in rig.bus.servos]]
     for _ in range(40):
         rig.run(rig.loop.period_s)
@@ -110,7 +111,7 @@ def test_after_switching_on_the_offsets_come_slowly() -> None:
 def test_an_arm_at_rest_stays_at_rest(robot: Path) -> None:
     """Friction and a slow correction can make a joint creep to and fro about its goal. A count is what friction that
     gives way a little lets the servo do by itself."""
-    rig = StackRig(files=read_files(robot=robot)).up()
+    rig = SimulatedStack(files=read_files(robot=robot)).up()
     rig.go(PICK)
     rig.run(6.0)
     goal = sts.goal_position if robot.name == "robot_arm.yaml" else x.goal_position

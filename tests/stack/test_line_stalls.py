@@ -5,12 +5,14 @@ import random
 import pytest
 
 from controller.action_goals import GoalStatus
-from tests.stack.rig import BINS, PICK, READY, RecordingPort, StackRig
+from servoloop.simulation.recording import RecordingPort
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import BINS, PICK, READY
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_stall_of_the_line_ends_no_goal(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, chance = StackRig().up(), random.Random(seed)
+    rig, chance = SimulatedStack().up(), random.Random(seed)
     rig.run(0.5)
     silent_until_s, read, stalls = 0.0, RecordingPort.read, 0
 

@@ -11,24 +11,25 @@ from drivers.errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
 from servoloop.files import CONFIG, read_files
+from servoloop.simulation.stack import SimulatedStack
 from sim_backend.port import VirtualPort
 from tests.ros.two_components import ARM, write_servos
-from tests.stack.rig import CLOSED_M, PICK, READY, StackRig
+from tests.stack.rig import CLOSED_M, PICK, READY
 
 ACTIVE, UNCONFIGURED = LifecycleState.ACTIVE, LifecycleState.UNCONFIGURED
 
 
-def one_component() -> StackRig:
+def one_component() -> SimulatedStack:
     """Two lines, one component."""
-    return StackRig(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml"))
+    return SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml"))
 
 
-def two_components(folder: Path, keep_alive: bool = False) -> StackRig:
+def two_components(folder: Path, keep_alive: bool = False) -> SimulatedStack:
     """A line each."""
-    return StackRig(files=read_files(write_servos(folder)), keep_alive=keep_alive)
+    return SimulatedStack(files=read_files(write_servos(folder)), keep_alive=keep_alive)
 
 
-def sent(rig: StackRig) -> list[FloatArray]:
+def sent(rig: SimulatedStack) -> list[FloatArray]:
     """Every command from here on, as it leaves the loop."""
     commands: list[FloatArray] = [rig.loop.previous_command, rig.loop.command]
     write = rig.loop.hardware.write
@@ -41,7 +42,7 @@ def sent(rig: StackRig) -> list[FloatArray]:
     return commands
 
 
-def gentle(rig: StackRig, path: list[FloatArray]) -> bool:
+def gentle(rig: SimulatedStack, path: list[FloatArray]) -> bool:
     """Whether no joint of the arm was braked harder than it may be."""
     velocity = np.diff(np.array(path)[:, :6], axis=0) / rig.loop.period_s
     limit = rig.loop.limits[0].acceleration * rig.loop.period_s * 1.2

@@ -6,14 +6,15 @@ import pytest
 
 from controller.action_goals import GoalStatus
 from servoloop.files import CONFIG, URDF, Files, read_files
-from tests.stack.rig import BINS, StackRig, UnpacedJob
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03
 
 
 @pytest.mark.parametrize("grade", BINS)
 def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grade: str) -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     job = UnpacedJob(rig, grade)
     job.run()
     rig.run(1.0)
@@ -26,7 +27,7 @@ def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grad
 
 
 def test_job_after_job_without_a_restart() -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     ended: list[str | None] = []
     for grade in "CAB":
         UnpacedJob(rig, grade).run()
@@ -37,7 +38,7 @@ def test_job_after_job_without_a_restart() -> None:
 
 def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
     """The node gives a goal ten seconds; MoveIt gives its duration and a little."""
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     job = UnpacedJob(rig, "A")
     sent_s: list[float] = []
     took_s: list[float] = []
@@ -57,7 +58,7 @@ def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
 
 def test_the_same_run_gives_the_same_bytes() -> None:
     def run() -> tuple[object, ...]:
-        rig = StackRig().up()
+        rig = SimulatedStack().up()
         rig.bus.faults.corrupt_next(3)
         UnpacedJob(rig, "B").run(4.0)
         rig.bus.faults.silence(5)
@@ -81,7 +82,9 @@ def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, 
 @pytest.mark.parametrize("grade", BINS)
 def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str) -> None:
     """A goal without velocities is then a straight line in time, with steps of velocity at its ends."""
-    rig = StackRig(files=_files(tmp_path, robot=("interpolation_method: ruckig", "interpolation_method: splines"))).up()
+    rig = SimulatedStack(
+        files=_files(tmp_path, robot=("interpolation_method: ruckig", "interpolation_method: splines"))
+    ).up()
     job = UnpacedJob(rig, grade)
     job.run()
     rig.run(1.0)
@@ -91,7 +94,9 @@ def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str) -> None:
 
 @pytest.mark.parametrize("grade", BINS)
 def test_a_hand_five_times_slower_is_waited_for_when_it_closes_and_when_it_opens(tmp_path: Path, grade: str) -> None:
-    rig = StackRig(files=_files(tmp_path, urdf=('effort="40" velocity="0.09"', 'effort="40" velocity="0.018"'))).up()
+    rig = SimulatedStack(
+        files=_files(tmp_path, urdf=('effort="40" velocity="0.09"', 'effort="40" velocity="0.018"'))
+    ).up()
     job = UnpacedJob(rig, grade)
     job.run(40.0)
     rig.run(1.0)

@@ -8,7 +8,8 @@ import pytest
 
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
-from tests.stack.rig import BINS, PICK, READY, StackRig
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import BINS, PICK, READY
 
 SEEDS = range(5)
 LONGEST_STEP = 2.0
@@ -21,7 +22,7 @@ class Job:
     """The arm goes from pose to pose while the process stalls, between two cycles or while a controller is updated."""
 
     def __init__(self, share: float = 0.0, seed: int = 0) -> None:
-        self.rig = StackRig().up()
+        self.rig = SimulatedStack().up()
         self.rig.run(0.5)
         self.stalls = 0
         self.commands: list[FloatArray] = []

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from controller.trajectory.goal import TrajectoryGoal
-from tests.stack.rig import StackRig
+from servoloop.simulation.stack import SimulatedStack
 from tests.stack.trip import (
     ONE_POINT,
     THREE_POINTS,
@@ -18,8 +18,8 @@ from tests.stack.trip import (
 )
 
 
-def up() -> StackRig:
-    rig = StackRig().up()
+def up() -> SimulatedStack:
+    rig = SimulatedStack().up()
     rig.run(3.0)  # the arm rests
     return rig
 

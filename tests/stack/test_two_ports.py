@@ -9,11 +9,12 @@ from drivers.errors import PortLost
 from drivers.servos import sts
 from drivers.servos import x as x_series
 from servoloop.files import CONFIG, read_files
-from tests.stack.rig import BINS, CLOSED_M, PICK, StackRig, UnpacedJob
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import BINS, CLOSED_M, PICK, UnpacedJob
 
 
-def two_ports() -> StackRig:
-    return StackRig(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml")).up()
+def two_ports() -> SimulatedStack:
+    return SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml")).up()
 
 
 @pytest.mark.parametrize("grade", BINS)

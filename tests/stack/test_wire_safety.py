@@ -20,8 +20,9 @@ from drivers.servos import sts
 from hal.errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
+from servoloop.simulation.stack import SimulatedStack
 from tests.drivers.fault_lines import CYCLES
-from tests.stack.rig import ARM, BINS, PICK, READY, StackRig
+from tests.stack.rig import ARM, BINS, PICK, READY
 from tests.stack.wire_monitor import WireMonitor
 
 POSES = (READY, PICK, *BINS.values(), (0.0,) * 6)
@@ -80,7 +81,7 @@ class Scenario:
 
     def __init__(self, seed: int, rogue: bool) -> None:
         self.chance = random.Random(seed)
-        self.rig = StackRig(wrap=lambda c: Rogue(c, self.chance) if rogue else c)
+        self.rig = SimulatedStack(wrap=lambda c: Rogue(c, self.chance) if rogue else c)
         rig = self.rig
         self.monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
         rig.port.on_write = self.monitor.see
@@ -166,7 +167,7 @@ def test_the_monitor_sees_what_it_is_there_for() -> None:
 
 @pytest.mark.parametrize("relax", [False, True], ids=["hold", "relax"])
 def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     rig.go(PICK, 1.0)
     rig.run(0.7)
     assert np.abs(rig.world.velocity()[:6]).max() > 0.5
@@ -181,7 +182,7 @@ def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> No
 
 
 def test_a_second_signal_lets_go_without_parking() -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     rig.go(PICK, 1.0)
     rig.run(0.7)
     assert shut_down(rig.loop, True, dict.fromkeys(ARM, 0.0), 0.25, hurry=lambda: True) == []
@@ -190,7 +191,7 @@ def test_a_second_signal_lets_go_without_parking() -> None:
 
 
 def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
-    rig = StackRig()
+    rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     rig.port.on_write = monitor.see
     rig.hardware.configure()
@@ -201,7 +202,7 @@ def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
 
 
 def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_read() -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     handle = rig.go(PICK)
     rig.run(0.5)
     rig.bus.faults.silence(3)
@@ -216,7 +217,7 @@ def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_re
 
 
 def test_one_corrupt_reply_disturbs_nobody() -> None:
-    rig = StackRig().up()
+    rig = SimulatedStack().up()
     handle = rig.go(PICK)
     rig.run(0.5)
     rig.bus.faults.corrupt_next(3)
@@ -229,7 +230,7 @@ def test_one_corrupt_reply_disturbs_nobody() -> None:
 @pytest.mark.parametrize("corrupt", [1, 2, 3, 4, 5, 6])
 def test_corrupt_replies_while_starting_leave_the_arm_holding_or_off(servo_id: int, corrupt: int) -> None:
     """However many replies are lost on the way up, what comes up is sane, or says why it does not."""
-    rig = StackRig()
+    rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     rig.port.on_write = monitor.see
     rig.bus.faults.corrupt_next(servo_id, corrupt)

@@ -19,11 +19,14 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.component_set import ComponentSet
 from hal.servo_faults import ServoFaults
-from tests.stack.rig import ARM, BINS, PICK, READY, RecordingPort, StackRig
+from servoloop.simulation.recording import RecordingPort
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import ARM, BINS, PICK, READY
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("drivers", "hal", "controller", "nodes", "servoloop")
-"""The project's folders that a trip can lead through. The simulation stands for hardware, and does not count."""
+"""The project's folders that a trip can lead through. The simulation stands for hardware, and does not count, nor does
+what wires it in."""
 
 Function = Callable[..., Any]
 
@@ -95,6 +98,8 @@ def _project_file(filename: str) -> str | None:
     if not path.is_relative_to(ROOT):
         return None
     relative = path.relative_to(ROOT)
+    if relative.is_relative_to("servoloop/simulation"):
+        return None
     return str(relative) if relative.parts[0] in ROOMS else None
 
 
@@ -109,7 +114,7 @@ THREE_POINTS = TrajectoryGoal(ARM, tuple(GoalPoint(p, 2.0 * (i + 1)) for i, p in
 """A goal that is planned through way-points, as MoveIt sends it."""
 
 
-def goal_to_wire(rig: StackRig, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
+def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
     """The files from the submission of a goal to the first byte of its command, in the next cycle."""
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
     others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
@@ -121,7 +126,7 @@ def goal_to_wire(rig: StackRig, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
     return trip.files
 
 
-def reply_to_joint_states(rig: StackRig) -> list[str]:
+def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     """The files from the first bytes of a cycle's replies to the values that a node publishes on /joint_states."""
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]

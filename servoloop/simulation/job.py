@@ -1,0 +1,102 @@
+"""The pick-and-place node's own job on a simulated stack, without ROS: the same steps, poses and words."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+from controller.action_goals import GoalStatus
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
+from nodes.pick_place.settings import Settings
+from servoloop.demo.following_error import FollowingError
+from servoloop.simulation.stack import SimulatedStack
+
+LONGEST_S = 60.0
+"""Of a job; the longest wait in it is the arm's for its hand, 4 s."""
+FALLS_S = 1.0
+"""So long a cube that was let go may take to come to rest."""
+
+
+class _NextCycle:
+    """What a job awaits: the loop's next cycle."""
+
+    def __await__(self) -> Generator[None, None, None]:
+        yield
+
+
+class SimulatedArm:
+    """The arm and the hand as a job sees them (nodes.pick_place.job.Arm), on the controllers of a simulated stack."""
+
+    def __init__(self, stack: SimulatedStack, settings: Settings) -> None:
+        self._stack = stack
+        self._settings = settings
+        self._goal: GoalHandle | None = None
+
+    def hand(self, position_m: float) -> None:
+        self._stack.hand.submit([position_m])
+
+    def stop(self) -> None:
+        if self._goal is not None:
+            self._stack.arm.cancel(self._goal)
+
+    async def move(self, positions_rad: Sequence[float]) -> Outcome:
+        point = GoalPoint(tuple(positions_rad), self._settings.move_time_s)
+        goal = TrajectoryGoal(self._settings.joints, (point,))
+        if reason := self._stack.arm.check(goal):
+            return Outcome(False, f"the arm rejected the goal: {reason}")
+        handle = self._goal = self._stack.arm.submit(goal)
+        while not handle.done:
+            await _NextCycle()
+        if handle.status is GoalStatus.SUCCEEDED:
+            return Outcome(True)
+        return Outcome(False, f"the arm {handle.status.name.lower()}: {handle.error_text}")
+
+
+@dataclass(frozen=True, slots=True)
+class JobRecord:
+    """One job as it went; times in seconds of the simulation."""
+
+    grade: str
+    success: bool
+    """Whether the node's job succeeded and the cube came into its bin."""
+    bin: str | None
+    message: str
+    duration_s: float
+    following: FollowingError
+    states: tuple[State, ...]
+
+
+def run_job(stack: SimulatedStack, settings: Settings, grade: str, number: int = 1) -> JobRecord:
+    """Run one job from its beginning until the cube lies. Raises what the stack raises, such as PortLost."""
+    begun_s = stack.clock.now()
+    states: list[State] = []
+    job = PickPlaceJob(number, grade, settings, SimulatedArm(stack, settings), states.append)
+    steps, results, bins = job.run(), list[Result](), list[str]()
+
+    def after_cycle() -> None:
+        if not results:
+            try:
+                steps.send(None)
+            except StopIteration as end:
+                results.append(end.value)
+        if found := stack.world.cube_bin():
+            bins.append(found)
+
+    stack.after_cycle = after_cycle
+    try:
+        stack.run(LONGEST_S, lambda: bool(results))
+        duration_s = stack.clock.now() - begun_s
+        stack.run(FALLS_S)
+    finally:
+        steps.close()
+        stack.after_cycle = lambda: None
+    result = results[0] if results else Result(Ending.ABORTED, number, f"no end within {LONGEST_S:g} s")
+    landed = bins[-1] if bins else None
+    return JobRecord(
+        job.grade,
+        result.ending is Ending.SUCCEEDED and landed == job.grade,
+        landed,
+        result.message,
+        duration_s,
+        stack.trace.following(since_s=begun_s),
+        tuple(states),
+    )

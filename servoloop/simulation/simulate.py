@@ -1,0 +1,73 @@
+"""One run of the whole stack on simulated time: jobs or so many seconds, figures, and a digest of all that happened."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import process_time
+
+from hal.types import JointState
+from nodes.pick_place.settings import Settings
+from servoloop.demo.following_error import FollowingError
+from servoloop.files import Files
+from servoloop.simulation.digest import Digest
+from servoloop.simulation.job import JobRecord, run_job
+from servoloop.simulation.stack import SimulatedStack
+from sim_backend.build import Build
+
+SETTLED_S = 2.5
+"""Until then a limp arm that was switched on has sunk, and has been lifted again."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationResult:
+    """One run. Times in seconds of the simulation, but ``cpu_s``."""
+
+    jobs: tuple[JobRecord, ...]
+    simulated_s: float
+    cycles: int
+    missed_cycles: int
+    unmeasured_cycles: int
+    faulty_cycles: dict[str, int]
+    """Cycles in which a joint was not measured or not driven, by joint and kind of fault."""
+    following: FollowingError
+    digest: str
+    cpu_s: float
+    """Of the processor, which the digest does not depend on."""
+
+    @property
+    def success(self) -> bool:
+        """Whether every job succeeded, and all cubes are in their bins."""
+        return all(job.success for job in self.jobs)
+
+
+def simulate(
+    files: Files, settings: Settings, build: Build, grades: Sequence[str] = (), seconds: float = 0.0
+) -> SimulationResult:
+    """Bring the arm up on its virtual servos, run the jobs one after the other, then stay up for so many seconds.
+
+    The same arguments give the same digest. Raises DriverError and HalError as bringing up a real arm does.
+    """
+    begun_s = process_time()
+    stack, digest, faulty = SimulatedStack(files=files, build=build), Digest(), Counter[str]()
+
+    def on_state(state: JointState) -> None:
+        digest.add_state(state)
+        faulty.update(f"{joint}: {fault.kind}" for joint, fault in state.faults.items())
+
+    stack.on_state = on_state
+    stack.up()
+    stack.run(SETTLED_S)
+    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(grades, 1))
+    stack.run(seconds)
+    figures = stack.loop.figures
+    return SimulationResult(
+        jobs,
+        stack.clock.now(),
+        figures.cycles,
+        figures.missed,
+        figures.unmeasured,
+        dict(faulty),
+        stack.trace.following(since_s=SETTLED_S),
+        digest.of(stack.ports.values()),
+        process_time() - begun_s,
+    )

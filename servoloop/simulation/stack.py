@@ -1,0 +1,169 @@
+"""Controllers, loop, driver, bytes, servos and physics in one thread on a simulated clock."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.interface import Controller, ControllerContext
+from controller.loop import ControlLoop
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.bus.bus import Bus
+from hal.component_lifecycle import configure_all
+from hal.component_set import ComponentSet
+from hal.description import Description
+from hal.gravity_compensation import GravityCompensation
+from hal.hardware import Hardware
+from hal.hardware_info import HardwareInfo
+from hal.joint import Joint
+from hal.servo_hardware import ServoHardware
+from hal.types import JointState
+from servoloop.emulator import couplings, virtual_lines
+from servoloop.files import Files, read_files
+from servoloop.hardware import compensation, compliances, servo_bus
+from servoloop.simulation.recording import RecordingPort, Trace
+from sim_backend.build import Build
+from sim_backend.clock import SimulatedClock
+from sim_backend.feeder import Feeder
+from sim_backend.line import ServoLine
+from sim_backend.mujoco_hardware import MujocoHardware
+from sim_backend.plant import WorldPlant
+from sim_backend.port import VirtualPort
+from sim_backend.world import World
+
+NOMINAL_BUILD = Build()
+MOVE_S = 2.0
+
+
+class SimulatedStack:
+    """Configured, not yet active. ``after_cycle`` is where a client's reactions come in."""
+
+    def __init__(
+        self,
+        *,
+        files: Files | None = None,
+        wrap: Callable[[Controller], Controller] = lambda controller: controller,
+        start: Sequence[float] | None = None,
+        build: Build = NOMINAL_BUILD,
+        keep_alive: bool = False,
+        compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
+        wire: bool = True,
+    ) -> None:
+        """``wrap`` may put something around a controller; ``start``: where the joints stand, rad or m.
+
+        Without ``wire`` the arm is driven in MuJoCo itself, as by ``servoloop up --hardware mujoco``: no servos, no
+        bytes, and no trace between the cycles.
+        """
+        self._compensation = compensation
+        self.files = files or read_files()
+        self.clock = SimulatedClock()
+        ways = couplings(self.files.robot)
+        self.world = World(self.files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
+        self.trace = Trace()
+        self._feeder = Feeder()
+        plant = WorldPlant(self.world, ways, self._after_step)
+        robot = self.files.robot
+        self.lines = virtual_lines(robot, plant, build.spread) if wire else {}
+        self.ports = {
+            name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
+            for name, line in self.lines.items()
+        }
+        self.made: list[ServoHardware] = []
+        """The components that have servos."""
+        components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
+        limits = self.files.limits
+        self.manager = ControllerManager(components, limits)
+        context = ControllerContext(
+            self.files.description,
+            self.files.component,
+            limits,
+            self.manager.cycle.settled,
+            compliances(self.files.robot.joints),
+        )
+        factory = Factory(self.files.controllers, context)
+        built = [factory.make(spec) for spec in self.files.controllers.controllers]
+        self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
+        self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        for controller in built:
+            self.manager.registry.add(wrap(controller))
+        self.after_cycle: Callable[[], None] = lambda: None
+        self.on_state: Callable[[JointState], None] = lambda state: None
+        """Given each cycle's measurement."""
+        period_s = 1.0 / self.files.controllers.update_rate_hz
+        self.loop = ControlLoop(
+            components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
+        )
+
+    def up(self) -> "SimulatedStack":
+        """Configure and activate."""
+        configure_all(self.loop.hardware)
+        self.loop.activate()
+        return self
+
+    # Most arms have one component on one line.
+
+    @property
+    def hardware(self) -> ServoHardware:
+        """The first component with servos."""
+        return self.made[0]
+
+    @property
+    def bus(self) -> ServoLine[Any]:
+        """The first virtual line."""
+        return next(iter(self.lines.values()))
+
+    @property
+    def port(self) -> RecordingPort:
+        """Its port."""
+        return next(iter(self.ports.values()))
+
+    @property
+    def virtual_port(self) -> VirtualPort:
+        """The same below the recording."""
+        return self.port.port
+
+    def _made(self, component: HardwareInfo, wire: bool) -> Hardware:
+        joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
+        if not wire:
+            return MujocoHardware(component.name, joints, self.world, self.clock)
+        names = {joint.bus for joint in joints}
+
+        def open_buses() -> dict[str, Bus]:
+            return {name: bus for name, bus in self._open_buses().items() if name in names}
+
+        made = ServoHardware(
+            component.name, joints, open_buses, self.clock, self._compensation(joints, self.files.description)
+        )
+        self.made.append(made)
+        return made
+
+    def _open_buses(self) -> dict[str, Bus]:
+        return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Cycles for so long, or until ``until``."""
+        end_s = self.clock.now() + seconds - 1e-9
+        self.loop.run(lambda: self.clock.now() >= end_s or until())
+
+    def go(self, pose: Sequence[float], seconds: float = MOVE_S) -> GoalHandle:
+        """One goal as the pick-place node sends it."""
+        goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), seconds),))
+        reason = self.arm.check(goal)
+        assert reason is None, reason
+        return self.arm.submit(goal)
+
+    def _after_step(self, time_s: float) -> None:
+        self._feeder.update(self.world, time_s)
+        self.trace.world_s.append(time_s)
+        self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
+
+    def _on_cycle(self, state: JointState) -> None:
+        tracking = self.arm.tracking
+        if tracking is not None:
+            self.trace.cycle_s.append(tracking.stamp_s)
+            self.trace.position.append(tracking.reference.position)
+            self.trace.velocity.append(tracking.reference.velocity)
+        self.on_state(state)
+        self.after_cycle()

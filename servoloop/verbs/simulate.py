@@ -1,0 +1,105 @@
+"""``servoloop simulate``: the whole stack on simulated time, in one thread."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivers.errors import DriverError
+from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.verbs.arm_options import ArmOption, RobotOption
+from servoloop.verbs.output import JsonOption, print_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servoloop.simulation.simulate import SimulationResult
+
+
+def simulate(
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    job: Annotated[str | None, typer.Option(help="Grades to pick one after the other, such as A,B,C.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Stay up so long, behind the jobs.")] = None,
+    backlash_deg: Annotated[
+        float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each servo's shaft is free.")
+    ] = 1.0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="An arm of its own: friction, motors, masses and supply differ by 10 %.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Run controllers, loop, driver, bytes, servos and physics on simulated time: no ROS, no threads, no waiting.
+
+    Prints figures, and a digest of every byte on every wire and every joint state: the same for the same arguments.
+    Without --job and --seconds it runs all grades of the arm once. It ends with 1 where a job failed.
+    Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
+    """
+    from rich.console import Console
+
+    from servoloop.arms.pick_place import load_pick_place
+    from servoloop.simulation.simulate import simulate as run
+    from sim_backend.build import Build
+
+    chosen = find_arm(arm)
+    poses = load_pick_place(chosen.pick_place)
+    grades = _grades(job, poses.grades) if job is not None else () if seconds is not None else poses.grades
+    files = read_arm_files(chosen, robot=robot)
+    result = run(files, poses.settings(), Build(backlash_deg, seed), grades, seconds or 0.0)
+    if json:
+        print_json(_plain(result, poses.joints))
+    else:
+        _print(result, Console())
+    raise typer.Exit(0 if result.success else 1)
+
+
+def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    grades = tuple(grade.strip().upper() for grade in text.split(",") if grade.strip())
+    if not grades or set(grades) - set(known):
+        raise DriverError(f"--job takes grades of {', '.join(known)}, such as {','.join(known)}, not {text!r}")
+    return grades
+
+
+def _plain(result: "SimulationResult", joints: tuple[str, ...]) -> dict[str, Any]:
+    """The result for programs."""
+    return {
+        "success": result.success,
+        "jobs": [
+            {
+                "grade": job.grade,
+                "success": job.success,
+                "bin": job.bin,
+                "message": job.message,
+                "duration_s": round(job.duration_s, 3),
+                "following_error": job.following.as_dict(joints),
+            }
+            for job in result.jobs
+        ],
+        "simulated_s": round(result.simulated_s, 3),
+        "cycles": result.cycles,
+        "missed_cycles": result.missed_cycles,
+        "unmeasured_cycles": result.unmeasured_cycles,
+        "faulty_cycles": result.faulty_cycles,
+        "following_error": result.following.as_dict(joints),
+        "digest": result.digest,
+        "cpu_s": round(result.cpu_s, 3),
+    }
+
+
+def _print(result: "SimulationResult", console: "Console") -> None:
+    from rich.table import Table
+
+    table = Table("grade", "bin", "time", "largest", "RMS", "at rest", "message", title="following error, rad")
+    for job in result.jobs:
+        error = job.following
+        numbers = [f"{max(values):.4f}" for values in (error.largest_rad, error.rms_moving_rad, error.at_rest_rad)]
+        style = "green" if job.success else "red"
+        table.add_row(job.grade, f"[{style}]{job.bin}[/]", f"{job.duration_s:.2f} s", *numbers, job.message)
+    if result.jobs:
+        console.print(table)
+    on_time = "all on time" if not result.missed_cycles else f"{result.missed_cycles} missed"
+    times = result.simulated_s / result.cpu_s
+    console.print(f"{result.simulated_s:.1f} s in {result.cpu_s:.1f} s of CPU, {times:.0f} times real time")
+    console.print(f"{result.cycles} cycles, {on_time}, {result.unmeasured_cycles} without a measurement")
+    for what, cycles in result.faulty_cycles.items():
+        console.print(f"{what}: {cycles} cycles", style="yellow")
+    console.print(f"digest {result.digest}", highlight=False, soft_wrap=True)

@@ -1,0 +1,70 @@
+"""A servo that counts its shaft's turns: what it reports is a place within one turn, what it drives to is not."""
+
+import math
+
+import pytest
+
+from drivers.servos import sts
+from hal.errors import ActivationError
+from hal.types import JointCommand
+from tests.hal.bench import PERIOD_S, Bench
+
+TURN = 4096
+ELBOW = 2
+
+
+def turned_once_round(bench: Bench, way: int = 1) -> None:
+    """The elbow is turned by hand, from where it stands over the seam to there again."""
+    for step in range(1, 65):
+        elbow = 2000 + way * step * TURN // 64
+        bench.plant.place([(counts + 0.5) / TURN * math.tau for counts in (2048, elbow, 1500)])
+        bench.clock.sleep_until(bench.clock.now() + 0.005)
+        bench.servos.advance(bench.clock.now())
+
+
+def shaft_counts(bench: Bench) -> list[float]:
+    return [angle / math.tau * TURN for angle in bench.plant.joints.position]
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_limp_servo_that_was_turned_once_round_stays_where_it_is(way: int) -> None:
+    bench = Bench().configured()
+    turned_once_round(bench, way)
+    before = shaft_counts(bench)
+    bench.hardware.activate()
+    state = bench.hardware.read()
+    for _ in range(20):
+        bench.hardware.write(JointCommand(state.position, PERIOD_S))
+        bench.clock.sleep_until(bench.clock.now() + PERIOD_S)
+        bench.hardware.read()
+    assert shaft_counts(bench) == pytest.approx(before, abs=1.5)
+
+
+def test_the_order_to_forget_its_turns_is_given_again_where_it_is_lost() -> None:
+    bench = Bench().configured()
+    turned_once_round(bench)
+    before = shaft_counts(bench)
+    bench.servos.faults.corrupt_next(ELBOW, 2)
+    bench.hardware.activate()
+    bench.clock.sleep_until(bench.clock.now() + 1.0)
+    bench.hardware.read()
+    assert shaft_counts(bench) == pytest.approx(before, abs=1.5)
+
+
+def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_holding() -> None:
+    bench = Bench().configured()
+    servo = bench.servos.servo(ELBOW)
+    turned_once_round(bench)
+    for register in (sts.min_position, sts.max_position):
+        servo.memory.put(register, 0)  # several turns
+    servo.memory.put(sts.goal_position, 2000 + TURN)
+    servo.firmware.note_write(sts.goal_position.address, 2)
+    servo.memory.put(sts.torque_enable, 1)
+    bench.clock.sleep_until(bench.clock.now() + 0.2)
+    before = shaft_counts(bench)
+    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) is held at 6096 counts and reports \d+, as one"):
+        bench.hardware.activate()
+    bench.clock.sleep_until(bench.clock.now() + 1.0)
+    bench.hardware.read()
+    assert shaft_counts(bench) == pytest.approx(before, abs=2.5)
+    assert bench.torque() == [ELBOW]
