@@ -141,7 +141,7 @@ class ControlLoop:
         asked = self.hardware.failures or any(component.sound for component in self.hardware.components)
         if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(self.hardware.joints):
             self.figures.count_unmeasured(next(iter(state.faults.values())).text)
-        elif self.figures.unmeasured_in_a_row:
+        elif asked and self.figures.unmeasured_in_a_row:
             self.figures.count_measured()
 
     def _show(self, state: JointState) -> None:

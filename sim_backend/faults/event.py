@@ -34,8 +34,6 @@ class Event(BaseModel):
 
     def refuse(self, there: Inventory) -> None:
         """Raise FaultError, with a sentence that says why, where what there is cannot have this fault."""
-        if not there.servos:
-            raise FaultError("servos from the box have one ID, so none can be named: nothing can go wrong with them")
 
     def acting(self, targets: Targets) -> AbstractContextManager[None]:
         """The fault itself: it begins as the context is entered and ends as that is left."""

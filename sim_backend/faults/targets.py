@@ -72,9 +72,8 @@ class Inventory:
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
         """The name of the line that has this servo. Raises FaultError where there is none, or one on several lines."""
+        self.require_bus(bus)
         found = [name for name, servos in self.servos.items() if servo_id in servos and bus in (None, name)]
-        if bus is not None:
-            self.require_bus(bus)
         if not found:
             known = "; ".join(f"{name + ' has ' if name else ''}{_ids(ids)}" for name, ids in self.servos.items())
             raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}: known are {known}")
@@ -84,6 +83,8 @@ class Inventory:
 
     def require_bus(self, bus: str | None) -> None:
         """Raise FaultError where there is no such line; None is all of them."""
+        if not self.servos:
+            raise FaultError("there is no line here whose servos could be named (those from a box all have one ID)")
         if bus is not None and bus not in self.servos:
             raise FaultError(f"there is no bus {bus!r}: known are {', '.join(map(repr, self.servos))}")
 

@@ -4,20 +4,12 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import cache
 
-from controller.interface import Controller
-from controller.trajectory.goal import GoalHandle
-from drivers.bus.bus import Bus
 from drivers.errors import DriverError
 from hal.types import JointState
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import Files
-from servoloop.hardware import servo_bus
-from servoloop.stack_faults import StackFaults, Upsettable
+from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.faults.event import Event
-from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
-from sim_backend.port import VirtualAdapter
-from tests.stack.rig import RecordingPort, StackRig
 
 
 @cache
@@ -25,44 +17,19 @@ def files_of(arm: str) -> Files:
     return read_arm_files(find_arm(arm))
 
 
-class FaultRig(StackRig):
+class FaultRig(FaultyStack):
     """``said`` has everything that the stack said of faults: in its states, in its log, and as it ended."""
 
-    def __init__(self, arm: str = "robot_arm", keep_alive: bool = True) -> None:
-        self.controllers: dict[str, Upsettable] = {}
-        self.handle: GoalHandle | None = None
-        self.alive = True
+    def __init__(self, arm: str = "robot_arm") -> None:
+        super().__init__(files=files_of(arm), keep_alive=True)
         self.said: list[str] = []
         self.kinds: dict[str, set[str]] = {}
         """The kinds of fault that states named, by joint."""
         self.alarms: dict[str, set[str]] = {}
         """The alarms that /diagnostics shows, by joint."""
+        self.on_state = self._note
 
-        def wrap(controller: Controller) -> Controller:
-            self.controllers[controller.name] = Upsettable(controller)
-            return self.controllers[controller.name]
-
-        self.player: FaultPlayer | None = None
-        super().__init__(files=files_of(arm), wrap=wrap, keep_alive=keep_alive)
-        self.adapters = {name: VirtualAdapter(line, self.clock, f"/dev/tty{name}") for name, line in self.lines.items()}
-        self.faults = StackFaults(self.clock, self.controllers, self.arm, self)
-        self.player = FaultPlayer(Targets(self.lines, self.world, self.adapters, self.faults))
-
-    def _open_buses(self) -> dict[str, Bus]:
-        self.ports = {
-            name: RecordingPort(adapter.open(adapter.name), self.clock) for name, adapter in self.adapters.items()
-        }
-        return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
-
-    def _after_step(self, time_s: float) -> None:
-        if self.player is not None:
-            self.player.update(time_s)
-        super()._after_step(time_s)
-
-    def _on_cycle(self, state: JointState) -> None:
-        super()._on_cycle(state)
-        for line in self.lines.values():  # the world goes on where nobody asks the servos
-            line.advance(self.clock.now())
+    def _note(self, state: JointState) -> None:
         for joint, fault in state.faults.items():
             if fault.kind not in self.kinds.setdefault(joint, set()):
                 self.kinds[joint].add(fault.kind)
@@ -75,18 +42,9 @@ class FaultRig(StackRig):
     def say(self, text: str) -> None:
         self.said.append(f"{self.clock.now():.3f} {text}")
 
-    def die(self) -> None:
-        self.alive = False
-
     def play(self, *events: Event) -> None:
         """Times count from now."""
-        assert self.player is not None
         self.player.play(events, self.world.time_s)
-
-    def send(self, pose: Sequence[float], seconds: float) -> None:
-        """A goal of the client, if it lives."""
-        if self.alive:
-            self.handle = self.go(pose, seconds)
 
     def endure(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Cycles until then, or until the loop ends with an error, which is what it says last."""
@@ -122,15 +80,15 @@ BEFORE_S, MOVE_S, REACH_RAD = 0.2, 1.5, 0.3
 
 def told(arm: str, event: Event, said: Sequence[str] = (), seconds: float = 3.0) -> FaultRig:
     """An arm on its way to a goal, to which ``event`` happens; not longer than until all of ``said`` has been said."""
-    rig = FaultRig(arm).up()
+    rig = FaultRig(arm)
+    rig.up()
     rig.run(BEFORE_S)
     rig.play(event)
     here = rig.world.position()[: len(rig.arm.joints)]
     limits = rig.loop.limits
-    rig.send([min(max(p + REACH_RAD, b.lower), b.upper) for p, b in zip(here, limits, strict=False)], MOVE_S)
+    handle = rig.go([min(max(p + REACH_RAD, b.lower), b.upper) for p, b in zip(here, limits, strict=False)], MOVE_S)
     rig.endure(seconds, lambda: bool(said) and all(map(rig.says, said)))
-    assert rig.handle is not None
-    rig.say(f"goal: {rig.handle.status.name}: {rig.handle.error_text}")
-    for answer in rig.faults.answers:
+    rig.say(f"goal: {handle.status.name}: {handle.error_text}")
+    for answer in rig.stack_faults.answers:
         rig.say(f"refused: {answer}" if answer else "taken")
     return rig

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import PortLost, PortMissing
 from hal.lifecycle import LifecycleState
-from servoloop.stack_faults import inventory_of
+from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.draw import draw
@@ -20,6 +20,12 @@ from sim_backend.sts_wire import Code, checksum
 from tests.faults.rig import FaultRig, files_of, told
 
 IDS = (1, 2, 3)
+
+
+def up() -> FaultRig:
+    rig = FaultRig()
+    rig.up()
+    return rig
 
 
 class Bench:
@@ -115,7 +121,6 @@ def test_one_that_cannot_happen_keeps_all_from_happening() -> None:
 
 def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
     rig = FaultRig()
-    assert rig.player is not None
     there = rig.player.targets.inventory
     assert there.servos == inventory_of(rig.files.robot).servos
     assert list(there.servos[""]) == list(range(1, 8))
@@ -124,7 +129,7 @@ def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
 
 
 def test_servos_from_the_box_cannot_be_named() -> None:
-    with pytest.raises(FaultError, match="servos from the box have one ID"):
+    with pytest.raises(FaultError, match="those from a box all have one ID"):
         FaultPlayer(Targets({})).play([parse("echo")])
 
 
@@ -134,7 +139,7 @@ def test_the_same_faults_give_the_same_bytes() -> None:
     ]
     wires: list[list[Any]] = []
     for _ in range(2):
-        rig = FaultRig().up()
+        rig = up()
         rig.play(*schedule)
         rig.endure(0.5)
         port = next(iter(rig.ports.values()))
@@ -143,8 +148,7 @@ def test_the_same_faults_give_the_same_bytes() -> None:
 
 
 def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running() -> None:
-    rig = FaultRig().up()
-    assert rig.player is not None
+    rig = up()
     schedule = draw(1, rig.player.targets.inventory, 1.0, 40)
     rig.play(*schedule)
     rig.endure(1.5)
@@ -155,6 +159,7 @@ def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running
 @pytest.mark.parametrize("back", ["", " as=/dev/ttyACM7"])
 def test_an_adapter_is_opened_again_where_it_comes_back_under_its_name(back: str) -> None:
     rig = told("robot_arm", parse(f"adapter_unplugged for=300ms{back}"), seconds=0.1)
+    assert not rig.says("measured again")  # nobody is asked
     component = rig.made[0]
     assert component.state is LifecycleState.UNCONFIGURED
     rig.endure(0.3)
@@ -181,12 +186,12 @@ def test_a_port_that_was_lost_stays_lost_when_the_adapter_is_back() -> None:
 
 
 def test_jammed_gears_hold_and_are_free_again() -> None:
-    rig = FaultRig().up()
+    rig = up()
     inertia = rig.world.model.dof_armature.copy()
     rig.play(parse("jammed id=2 for=1s"), parse("jammed id=2 at=500ms for=1s"))
     rig.endure(0.1)
     before = rig.world.position()
-    rig.send([position + 0.2 for position in before[:6]], 1.0)
+    rig.go([position + 0.2 for position in before[:6]], 1.0)
     rig.endure(1.2)
     after = rig.world.position()
     assert abs(after[1] - before[1]) < 1e-4 < abs(after[0] - before[0])
@@ -195,7 +200,7 @@ def test_jammed_gears_hold_and_are_free_again() -> None:
 
 
 def test_a_horn_that_slips_moves_the_joint_and_not_the_counts() -> None:
-    rig = FaultRig().up()
+    rig = up()
     rig.run(0.3)
     before = rig.world.position()[0]
     rig.play(parse("slipped_horn id=1 counts=100"))

@@ -3,13 +3,12 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from random import Random
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from controller.interface import Controller
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
-from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.clock import Clock
 from drivers.servos.register import ServoModel
 from hal.robot import Robot
@@ -25,23 +24,14 @@ def inventory_of(robot: Robot) -> Inventory:
     return Inventory(servos)
 
 
-class Client(Protocol):
-    """The client that sends the arm its goals."""
-
-    @property
-    def handle(self) -> GoalHandle | None:
-        """Its newest goal."""
-
-    def die(self) -> None:
-        """It sends nothing any more."""
-
-
 class Upsettable:
     """A controller that can be made to go wrong; all else is the controller's own."""
 
     def __init__(self, controller: Controller) -> None:
         self.upsets: list[tuple[Upset, float]] = []
         """What is wrong with it now: how, and how far its commands jump."""
+        self.newest: GoalHandle | None = None
+        """The newest goal, of a controller that has goals with an end."""
         self._controller: Any = controller
 
     def __getattr__(self, name: str) -> Any:
@@ -51,6 +41,12 @@ class Upsettable:
         if any(how == "raises" for how, _ in self.upsets):
             raise RuntimeError("a fault was injected into this controller")
         self._controller.update(state, now_s, period_s)
+
+    def submit(self, goal: Any) -> Any:
+        """Hand a goal over, as the controller itself takes it."""
+        answer = self._controller.submit(goal)
+        self.newest = answer if isinstance(answer, GoalHandle) else None
+        return answer
 
     @property
     def command(self) -> FloatArray:
@@ -67,13 +63,13 @@ class StackFaults:
         self,
         clock: Clock,
         controllers: Mapping[str, Upsettable],
-        arm: JointTrajectoryController,
-        client: Client,
+        arm: str,
+        client_dies: Callable[[], None],
     ) -> None:
-        """``controllers``: all of the stack, by name, as it runs them."""
+        """``controllers``: all of the stack, by name, as it runs them; ``arm``: the one whose client misbehaves."""
         self.answers: list[str | None] = []
         """What became of the goals that made no sense: the reason of the refusal, or None where one was taken."""
-        self._clock, self._controllers, self._arm, self._client = clock, controllers, arm, client
+        self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,7 +83,7 @@ class StackFaults:
     @contextmanager
     def upset(self, controller: str | None, how: Upset, jump: float) -> Iterator[None]:
         """One controller goes wrong while the context lasts."""
-        upsets, mine = self._controllers[controller or self._arm.name].upsets, (how, jump)
+        upsets, mine = self._controllers[controller or self._arm].upsets, (how, jump)
         upsets.append(mine)
         try:
             yield
@@ -96,16 +92,17 @@ class StackFaults:
 
     def misbehave(self, what: Misdeed, random: Random) -> None:
         """The client does this now."""
+        arm = self._controllers[self._arm]
         if what == "nonsense":
-            goal = random.choice(NONSENSE)(self._arm.joints, random)
-            reason = self._arm.check(goal)
+            goal = random.choice(NONSENSE)(arm.joints, random)
+            reason = arm.check(goal)
             self.answers.append(reason)
             if reason is None:
-                self._arm.submit(goal)
+                arm.submit(goal)
         elif what == "dies":
-            self._client.die()
-        elif self._client.handle is not None:
-            self._arm.cancel(self._client.handle)
+            self._client_dies()
+        elif arm.newest is not None:
+            arm.cancel(arm.newest)
 
 
 def _goal(joints: tuple[str, ...], positions: tuple[float, ...]) -> TrajectoryGoal:
