@@ -7,18 +7,44 @@ that the robot file names. For what a servo and its bus do to a command, take th
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import FloatArray, JointCommand, JointState
 from sim_backend.feeder import Feeder
+from sim_backend.sts.compiled import compiled
 from sim_backend.world import World
+
+IntArray = NDArray[np.int64]
 
 STIFFNESS = 15.0
 """Share of the stall torque per radian of shaft error: all of it at four degrees."""
 LONGEST_CATCH_UP_S = 0.2
 """More simulated time than this is never made up for after the program was held up."""
+
+
+@compiled
+def drive(
+    position: FloatArray,
+    velocity: FloatArray,
+    effort: FloatArray,
+    position_at: IntArray,
+    velocity_at: IntArray,
+    effort_at: IntArray,
+    begin: FloatArray,
+    end: FloatArray,
+    share: float,
+    stiffness: FloatArray,
+    strongest: FloatArray,
+    damping: FloatArray,
+) -> None:
+    """Springs pull joints to where they are to be after ``share`` of the way from ``begin`` to ``end``."""
+    for i in range(len(begin)):
+        error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
+        pull = min(max(stiffness[i] * error, -strongest[i]), strongest[i])
+        effort[effort_at[i]] = pull - damping[i] * velocity[velocity_at[i]]
 
 
 class MujocoHardware:
@@ -38,6 +64,13 @@ class MujocoHardware:
         ratio = np.array([j.transmission for j in joints])
         self._stiffness = self._full * STIFFNESS / ratio
         self._damping = self._full / ratio / np.array([j.model.no_load_speed_rad_s for j in joints])
+        arrays = world.arrays
+        self._arrays = (arrays.position, arrays.velocity, arrays.effort)
+        self._at: tuple[IntArray, IntArray, IntArray] = (
+            np.array(arrays.position_at)[self._order],
+            np.array(arrays.velocity_at)[self._order],
+            np.array(arrays.effort_at)[self._order],
+        )
         self._from = self._to = self._measured()
         self._driven = False
         self._progress_s = 0.0
@@ -99,8 +132,11 @@ class MujocoHardware:
         return effort
 
     def _step(self) -> None:
-        effort = np.zeros(len(self._world.joints))
-        effort[self._order] = self._effort()
+        share = min(1.0, self._progress_s / self._period_s)
+        if self._driven:
+            drive(*self._arrays, *self._at, self._from, self._to, share, self._stiffness, self._strength, self._damping)
+        else:
+            self._world.arrays.effort[:] = 0.0
         self._progress_s += self._world.timestep_s
-        self._world.step(effort)
+        self._world.advance()
         self._feeder.update(self._world, self._world.time_s)

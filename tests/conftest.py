@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
 from sim_backend.bus import VirtualBus
+from sim_backend.mujoco_hardware import drive
 from sim_backend.plant import BenchPlant
 from tests.ros_domain import ros_domain
 
@@ -21,11 +23,13 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Have the servos' millisecond compiled before there are workers: several that compile at once spoil its cache."""
+    """Have what is compiled compiled before there are workers: several that compile at once spoil its cache."""
     if not hasattr(config, "workerinput"):
         line = VirtualBus.of(BenchPlant([1]))
         line.rig.step()
         line.servo(1).firmware.step(0.001, 0.0, 0.0)
+        one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
+        drive(one, one, one, none, none, none, one, one, 0.0, one, one, one)
 
 
 @pytest.hookimpl(optionalhook=True)
