@@ -29,24 +29,21 @@ class CableCut(OfBus, Lasting):
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
-        if self.after is not None and not self._behind(there):
+        if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
             raise FaultError(f"servo {self.after} is the last of its line: nothing hangs behind it")
 
-    def _behind(self, there: Inventory) -> list[int]:
-        """The servos that lose their power, by ID, in the order of the chain; of all lines, if none is meant."""
+    def _cut(self, there: Inventory) -> dict[str, int]:
+        """The place of the first servo that is cut off, by line."""
         if self.after is None:
-            return [servo_id for bus in there.buses(self.bus) for servo_id in there.servos[bus]]
-        chain = list(there.servos[there.bus_of(self.after, self.bus)])
-        return chain[chain.index(self.after) + 1 :]
+            return dict.fromkeys(there.buses(self.bus), 0)
+        bus = there.bus_of(self.after, self.bus)
+        return {bus: list(there.servos[bus]).index(self.after) + 1}
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        there = targets.inventory
-        bus = self.bus if self.after is None else there.bus_of(self.after, self.bus)
         with ExitStack() as cut:
-            for name in there.buses(bus):
-                chain, line = list(there.servos[name]), targets.lines[name]
-                first = 0 if self.after is None else chain.index(self.after) + 1
+            for bus, first in self._cut(targets.inventory).items():
+                line = targets.lines[bus]
                 for servo in line.servos[first:]:
                     cut.enter_context(_off(targets, line, servo))
             yield

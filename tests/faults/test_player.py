@@ -1,19 +1,28 @@
 """Faults begin and end in their milliseconds, may overlap, and leave everything as it was."""
 
+from itertools import product
+from random import Random
 from typing import Any
 
 import pytest
 
 from drivers.errors import PortLost, PortMissing
+from drivers.servos import ax_mx, scs, sts, x, xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import PROTOCOL_2
+from drivers.servos.register import ServoModel
 from hal.lifecycle import LifecycleState
 from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
+from sim_backend.faults.events import KINDS
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import parse, text_of
+from sim_backend.line import ServoLine
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualAdapter
 from sim_backend.sts_wire import Code, checksum
@@ -91,6 +100,33 @@ def test_a_servo_with_another_id_is_silent_still() -> None:
     assert not bench.reply(9) and bench.line.servos[1].servo_id == 9
     bench.until(25)
     assert not bench.reply(2) and bench.line.servos[1].servo_id == 2
+
+
+MODELS = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XL330_M288, xl320.XL320)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_servos_of_each_series_have_a_kind_or_refuse_it(model: ServoModel) -> None:
+    """Whatever they have ends again: they answer as before, but for what is gone for good."""
+    made = VirtualDynamixelBus.of if series_of(model).protocol is PROTOCOL_2 else VirtualBus.of
+    for kind, number in product(sorted(KINDS), range(3)):
+        line: ServoLine[Any] = made(BenchPlant(IDS), dict.fromkeys(IDS, model))
+        player = FaultPlayer(Targets({"": line}))
+        before = [(servo.servo_id, servo.baud) for servo in line.servos]
+        try:
+            player.play([KINDS[kind].drawn(Random(number), player.targets.inventory, 0.001)])
+        except FaultError as refused:
+            assert "\n" not in str(refused)
+            continue
+        for ms in range(20):
+            line.rig.step()
+            player.update(0.001 * ms)
+        player.close()
+        if kind != "eeprom_gone":
+            assert [(servo.servo_id, servo.baud) for servo in line.servos] == before, kind
+            assert not line.faults.on_reply and not line.faults.on_arrival and not line.faults.on_instruction
+        else:
+            assert [servo.servo_id for servo in line.servos].count(1) in (1, 2)
 
 
 def test_closing_ends_everything() -> None:
