@@ -124,3 +124,9 @@ def test_a_kind_that_a_servo_cannot_have_is_refused_with_a_sentence() -> None:
         said, ["says nothing of its encoder", "no protection", "not 12345", "not 7", "no servo 9"], strict=True
     ):
         assert why in line
+
+
+def test_an_answer_to_another_program_is_no_loss_of_torque() -> None:
+    """A reply of an STS does not say what it answers; one of the size of ours is taken for ours."""
+    rig = told("robot_arm", parse("foreign_packets id=3 every=20ms"))
+    assert not rig.kinds, rig.said
