@@ -83,6 +83,14 @@ def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_p
         eventually(lambda: happening() == ["flipped_replies chance=0.1 seed=7", "weak_supply voltage=6.0 at=2.0s"])
 
 
+def test_the_file_is_played_to_the_whole_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "faults.yaml").write_text(blocks("yaml")[0])
+    (command,) = (line for line in COMMANDS if line.startswith("servoloop simulate"))
+    result = CliRunner().invoke(app, [*shlex.split(command)[1:], "--json"])
+    assert json.loads(result.output)["faulty_cycles"]["joint3: silent"] >= 10
+
+
 def test_the_program_does_what_it_shows() -> None:
     rig = FaultRig()
     names = {"lines": rig.lines, "world": rig.world}
