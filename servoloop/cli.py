@@ -23,6 +23,7 @@ from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport, register, servo
 from servoloop.verbs.arms import app as arms_app
 from servoloop.verbs.calibrate import calibrate, hand
+from servoloop.verbs.campaign import campaign
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.fault import fault
 from servoloop.verbs.ports import ports
@@ -51,6 +52,7 @@ app.command()(calibrate)
 app.command()(hand)
 app.command()(fault)
 app.command()(simulate)
+app.command()(campaign)
 app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")
