@@ -139,9 +139,9 @@ class ControlLoop:
     def _count_unmeasured(self, state: JointState) -> None:
         """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked."""
         asked = self.hardware.failures or any(component.sound for component in self.hardware.components)
-        if asked and all(joint in state.faults for joint in self.hardware.joints):
+        if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(self.hardware.joints):
             self.figures.count_unmeasured(next(iter(state.faults.values())).text)
-        elif self.figures.unmeasured_in_a_row:
+        elif asked and self.figures.unmeasured_in_a_row:
             self.figures.count_measured()
 
     def _show(self, state: JointState) -> None:

@@ -41,7 +41,7 @@ class LoopFigures:
         missed = int((late_s + busy_s) / period_s)
         if missed:
             self.missed += missed
-            LOG.warning("missed %d cycles: the loop was %.0f ms late", missed, late_s * 1e3)
+            LOG.warning("missed %d cycles: the loop was %.0f ms late, busy %.0f ms", missed, late_s * 1e3, busy_s * 1e3)
         return due_s + (1 + missed) * period_s
 
     def count_unmeasured(self, fault: str) -> None:

@@ -96,10 +96,15 @@ class ServoFaults:
                 self._refuse(name, f"{called[name]} came back without torque (power dip?)")
 
     def _watch(self, due: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
-        called = {joint.name: _called(joint, buses) for joint in due}
-        for name, driven in (buses.torque_states(due, ask_until_s) if due else {}).items():
-            if not driven:
-                self._refuse(name, f"{called[name]} has lost its torque (current protection, power dip?)")
+        driven = buses.torque_states(due, ask_until_s) if due else {}
+        limp = [joint for joint in due if driven.get(joint.name) is False]
+        # The answer to another program's question may have been taken for ours: whoever says no is asked twice.
+        again = buses.torque_states(limp, ask_until_s) if limp else {}
+        for joint in limp:
+            if not again.get(joint.name):
+                self._refuse(
+                    joint.name, f"{_called(joint, buses)} has lost its torque (current protection, power dip?)"
+                )
 
     def _due(self) -> list[Joint]:
         """The joints whose turn it is to show that their servos have torque."""

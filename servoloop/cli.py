@@ -23,7 +23,9 @@ from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport, register, servo
 from servoloop.verbs.arms import app as arms_app
 from servoloop.verbs.calibrate import calibrate, hand
+from servoloop.verbs.campaign import campaign
 from servoloop.verbs.doctor import doctor
+from servoloop.verbs.fault import fault
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
@@ -51,7 +53,9 @@ for verb in (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot):
     app.command()(verb)
 app.command()(calibrate)
 app.command()(hand)
+app.command()(fault)
 app.command()(simulate)
+app.command()(campaign)
 app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")
@@ -193,6 +197,10 @@ def emulate(
     eeprom: Annotated[
         Path | None, typer.Option(help="File that keeps the servos' EEPROM: read if it is there, renewed as they save.")
     ] = None,
+    faults: Annotated[
+        Path | None,
+        typer.Option(help="YAML file with what is to go wrong, in times since ready: see `servoloop fault --list`."),
+    ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -203,6 +211,7 @@ def emulate(
     from servoloop.realtime import claim_realtime_priority
     from servoloop.signals import Signals
     from sim_backend.build import Build
+    from sim_backend.faults.script import read_script
 
     _log_to_terminal()
     if not link.name:
@@ -210,6 +219,7 @@ def emulate(
     if pictures is not None:
         make_folder(pictures)
     files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
+    events = read_script(faults) if faults is not None else ()
     claim_realtime_priority()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:
@@ -219,6 +229,7 @@ def emulate(
             pictures,
             Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
             eeprom,
+            events,
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )

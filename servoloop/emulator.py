@@ -23,11 +23,16 @@ from sim_backend.control import ControlServer, Handler, control_path
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
+from sim_backend.faults.control import obey_faults
+from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.player import FaultPlayer, require_possible
+from sim_backend.faults.targets import Targets
 from sim_backend.feeder import Feeder
 from sim_backend.hand import Hand, obey
 from sim_backend.line import ServoLine
 from sim_backend.picture import Recorder
 from sim_backend.plant import Coupling, Plant, WorldPlant
+from sim_backend.pty_link import PtyAdapter
 from sim_backend.rig import Supply
 from sim_backend.servo import VirtualServo
 from sim_backend.spread import NOMINAL, Spread
@@ -114,13 +119,15 @@ def emulate(
     pictures: Path | None,
     build: Build,
     eeprom: Path | None,
+    faults: Sequence[FaultEvent],
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
     """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
 
-    ``eeprom``: a file that keeps what the servos save. Raises PortBusy where a path is taken, EepromError where the
-    file does not fit.
+    ``eeprom``: a file that keeps what the servos save. ``faults``: what is to go wrong, in times since the emulator
+    was ready. Raises PortBusy where a path is taken, EepromError where the file does not fit, FaultError where
+    something cannot go wrong with these servos.
     """
     ways = build.mounted(couplings(files.robot))
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
@@ -131,6 +138,7 @@ def emulate(
     recorder = Recorder(world) if pictures else None
 
     def after_step(time_s: float) -> None:
+        player.update(time_s)
         if world.laid:
             feeder.update(world, time_s)
         hand.update()
@@ -146,13 +154,22 @@ def emulate(
         lines = virtual_lines(files.robot, WorldPlant(world, ways, after_step), build.spread)
     if eeprom is not None:
         keep_eeprom(eeprom, lines.values())
-    places = device_paths(link, lines)
+    adapters = {name: PtyAdapter(path) for name, path in device_paths(link, lines).items()}
+    # The servos of a box have one ID: none can be named.
+    player = FaultPlayer(Targets({} if build.in_box else lines, world, adapters))
+    require_possible(faults, player.targets.inventory)
+    handle = partial(obey_faults, player, lambda: world.time_s, handle)
+
+    def begin() -> None:
+        player.play(faults, world.time_s)
+        on_ready()
+
     with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), handle) as control:
 
         def on_tick(now_s: float) -> None:
             feed.tick(now_s, world, max(line.dropped_s for line in lines.values()))
             control.tick()
 
-        serve_all({places[name]: line for name, line in lines.items()}, stop=stop, on_tick=on_tick, on_ready=on_ready)
+        serve_all({adapters[name]: line for name, line in lines.items()}, stop=stop, on_tick=on_tick, on_ready=begin)
     if recorder and pictures:
         recorder.save(pictures)

@@ -129,7 +129,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
             if not wire and self.paced:
                 at_s += max(servo.return_delay_s for servo in asked)
             heard = self.faults.pass_reply(servo_id, sent)
-            replies.append(Reply(at_s, heard))
+            replies.append(Reply(at_s, heard, self.faults.held_s(servo_id)))
             wire += heard
             if not heard or not ends_whole(wire):
                 break

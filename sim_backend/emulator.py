@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from drivers.clock import Clock, MonotonicClock
 from sim_backend.line import Reply, ServoLine
-from sim_backend.pty_link import PtyLink
+from sim_backend.pty_link import PtyAdapter, PtyLink
 
 TICK_S: Final = 0.005
 LONGEST_CATCH_UP_S: Final = 0.2
@@ -36,26 +36,26 @@ def serve(
     world is brought, and must not block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where
     ``link`` is taken. A signal handler need only make ``stop()`` true.
     """
-    serve_all({link: bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
+    serve_all({PtyAdapter(link): bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
 
 
 def serve_all(
-    buses: Mapping[Path, ServoLine[Any]],
+    buses: Mapping[PtyAdapter, ServoLine[Any]],
     *,
     stop: Callable[[], bool],
     on_tick: Callable[[float], None] | None = None,
     on_ready: Callable[[], None] | None = None,
     clock: Clock | None = None,
 ) -> None:
-    """``serve`` for several buses, each at a path of its own, in turns."""
+    """``serve`` for several buses, each behind an adapter of its own, in turns."""
     clock = clock or MonotonicClock()
     with ExitStack() as stack:
-        lines = [stack.enter_context(PtyLink(link)) for link in buses]
-        emulators = [Emulator(bus, line, clock) for bus, line in zip(buses.values(), lines, strict=True)]
+        emulators = [Emulator(bus, stack.enter_context(adapter), clock) for adapter, bus in buses.items()]
         if on_ready is not None:
             on_ready()
         while not stop():
-            select(lines, [], [], min(emulator.patience_s() for emulator in emulators))
+            there = [adapter.line for adapter in buses if adapter.line is not None]
+            select(there, [], [], min(emulator.patience_s() for emulator in emulators))
             for emulator in emulators:
                 emulator.turn()
             if on_tick is not None:
@@ -66,7 +66,7 @@ def serve_all(
 class Emulator:
     """One bus on one line. ``turn`` does what is due and returns; it never waits."""
 
-    def __init__(self, bus: ServoLine[Any], line: PtyLink, clock: Clock) -> None:
+    def __init__(self, bus: ServoLine[Any], line: PtyAdapter | PtyLink, clock: Clock) -> None:
         self._bus = bus
         self._line = line
         self._clock = clock

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
-from sim_backend.faults import WireFaults
+from sim_backend.faults.wire import WireFaults
 from sim_backend.instructions import Instruction, Parser
 from sim_backend.rig import Rig, Stepped
 
@@ -48,6 +48,8 @@ class Reply:
 
     due_s: float
     data: bytes
+    held_s: float = 0.0
+    """For so much longer the adapter keeps them, while the wire is free."""
 
 
 class ServoLine(ABC, Generic[AnyServo]):
@@ -72,6 +74,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         self._steps = 0
         self._heard_s = 0.0
         self._free_s = 0.0
+        self._handed_over_s = 0.0
 
     @property
     def servos(self) -> tuple[AnyServo, ...]:
@@ -122,6 +125,15 @@ class ServoLine(ABC, Generic[AnyServo]):
         """What the servos answer to ``data``, whose first byte the master sends at ``now_s``."""
         if baud == 0:  # hung up, as termios has it: nothing goes over the line
             return []
+        replies: list[Reply] = []
+        while self.faults.foreign:
+            foreign = self.faults.foreign.popleft()
+            answers = self._exchange(foreign, now_s, baud)
+            replies += [Reply(now_s, foreign), *answers]
+        return self._through_adapter(replies + self._exchange(data, now_s, baud))
+
+    def _exchange(self, data: bytes, now_s: float, baud: int) -> list[Reply]:
+        """What comes back to what somebody sends, by the time at which it has left the wire."""
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
         if now_s - self._heard_s > PAUSE_S:
@@ -130,6 +142,8 @@ class ServoLine(ABC, Generic[AnyServo]):
         self._free_s = begin_s + len(data) * byte_s
         held = self.faults.take_held()
         replies: list[Reply] = [Reply(begin_s, held)] if held else []
+        if self.faults.echo:
+            replies.append(Reply(self._free_s, data))
         for instruction in self._parser.feed(data):
             complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
             self.advance(complete_s)
@@ -141,13 +155,28 @@ class ServoLine(ABC, Generic[AnyServo]):
             self._free_s = max(self._free_s, replies[-1].due_s)
         return replies
 
+    def _through_adapter(self, replies: list[Reply]) -> list[Reply]:
+        """The replies as the master gets them: what the adapter holds back holds up all that comes behind it."""
+        late = any(reply.held_s for reply in replies)
+        if not replies or not (late or replies[0].due_s < self._handed_over_s):
+            return replies
+        through = []
+        for reply in replies:
+            self._handed_over_s = max(self._handed_over_s, reply.due_s + reply.held_s)
+            through.append(Reply(self._handed_over_s, reply.data))
+        return through
+
     def _listening(self, baud: int) -> list[AnyServo]:
         """Servos that understand this baud and are there. The others hear garbage, or nothing."""
         faults = self.faults
         return [
             servo
             for servo in self.servos
-            if servo not in self._unplugged and servo.baud == baud and not servo.deaf and faults.hears(servo.servo_id)
+            if servo not in self._unplugged
+            and servo not in faults.mute
+            and servo.baud == baud
+            and not servo.deaf
+            and faults.hears(servo.servo_id)
         ]
 
     @abstractmethod
@@ -172,8 +201,9 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> Reply:
         """What comes out of the wire when these packets are sent at once."""
-        data = self.faults.pass_reply(packets[0][self._id_at], _overlaid(packets))
-        return Reply(begin_s + max(map(len, packets)) * byte_s, data)
+        servo_id = packets[0][self._id_at]
+        data = self.faults.pass_reply(servo_id, overlaid(packets))
+        return Reply(begin_s + max(map(len, packets)) * byte_s, data, self.faults.held_s(servo_id))
 
     def _answers(self, instruction: Instruction, servos: Sequence[AnyServo]) -> list[Turn]:
         """All do the instruction; answers with the same ID in them come at the same time."""
@@ -194,7 +224,7 @@ def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
     return [servo for servo in servos if servo.servo_id == servo_id]
 
 
-def _overlaid(packets: Sequence[bytes]) -> bytes:
+def overlaid(packets: Sequence[bytes]) -> bytes:
     """Packets sent at once on one line whose idle level is 1."""
     if len(packets) == 1:
         return packets[0]

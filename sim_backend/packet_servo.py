@@ -50,6 +50,8 @@ class Driven(Fed, Protocol):
 class WiredServo(ABC):
     """A servo below the wire. The bus hands it instructions and steps it."""
 
+    BOOT_S: ClassVar[float] = 0.8
+    """From power-on to the first answer: Feetech's protocol manual says it of a reboot."""
     memory: Table
     firmware: Driven
 
@@ -76,9 +78,18 @@ class WiredServo(ABC):
         """From an instruction to the reply."""
 
     @property
+    def deaf_s(self) -> float:
+        """For how long it will not hear anything, because it starts."""
+        return self._deaf_s
+
+    @deaf_s.setter
+    def deaf_s(self, seconds: float) -> None:
+        self._deaf_s = seconds
+
+    @property
     def deaf(self) -> bool:
         """Whether it is rebooting."""
-        return self._deaf_s > 0.0
+        return self.deaf_s > 0.0
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""

@@ -104,6 +104,11 @@ class Plant(ABC):
         for (_, _, at, per_unit, _), torque in zip(self._rows, torques, strict=True):
             effort[at] = torque * per_unit
 
+    def slip(self, number: int, angle_rad: float) -> None:
+        """The shaft at this place has slipped: it is so much further at the same joint position from now on."""
+        self.shafts["zero_rad"][number] += angle_rad
+        self._rows = self.shafts.tolist()
+
     @abstractmethod
     def fit(self, gears: Sequence[Gears | None]) -> None:
         """Give shafts the inertia and friction of these gears; None leaves a shaft as the plant has it."""

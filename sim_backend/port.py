@@ -8,7 +8,7 @@ from collections import deque
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import PortLost
+from drivers.errors import PortLost, PortMissing
 from sim_backend.line import Reply, ServoLine
 
 
@@ -65,6 +65,11 @@ class VirtualPort:
         self._coming.clear()
         self._arrived.clear()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither closed nor lost."""
+        return not self._gone
+
     def unplug(self) -> None:
         """Pull the adapter: from now on every method raises ``PortLost``."""
         self._gone = "was unplugged: plug it in and open it again"
@@ -77,3 +82,33 @@ class VirtualPort:
         now_s = self._clock.now()
         while self._coming and self._coming[0].due_s <= now_s:
             self._arrived += self._coming.popleft().data
+
+
+class VirtualAdapter:
+    """The adapter at the end of a line: opened by its name, pulled out, put back under this name or another."""
+
+    def __init__(self, bus: ServoLine[Any], clock: Clock, name: str = "virtual") -> None:
+        self.name = name
+        self._bus, self._clock = bus, clock
+        self._there: str | None = name
+        self._ports: list[VirtualPort] = []
+
+    def open(self, name: str, baud: int = 1_000_000) -> VirtualPort:
+        """A port to the line. Raises PortMissing where no adapter has this name now."""
+        if name != self._there:
+            there = self._there or "none"
+            raise PortMissing(f"there is no {name}: plug in the adapter or name another port (there is {there})")
+        port = VirtualPort(self._bus, self._clock, baud=baud, name=name)
+        self._ports = [*(port for port in self._ports if port.is_open), port]
+        return port
+
+    def unplug(self) -> None:
+        """Pull it: all open ports are lost."""
+        self._there = None
+        for port in self._ports:
+            if port.is_open:
+                port.unplug()
+
+    def plug(self, name: str | None = None) -> None:
+        """Put it back, under its former name or another. What was lost stays lost: it is opened again."""
+        self._there = name or self.name

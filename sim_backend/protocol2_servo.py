@@ -38,6 +38,7 @@ class Protocol2Servo(WiredServo):
     """A servo whose table and firmware the series gives."""
 
     REGISTERS: ClassVar[Registers]
+    BOOT_S = REBOOT_S
     memory: Protocol2Memory
     firmware: Protocol2Firmware
 
@@ -129,7 +130,7 @@ class Protocol2Servo(WiredServo):
 
     def _reboot(self) -> None:
         self.power_cycle()
-        self._deaf_s = REBOOT_S
+        self.deaf_s = REBOOT_S
 
     def _act(self) -> int:
         if self._registered is None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import logging
 import os
 import struct
 import termios
@@ -11,6 +12,8 @@ from types import TracebackType
 from typing import Final, Self
 
 from drivers.errors import PortBusy, PortError
+
+LOG = logging.getLogger("servoloop.sim_backend")
 
 TCGETS2: Final = 0x802C542A
 TCSETS2: Final = 0x402C542B
@@ -101,3 +104,53 @@ class PtyLink:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+class PtyAdapter:
+    """The adapter of a virtual line: a pseudo-terminal that can be pulled out and put back; a context manager."""
+
+    def __init__(self, link: Path) -> None:
+        """``link``: where the line is while the adapter is there."""
+        self.link = link
+        self.line: PtyLink | None = None
+        """None while it is not there."""
+
+    def unplug(self) -> None:
+        """Pull it: clients lose the line, and the link is gone."""
+        if self.line is not None:
+            self.line.close()
+            self.line = None
+
+    def plug(self, name: str | None = None) -> None:
+        """Put it back at its link, or beside that under ``name``; where something else is, it stays away."""
+        self.unplug()
+        try:
+            self.line = PtyLink(self.link if name is None else self.link.with_name(name))
+        except PortError as error:
+            LOG.error("the adapter does not come back: %s", error)
+
+    @property
+    def baud(self) -> int:
+        """As ``PtyLink`` has it; 0 as long as nobody is there."""
+        return 0 if self.line is None else self.line.baud
+
+    def read(self) -> bytes:
+        """What a client has sent; empty when there is nothing."""
+        return b"" if self.line is None else self.line.read()
+
+    def write(self, data: bytes) -> None:
+        """Send to whoever listens."""
+        if self.line is not None:
+            self.line.write(data)
+
+    def __enter__(self) -> Self:
+        self.line = PtyLink(self.link)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.unplug()

@@ -1,7 +1,7 @@
 """Servos on a plant with their power supplies, advanced together in fixed steps. Deterministic."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
@@ -74,6 +74,7 @@ class Rig(Generic[AnyServo]):
             (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
             for supply in supplies
         ]
+        self._built = self._loads
         self._shared: Supplies | None = None
         self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
@@ -84,11 +85,25 @@ class Rig(Generic[AnyServo]):
         self._step_servos()
         self.plant.advance()
 
-    def feed(self, voltage_v: float) -> None:
-        """Another voltage from all supplies from now on; their leads stay as they are."""
-        self._loads = [(replace(supply, voltage_v=voltage_v), servos) for supply, servos in self._loads]
+    def feed(self, voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
+        """Another voltage from all supplies, and leads of another resistance, from now on. None: as they were built."""
+        self._loads = [
+            (
+                Supply(
+                    supply.voltage_v if voltage_v is None else voltage_v,
+                    supply.resistance_ohm if resistance_ohm is None else resistance_ohm,
+                ),
+                servos,
+            )
+            for supply, servos in self._built
+        ]
         if self._shared is not None:
-            self._shared["voltage_v"] = voltage_v
+            self._shared["voltage_v"] = [supply.voltage_v for supply, _ in self._loads]
+            self._shared["resistance_ohm"] = [supply.resistance_ohm for supply, _ in self._loads]
+
+    def supply_of(self, servo: AnyServo) -> Supply:
+        """The supply that feeds the servo now."""
+        return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
         """All servos' timestep as one call of compiled code, if all are made for it."""

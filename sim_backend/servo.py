@@ -45,9 +45,13 @@ class VirtualServo(PacketServo):
         self.firmware: StsFirmware = StsFirmware(self.memory, states, model.rated_voltage_v, variant)
 
     @property
-    def deaf(self) -> bool:
-        """Whether it is rebooting."""
-        return self.firmware.deaf_s > 0.0
+    def deaf_s(self) -> float:
+        """For how long it will not hear anything: the compiled millisecond counts it down."""
+        return self.firmware.deaf_s
+
+    @deaf_s.setter
+    def deaf_s(self, seconds: float) -> None:
+        self.firmware.deaf_s = seconds
 
     @property
     def return_delay_s(self) -> float:
@@ -67,7 +71,7 @@ class VirtualServo(PacketServo):
             return self._status(instruction.servo_id, self.read(*parameters))
         if instruction.code == Code.REBOOT:
             self.power_cycle()
-            self.firmware.deaf_s = REBOOT_S
+            self.deaf_s = REBOOT_S
             return None
         self._obey(instruction.code, parameters)
         return self._status(named) if answers == 2 else None

@@ -36,6 +36,8 @@ REST: Final = "rest"
 """The keyframe with the pose in which a limp arm lies; a scene without it begins at ready."""
 OFF_STAND_M: Final = 0.002
 """With its middle so far beyond the stand's edges the cube would topple."""
+JAMMED_KG_M2: Final = 1e8
+"""The inertia of gears that are blocked: nothing moves it noticeably, and MuJoCo still solves."""
 LIFTED_M: Final = 0.006
 """So much higher or lower than on the stand the cube lies on something else."""
 
@@ -64,6 +66,8 @@ class World:
         `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
         """
         self._gears: JointGears | None = None
+        self._built_armature: dict[int, float] = {}
+        """Of degrees of freedom that are blocked."""
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
         self.model: Any = with_gaps(scene or SCENE, backlash or {})
         if spread.seed is not None:
@@ -150,6 +154,26 @@ class World:
         if gears:
             dofs = {int(self.model.joint(self._motors.get(name, name)).dofadr[0]): own for name, own in gears.items()}
             self._gears = JointGears(self.model, self.data, dofs, self._gears)
+
+    def jam(self, joint: str) -> None:
+        """Block the joint's gears: it stands still, whatever pulls at it, until ``free``."""
+        for dof in self._dofs(joint):
+            self._built_armature.setdefault(dof, float(self.model.dof_armature[dof]))
+            self.model.dof_armature[dof] = JAMMED_KG_M2
+            self.data.qvel[dof] = 0.0
+
+    def free(self, joint: str) -> None:
+        """Undo ``jam``."""
+        for dof in self._dofs(joint):
+            self.model.dof_armature[dof] = self._built_armature.pop(dof)
+
+    def _dofs(self, joint: str) -> list[int]:
+        """The degrees of freedom of a joint and, where it has backlash, of its motor."""
+        return [int(self.model.joint(name).dofadr[0]) for name in {joint, self._motors.get(joint, joint)}]
+
+    def load(self, joint: str, effort: float) -> None:
+        """Pull at a joint with ``effort`` (N m, or N) more than before."""
+        self.data.joint(joint).qfrc_applied += effort
 
     def advance(self) -> None:
         """Advance by one timestep under the efforts that are in ``arrays``."""

@@ -1,7 +1,6 @@
 """One run of the whole stack on simulated time: jobs or so many seconds, figures, and a digest of all that happened."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
 
@@ -10,9 +9,11 @@ from nodes.pick_place.settings import Settings
 from servoloop.demo.following_error import FollowingError
 from servoloop.files import Files
 from servoloop.simulation.digest import Digest
+from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import JobRecord, run_job
-from servoloop.simulation.stack import SimulatedStack
+from servoloop.simulation.schedule import Schedule
 from sim_backend.build import Build
+from sim_backend.faults.player import require_possible
 
 SETTLED_S = 2.5
 """Until then a limp arm that was switched on has sunk, and has been lifted again."""
@@ -40,25 +41,27 @@ class SimulationResult:
         return all(job.success for job in self.jobs)
 
 
-def simulate(
-    files: Files, settings: Settings, build: Build, grades: Sequence[str] = (), seconds: float = 0.0
-) -> SimulationResult:
+def simulate(files: Files, settings: Settings, schedule: Schedule) -> SimulationResult:
     """Bring the arm up on its virtual servos, run the jobs one after the other, then stay up for so many seconds.
 
-    The same arguments give the same digest. Raises DriverError and HalError as bringing up a real arm does.
+    ``files`` and ``settings``: of the schedule's arm. The same arguments give the same digest. Raises DriverError and
+    HalError as bringing up a real arm does, FaultError where a fault cannot happen to this arm.
     """
     begun_s = process_time()
-    stack, digest, faulty = SimulatedStack(files=files, build=build), Digest(), Counter[str]()
+    stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
+    digest, faulty = Digest(), Counter[str]()
 
     def on_state(state: JointState) -> None:
         digest.add_state(state)
         faulty.update(f"{joint}: {fault.kind}" for joint, fault in state.faults.items())
 
     stack.on_state = on_state
+    require_possible(schedule.faults, stack.player.targets.inventory)
     stack.up()
+    stack.player.play(schedule.faults, stack.world.time_s)
     stack.run(SETTLED_S)
-    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(grades, 1))
-    stack.run(seconds)
+    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))
+    stack.run(schedule.seconds)
     figures = stack.loop.figures
     return SimulationResult(
         jobs,

@@ -1,5 +1,6 @@
 """``servoloop simulate``: the whole stack on simulated time, in one thread."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +27,12 @@ def simulate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="An arm of its own: friction, motors, masses and supply differ by 10 %.")
     ] = None,
+    faults: Annotated[
+        Path | None, typer.Option(help="YAML list of faults that happen meanwhile, see `servoloop fault --list`.")
+    ] = None,
+    schedule: Annotated[
+        Path | None, typer.Option(help="All of these from one file, instead of the other options.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Run controllers, loop, driver, bytes, servos and physics on simulated time: no ROS, no threads, no waiting.
@@ -37,14 +44,24 @@ def simulate(
     from rich.console import Console
 
     from servoloop.arms.pick_place import load_pick_place
+    from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
-    from sim_backend.build import Build
+    from sim_backend.faults.script import read_script
 
-    chosen = find_arm(arm)
+    said = read_schedule(schedule) if schedule else None
+    chosen = find_arm(said.arm if said else arm)
     poses = load_pick_place(chosen.pick_place)
-    grades = _grades(job, poses.grades) if job is not None else () if seconds is not None else poses.grades
-    files = read_arm_files(chosen, robot=robot)
-    result = run(files, poses.settings(), Build(backlash_deg, seed), grades, seconds or 0.0)
+    if said is None:
+        grades = _grades(job, poses.grades) if job is not None else () if seconds is not None else poses.grades
+        said = Schedule(
+            arm=arm,
+            seed=seed,
+            backlash_deg=backlash_deg,
+            job=grades,
+            seconds=seconds or 0.0,
+            faults=read_script(faults) if faults else (),
+        )
+    result = run(read_arm_files(chosen, robot=robot), poses.settings(), said)
     if json:
         print_json(_plain(result, poses.joints))
     else:

@@ -49,8 +49,19 @@ class GenericFirmware:
         self._no_load = model.no_load_speed_rad_s
         self.voltage_v = model.rated_voltage_v
         self.thermometer = Thermometer(motor)
+        self.encoder_sticks = False
+        """Whether the encoder goes on saying what it said last; a fault to inject, which power-off does not mend."""
         self.observe(0.0)
         self.restart()
+
+    @property
+    def temperature_c(self) -> float:
+        """Of the motor."""
+        return self.thermometer.temperature_c
+
+    @temperature_c.setter
+    def temperature_c(self, temperature_c: float) -> None:
+        self.thermometer.temperature_c = temperature_c
 
     @property
     def supply_current_a(self) -> float:
@@ -137,7 +148,7 @@ class GenericFirmware:
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """One turn of the loop on the shaft's true state; returns the torque on the shaft, N m."""
-        count = angle_rad * self._counts_per_rad // 1.0
+        count = self._count if self.encoder_sticks else angle_rad * self._counts_per_rad // 1.0
         measured = self._velocity
         measured += ((count - self._count) / dt_s - measured) * (dt_s / (SPEED_FILTER_S + dt_s))
         self._velocity = measured

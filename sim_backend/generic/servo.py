@@ -4,7 +4,7 @@ Assumed where the makers' manuals are silent: a write of the ID or the baud is a
 called; instructions that are malformed or unknown are not answered; a rebooting servo is deaf.
 """
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
@@ -14,9 +14,6 @@ from sim_backend.instructions import Instruction
 from sim_backend.packet_servo import PacketServo
 from sim_backend.sts.firmware import touches
 from sim_backend.sts_wire import Code
-
-REBOOT_S: Final = 0.8
-"""How long a reboot takes, says the protocol manual."""
 
 
 class GenericServo(PacketServo):
@@ -56,7 +53,7 @@ class GenericServo(PacketServo):
                 self.firmware.load_settings()
             case Code.REBOOT if self.REBOOTS:
                 self.power_cycle()
-                self._deaf_s = REBOOT_S
+                self.deaf_s = self.BOOT_S
                 return None
             case _:
                 return None

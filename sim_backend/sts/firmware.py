@@ -19,6 +19,9 @@ _NOTED: Final = (
     (sts.torque_enable, kernel.SWITCH_NOTED),
 )
 
+_WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
+"""What is in proportion to the turns of the motor's wire."""
+
 
 @dataclass(frozen=True, slots=True)
 class StsVariant:
@@ -59,6 +62,7 @@ class StsFirmware:
         self._memory = memory
         self._states = states
         self._variant = variant
+        self._wound = {name: float(value_of(states, name)) for name in _WINDING}
         self.voltage_v = voltage_v
         self.restart()
         self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
@@ -131,6 +135,25 @@ class StsFirmware:
     @encoder_fails.setter
     def encoder_fails(self, fails: bool) -> None:
         self._states["encoder_fails"] = fails
+
+    @property
+    def encoder_sticks(self) -> bool:
+        """Whether the encoder goes on saying what it said last; a fault to inject, as the one above."""
+        return bool(self._number("encoder_sticks"))
+
+    @encoder_sticks.setter
+    def encoder_sticks(self, sticks: bool) -> None:
+        self._states["encoder_sticks"] = sticks
+
+    @property
+    def turns_left(self) -> float:
+        """The share of its motor's turns of wire that are not shorted; a fault to inject."""
+        return float(value_of(self._states, "resistance_ohm")) / self._wound["resistance_ohm"]
+
+    @turns_left.setter
+    def turns_left(self, share: float) -> None:
+        for name, whole in self._wound.items():
+            self._states[name] = whole * share
 
     @property
     def raw_count(self) -> int:

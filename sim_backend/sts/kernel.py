@@ -481,7 +481,8 @@ def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, v
     """``dt_s`` of one record, as ``step`` says."""
     if s.deaf_s > 0.0:
         s.deaf_s -= dt_s
-    s.lagged_rad += (angle_rad - s.lagged_rad) * dt_s / (s.encoder_lag_s + dt_s)
+    if not s.encoder_sticks:
+        s.lagged_rad += (angle_rad - s.lagged_rad) * dt_s / (s.encoder_lag_s + dt_s)
     s.elapsed_ns += int(dt_s * 1e9 + 0.5)
     while s.elapsed_ns >= TICK_NS:
         s.elapsed_ns -= TICK_NS

@@ -32,6 +32,7 @@ _PARAMETERS: Final = (
     ("temperature_c", "f8"),
     ("lagged_rad", "f8"),  # the shaft's angle, as the encoder has it by now
     ("encoder_fails", "i8"),  # it does not answer the firmware
+    ("encoder_sticks", "i8"),  # it goes on saying what it said last
     ("deaf_s", "f8"),  # until it has rebooted
     ("supply", "i8"),  # which of the line's supplies feeds it
     ("voltage_v", "f8"),

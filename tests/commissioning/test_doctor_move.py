@@ -16,6 +16,7 @@ from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 
 GEARS = {"1:191": 345 / 191, "1:147": 345 / 147}
+PAN = 1
 LIFT = 2
 
 
@@ -60,11 +61,12 @@ def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
 
 
 def test_a_joint_that_shakes() -> None:
+    """One that gravity does not hold at one end of its backlash."""
     patient = Patient(build=Build(backlash_deg=3.0))
-    patient.put(LIFT, sts.position_p, 254)
-    patient.put(LIFT, sts.position_d, 0)
-    shakes = next(one for one in examine(patient).findings if (one.id, one.place.servo_id) == ("shakes", LIFT))
-    assert shakes.command == "servoloop register write --port /dev/ttyACM0 --id 2 position_p 16"
+    patient.put(PAN, sts.position_p, 254)
+    patient.put(PAN, sts.position_d, 0)
+    shakes = next(one for one in examine(patient).findings if (one.id, one.place.servo_id) == ("shakes", PAN))
+    assert shakes.command == "servoloop register write --port /dev/ttyACM0 --id 1 position_p 16"
 
 
 def test_a_joint_that_something_holds() -> None:

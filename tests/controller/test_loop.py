@@ -309,7 +309,10 @@ def test_times_and_misses_add_up_over_the_cycles(caplog: pytest.LogCaptureFixtur
     figures = loop.figures
     assert (figures.missed, figures.summary) == (3, "3 cycles missed")
     assert figures.busy_s == pytest.approx(0.2)
-    assert caplog.messages == [f"missed {n} cycles: the loop was 0 ms late" for n in (2, 1)]
+    assert caplog.messages == [
+        "missed 2 cycles: the loop was 0 ms late, busy 120 ms",
+        "missed 1 cycles: the loop was 0 ms late, busy 70 ms",
+    ]
 
 
 def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -> None:
@@ -317,7 +320,14 @@ def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -
     sleep = clock.sleep_until
     clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.06)  # type: ignore[method-assign]
     loop.run(lambda: loop.figures.cycles == 1)
-    assert caplog.messages == ["missed 1 cycles: the loop was 60 ms late"]
+    assert caplog.messages == ["missed 1 cycles: the loop was 60 ms late, busy 0 ms"]
+
+
+def test_joints_that_are_limp_are_measured_nevertheless() -> None:
+    _, loop, hardware, _ = puppet_loop()
+    hardware.faults = dict.fromkeys(JOINTS, JointFault("no_torque", "servo 1 came back without torque"))
+    loop.step()
+    assert loop.figures.summary == "every cycle on time"
 
 
 def test_an_episode_of_one_cycle_without_a_measurement_is_told_too(caplog: pytest.LogCaptureFixture) -> None:

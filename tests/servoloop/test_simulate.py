@@ -1,8 +1,10 @@
 """``servoloop simulate``: the node's job on simulated time, and the same digest wherever the same is run."""
 
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -12,9 +14,13 @@ from nodes.pick_place.settings import Settings
 from servoloop import cli
 from servoloop.files import read_files
 from servoloop.simulation.job import run_job
+from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
 from sim_backend.build import Build
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.script import read_script
+from sim_backend.faults.text import parse
 from tests.complaint import complaint
 
 SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
@@ -22,8 +28,7 @@ SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 
 def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> None:
     once = subprocess.run([sys.executable, "-m", "servoloop", *SHORT], capture_output=True, text=True, check=True)
-    here = simulate(read_files(), Settings(), Build(1.0, 1), seconds=1.5)
-    other = simulate(read_files(), Settings(), Build(1.0, 2), seconds=1.5)
+    here, other = (simulate(read_files(), Settings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
     assert json.loads(once.stdout)["digest"] == here.digest != other.digest
     assert here.cycles == pytest.approx(4.0 * 20, abs=2) and here.missed_cycles == 0
 
@@ -47,6 +52,46 @@ def test_a_job_that_fails_says_why_and_its_states_are_the_nodes() -> None:
     assert not job.success and job.bin is None
     assert "joint3: servo 3 does not answer" in job.message
     assert [state.phase for state in job.states] == [Phase.START, Phase.READY, Phase.ERROR]
+
+
+FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, at_s: 0.5, for_s: 1.0, seed: 4}\n"
+
+
+def test_faults_happen_at_their_time_and_a_schedule_is_the_same_run(tmp_path: Path) -> None:
+    script, file = tmp_path / "faults.yaml", tmp_path / "schedule.yaml"
+    script.write_text(FAULTS)
+    once = CliRunner().invoke(cli.app, ["simulate", "--seconds", "2.5", "--faults", str(script), "--json"])
+    result = json.loads(once.output)
+    assert {what.split(":")[0] for what in result["faulty_cycles"]} == {"joint3"}
+    assert result["faulty_cycles"]["joint3: silent"] > 15
+    schedule = Schedule(seconds=2.5, faults=read_script(script))
+    file.write_text(schedule_text(schedule))
+    assert read_schedule(file) == schedule
+    again = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])
+    assert json.loads(again.output)["digest"] == result["digest"]
+
+
+def test_the_schedule_of_the_page_can_be_run(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
+    (text,) = re.findall(r"```yaml\n(arm: so101.*?)```", page, re.DOTALL)
+    file = tmp_path / "schedule.yaml"
+    file.write_text(text)
+    ran = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])
+    result = json.loads(ran.output)
+    assert [job["grade"] for job in result["jobs"]] == ["A", "B"] and "elbow_flex: silent" in result["faulty_cycles"]
+
+
+def test_a_schedule_that_is_wrong_says_where(tmp_path: Path) -> None:
+    file = tmp_path / "schedule.yaml"
+    file.write_text("seconds: -1\nfaults:\n- {kind: silence, at_s: 1.0}\n")
+    with pytest.raises(ScheduleError, match=r"(?s)seconds.*faults"):
+        read_schedule(file)
+
+
+def test_a_fault_that_this_arm_cannot_have_is_refused_before_it_comes_up() -> None:
+    schedule = Schedule(seconds=1.0, faults=(parse("silent id=12 at=1s"),))
+    with pytest.raises(FaultError, match="there is no servo 12"):
+        simulate(read_files(), Settings(), schedule)
 
 
 def test_it_ends_with_1_where_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.plant import BenchPlant
 from sim_backend.port import VirtualPort
-from sim_backend.power import BROWN_OUT_V, feed, restart
+from sim_backend.power import BROWN_OUT_V, feed, restart, watch_supply
 from sim_backend.servo import REBOOT_S
 
 IDS = (1, 2)
@@ -63,7 +63,27 @@ def test_a_restart_takes_torque_and_limit_of_that_servo_alone() -> None:
     assert held == {1: (1, 400), 2: (0, 1000)}
 
 
-def test_of_other_makes_nobody_knows() -> None:
+def test_a_dynamixel_without_power_is_deaf_until_it_has_started_again() -> None:
     line = VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, x.XL430_W250))
-    with pytest.raises(TypeError, match="xl430-w250"):
-        feed(line, 12.0)
+    servo = line.servo(1)
+    feed(line, 0.0)
+    assert servo.deaf
+    line.advance(0.0)
+    line.advance(5.0)
+    assert servo.deaf
+    feed(line)
+    line.advance(5.0 + 1.1 * servo.BOOT_S)
+    assert not servo.deaf
+
+
+def test_a_supply_with_thin_leads_breaks_down_under_its_load_alone() -> None:
+    line = Line()
+    line.bus.write(1, sts.torque_enable, 1)
+    line.bus.write(1, sts.goal_position, 4000)
+    feed(line.servos, resistance_ohm=50.0)
+    watch_supply(line.servos)
+    assert line.silent() == []
+    for _ in range(200):
+        line.wait(0.001)
+        watch_supply(line.servos)
+    assert line.silent() == list(IDS)  # one supply feeds both

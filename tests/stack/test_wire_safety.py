@@ -20,10 +20,10 @@ from drivers.servos import sts
 from hal.errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
+from servoloop.campaign.wire_monitor import WireMonitor
 from servoloop.simulation.stack import SimulatedStack
 from tests.drivers.fault_lines import CYCLES
 from tests.stack.rig import ARM, BINS, PICK, READY
-from tests.stack.wire_monitor import WireMonitor
 
 POSES = (READY, PICK, *BINS.values(), (0.0,) * 6)
 SCENARIO_S = 2.5

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from hal.joint import Joint
 from sim_backend.bus import VirtualBus
 from sim_backend.instructions import Instruction
+from sim_backend.servo import VirtualServo
 from sim_backend.sts_wire import Code, InstructionParser
 
 TORQUE_ENABLE, GOAL_POSITION = 40, 42
@@ -56,7 +57,9 @@ class WireMonitor:
             self._driven.discard(joint.servo_id)
             return
         self.torque_on_seen += 1
-        position = self._bus.servo(joint.servo_id).firmware.position
+        servo = self._bus.servo(joint.servo_id)
+        assert isinstance(servo, VirtualServo), "a line of STS servos"
+        position = servo.firmware.position
         goal = self._goals.get(joint.servo_id)
         if joint.servo_id not in self._driven and (goal is None or abs(goal - position) > MEASURED_WITHIN_COUNTS):
             self.broken.append(f"{joint.name}: torque on at {position} with goal {goal}")

@@ -1,9 +1,10 @@
 """What can be made to go wrong on the virtual wire."""
 
 import random
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 LONGEST_NOISE: Final = 6
 """Bytes; less than half a reply, as a glitch of the supply leaves."""
@@ -55,6 +56,18 @@ class WireFaults:
     """Switches that the bus looks at whenever a servo is about to reply. Servos are named by ID."""
 
     def __init__(self) -> None:
+        self.mute: set[Any] = set()
+        """Servos, whatever their IDs, whose data lines are broken."""
+        self.echo = False
+        """Whether the adapter hears what it sends."""
+        self.on_reply: list[Callable[[int, bytes], bytes]] = []
+        """What a reply of a servo (its ID) becomes on the wire, one after the other."""
+        self.on_instruction: list[Callable[[int], bool]] = []
+        """Whether an instruction reaches the servo: each of these must say so."""
+        self.on_arrival: list[Callable[[int], float]] = []
+        """For how long (s) the adapter holds a reply of the servo back."""
+        self.foreign: deque[bytes] = deque(maxlen=1)
+        """The packet of another program that goes out before the master's next one."""
         self._silent: set[int] = set()
         self._corrupt: dict[int, int] = {}
         self._late: set[int] = set()
@@ -89,18 +102,27 @@ class WireFaults:
 
     def hears(self, servo_id: int) -> bool:
         """Whether the next instruction reaches the servo."""
-        return not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
+        reached = not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
+        for reaches in self.on_instruction:  # each draws its own, whatever the others say
+            reached = reaches(servo_id) and reached
+        return reached
+
+    def held_s(self, servo_id: int) -> float:
+        """For how long the adapter holds back the servo's next reply."""
+        return sum(held(servo_id) for held in self.on_arrival)
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
         """A reply as it comes out of the wire."""
         if self.disturbance is not None:
             packet = self.disturbance.pass_reply(servo_id, packet)
+        for become in self.on_reply:
+            packet = become(servo_id, packet)
         if servo_id in self._late:
             self._late.remove(servo_id)
             self._held.append(packet)
             return b""
         left = self._corrupt.get(servo_id, 0)
-        if not left:
+        if not left or not packet:
             return packet
         self._corrupt[servo_id] = left - 1
         return packet[:-1] + bytes((packet[-1] ^ 0xFF,))

@@ -1,0 +1,56 @@
+"""Shrinking: of a schedule that breaks an invariant, the few events that matter."""
+
+from collections.abc import Callable, Iterator
+
+from servoloop.simulation.schedule import Schedule
+from sim_backend.faults.event import Event
+
+Breaks = Callable[[Schedule], bool]
+"""Whether a schedule breaks the same invariant."""
+ROUND_S = (1.0, 0.1, 0.01)
+"""Times are tried on these grids, the coarsest first."""
+
+
+def shrink(schedule: Schedule, breaks: Breaks) -> Schedule:
+    """The smallest schedule found that still breaks it: without events, jobs and seconds that it does not need.
+
+    Deterministic; ``breaks(schedule)`` must hold at the beginning. Greedy: what a step makes smaller stays so, until
+    no step does.
+    """
+    smaller = schedule
+    while True:
+        found = next((one for one in _smaller(smaller) if one != smaller and breaks(one)), None)
+        if found is None:
+            return smaller
+        smaller = found
+
+
+def _smaller(schedule: Schedule) -> Iterator[Schedule]:
+    """Schedules that are a little smaller, what saves most first."""
+    faults = schedule.faults
+    half = len(faults) // 2
+    if half > 1:
+        yield schedule.model_copy(update={"faults": faults[:half]})
+        yield schedule.model_copy(update={"faults": faults[half:]})
+    for i in range(len(faults)):
+        yield schedule.model_copy(update={"faults": (*faults[:i], *faults[i + 1 :])})
+    for i in range(len(schedule.job)):
+        yield schedule.model_copy(update={"job": (*schedule.job[:i], *schedule.job[i + 1 :])})
+    if schedule.seed is not None:
+        yield schedule.model_copy(update={"seed": None})
+    if schedule.backlash_deg:
+        yield schedule.model_copy(update={"backlash_deg": 0.0})
+    for i, event in enumerate(faults):
+        for easier in _easier(event):
+            yield schedule.model_copy(update={"faults": (*faults[:i], easier, *faults[i + 1 :])})
+
+
+def _easier(event: Event) -> Iterator[Event]:
+    """The same event, shorter, or at a rounder time."""
+    if event.for_s is not None and event.for_s > 0.1:
+        yield event.model_copy(update={"for_s": round(event.for_s / 2.0, 3)})
+    for grid_s in ROUND_S:
+        at_s = round(round(event.at_s / grid_s) * grid_s, 3)
+        if abs(at_s - event.at_s) > 1e-9:
+            yield event.model_copy(update={"at_s": at_s})
+            break

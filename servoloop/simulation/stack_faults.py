@@ -1,0 +1,147 @@
+"""Faults above the servos, on simulated time: a machine that stalls, a controller that goes wrong, a bad client."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from controller.interface import Controller
+from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from drivers.clock import Clock
+from drivers.servos.register import ServoModel
+from hal.robot import Robot
+from hal.types import FloatArray, JointState
+from sim_backend.faults.targets import Inventory, Misdeed, Upset
+
+
+def inventory_of(robot: Robot) -> Inventory:
+    """The servos of a robot file, for schedules that are drawn before its stack is there."""
+    servos: dict[str, dict[int, ServoModel]] = {name: {} for name in robot.file.lines()}
+    for joint in robot.joints:
+        servos[joint.bus][joint.servo_id] = joint.model
+    return Inventory(servos)
+
+
+class Upsettable:
+    """A controller that can be made to go wrong; all else is the controller's own."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.upsets: list[tuple[Upset, float]] = []
+        """What is wrong with it now: how, and how far its commands jump."""
+        self.newest: GoalHandle | None = None
+        """The newest goal, of a controller that has goals with an end."""
+        self._controller: Any = controller
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._controller, name)
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        if any(how == "raises" for how, _ in self.upsets):
+            raise RuntimeError("a fault was injected into this controller")
+        self._controller.update(state, now_s, period_s)
+
+    def submit(self, goal: Any) -> Any:
+        """Hand a goal over, as the controller itself takes it."""
+        answer = self._controller.submit(goal)
+        self.newest = answer if isinstance(answer, GoalHandle) else None
+        return answer
+
+    @property
+    def command(self) -> FloatArray:
+        command: FloatArray = self._controller.command
+        for how, jump in self.upsets:
+            command = command + (np.nan if how == "nan" else jump)
+        return command
+
+
+class StackFaults:
+    """What a ``FaultPlayer`` needs of a stack: the machine, the controllers and the arm's client."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        controllers: Mapping[str, Upsettable],
+        arm: str,
+        client_dies: Callable[[], None],
+    ) -> None:
+        """``controllers``: all of the stack, by name, as it runs them; ``arm``: the one whose client misbehaves."""
+        self.answers: list[str | None] = []
+        """What became of the goals that made no sense: the reason of the refusal, or None where one was taken."""
+        self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the controllers."""
+        return tuple(self._controllers)
+
+    def stall(self, seconds: float) -> None:
+        """The stack's thread does not run for so long."""
+        self._clock.sleep_until(self._clock.now() + seconds)
+
+    @contextmanager
+    def upset(self, controller: str | None, how: Upset, jump: float) -> Iterator[None]:
+        """One controller goes wrong while the context lasts."""
+        upsets, mine = self._controllers[controller or self._arm].upsets, (how, jump)
+        upsets.append(mine)
+        try:
+            yield
+        finally:
+            upsets.remove(mine)
+
+    def misbehave(self, what: Misdeed, random: Random) -> None:
+        """The client does this now."""
+        arm = self._controllers[self._arm]
+        if what == "nonsense":
+            goal = random.choice(NONSENSE)(arm.joints, random)
+            reason = arm.check(goal)
+            self.answers.append(reason)
+            if reason is None:
+                arm.submit(goal)
+        elif what == "dies":
+            self._client_dies()
+        elif arm.newest is not None:
+            arm.cancel(arm.newest)
+
+
+def _goal(joints: tuple[str, ...], positions: tuple[float, ...]) -> TrajectoryGoal:
+    return TrajectoryGoal(joints, (GoalPoint(positions, 1.0),))
+
+
+def _not_a_number(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    positions = [0.0] * len(joints)
+    positions[random.randrange(len(joints))] = random.choice([np.nan, np.inf, -np.inf])
+    return _goal(joints, tuple(positions))
+
+
+def _no_such_joint(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal((*joints[:-1], f"joint{random.randrange(1000)}_that_is_not_there"), (0.0,) * len(joints))
+
+
+def _beyond_the_limits(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal(joints, tuple(random.choice([-1.0, 1.0]) * random.uniform(10.0, 1e9) for _ in joints))
+
+
+def _too_few(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal(joints, (0.0,) * random.randrange(len(joints)))
+
+
+def _back_in_time(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    still, time_s = (0.0,) * len(joints), random.uniform(0.5, 2.0)
+    return TrajectoryGoal(joints, (GoalPoint(still, time_s), GoalPoint(still, time_s - 0.4)))
+
+
+def _without_joints(joints: tuple[str, ...], random: Random) -> TrajectoryGoal:
+    return _goal((), ())
+
+
+NONSENSE: tuple[Callable[[tuple[str, ...], Random], TrajectoryGoal], ...] = (
+    _not_a_number,
+    _no_such_joint,
+    _beyond_the_limits,
+    _too_few,
+    _back_in_time,
+    _without_joints,
+)
+"""Goals that every arm must refuse."""

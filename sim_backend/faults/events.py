@@ -1,0 +1,47 @@
+"""All kinds of faults. ``FaultEvent`` is any of them, told apart by its ``kind``."""
+
+from typing import Annotated, Any, Final
+
+from pydantic import Field, TypeAdapter
+
+from sim_backend.faults.event import Event
+from sim_backend.faults.lines import AdapterUnplugged, CableCut, Echo, ForeignPackets, WeakSupply
+from sim_backend.faults.mechanics import Jammed, Overload, SlippedHorn
+from sim_backend.faults.replies import (
+    Collision,
+    FlippedReplies,
+    LateReplies,
+    LostReplies,
+    MissedInstructions,
+    Noise,
+    TruncatedReplies,
+)
+from sim_backend.faults.servos import BrownOut, DeadEncoder, Hot, Overcurrent, Silent, StuckEncoder
+from sim_backend.faults.settings import EepromGone, WrongId, WrongMode, WrongRate
+from sim_backend.faults.stack import (
+    ClientCancels,
+    ClientDies,
+    ClientNonsense,
+    ControllerJumps,
+    ControllerNan,
+    ControllerRaises,
+    Stall,
+)
+
+FaultEvent = Annotated[
+    Silent | BrownOut | CableCut | WeakSupply
+    | LostReplies | LateReplies | TruncatedReplies | FlippedReplies | Noise | Echo | Collision | MissedInstructions
+    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | Hot | Overcurrent
+    | WrongId | WrongRate | WrongMode | EepromGone
+    | AdapterUnplugged | ForeignPackets
+    | Stall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,
+    Field(discriminator="kind"),
+]  # fmt: skip
+
+EVENT: Final[TypeAdapter[Any]] = TypeAdapter(FaultEvent)
+"""Makes an event of plain data."""
+KINDS: Final[dict[str, type[Event]]] = {
+    kind.model_fields["kind"].default: kind
+    for kind in FaultEvent.__origin__.__args__  # type: ignore[attr-defined]
+}
+"""Every kind by its name."""

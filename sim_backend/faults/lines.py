@@ -1,0 +1,208 @@
+"""Faults of a whole line: its cable, its supply, its adapter, and who else talks on it."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from random import Random
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Lasting, OfBus, OfServo, Seconds, ServoId, any_servo
+from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.line import ServoLine
+from sim_backend.power import feed, restart, watch_supply
+
+Volts = Annotated[float, Field(ge=0.0, le=60.0)]
+READ, WRITE = 2, 3
+"""The instructions, in all protocols."""
+
+
+class CableCut(OfBus, Lasting):
+    """The cable breaks behind a servo: all behind it hear nothing and have no power, so their joints are limp."""
+
+    kind: Literal["cable_cut"] = "cable_cut"
+    after: ServoId | None = None
+    """The last servo that is still there; None: the cable breaks before the first."""
+
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
+            raise FaultError(f"servo {self.after} is the last of its line: nothing hangs behind it")
+
+    def _cut(self, there: Inventory) -> dict[str, int]:
+        """The place of the first servo that is cut off, by line."""
+        if self.after is None:
+            return dict.fromkeys(there.buses(self.bus), 0)
+        bus = there.bus_of(self.after, self.bus)
+        return {bus: list(there.servos[bus]).index(self.after) + 1}
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        with ExitStack() as cut:
+            for bus, first in self._cut(targets.inventory).items():
+                line = targets.lines[bus]
+                for servo in line.servos[first:]:
+                    cut.enter_context(_off(targets, line, servo))
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), **_after(random, there)}
+
+
+@contextmanager
+def _off(targets: Targets, line: ServoLine[Any], servo: Any) -> Iterator[None]:
+    def pull(pulled: bool) -> None:
+        if pulled:
+            line.unplug(servo)
+        else:
+            line.plug(servo)
+            restart(servo)
+
+    with targets.holds.hold(("plug", servo), pull, True, False):
+        yield
+
+
+def _after(random: Random, there: Inventory) -> dict[str, Any]:
+    named = any_servo(random, {bus: dict(list(ids.items())[:-1]) or ids for bus, ids in there.servos.items()})
+    return {"bus": named["bus"], "after": named["servo_id"]}
+
+
+class WeakSupply(OfBus, Lasting):
+    """The supply has another voltage, or thin leads; where less than a controller needs is left, it starts anew."""
+
+    kind: Literal["weak_supply"] = "weak_supply"
+    voltage_v: Volts | None = None
+    """Without load. None: as it was."""
+    resistance_ohm: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    """Of the leads. None: as it was."""
+
+    @model_validator(mode="after")
+    def _weak(self) -> Self:
+        if self.voltage_v is None and self.resistance_ohm is None:
+            raise ValueError("a weak supply has a voltage_v, a resistance_ohm, or both")
+        return self
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        with ExitStack() as weak:
+            for line in targets.lines_of(self.bus):
+                weak.enter_context(_fed(targets, line, (self.voltage_v, self.resistance_ohm)))
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        voltage_v, resistance_ohm = round(random.uniform(0.0, 12.0), 1), round(random.uniform(0.1, 5.0), 1)
+        drawn = random.choice([{"voltage_v": voltage_v}, {"resistance_ohm": resistance_ohm}])
+        return {**super().draw_parameters(random, there), **drawn}
+
+
+@contextmanager
+def _fed(targets: Targets, line: ServoLine[Any], supply: tuple[float | None, float | None]) -> Iterator[None]:
+    def change(what: tuple[float | None, float | None]) -> None:
+        feed(line, *what)
+
+    def watch(time_s: float) -> None:
+        watch_supply(line)
+
+    with targets.each_step(watch), targets.holds.hold(("supply", line), change, supply, (None, None)):
+        yield
+
+
+class Echo(OfBus, Lasting):
+    """The adapter's wires are joined: what is sent comes back before the answer."""
+
+    kind: Literal["echo"] = "echo"
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        with ExitStack() as echo:
+            for line in targets.lines_of(self.bus):
+                echo.enter_context(_echoing(targets, line))
+            yield
+
+
+@contextmanager
+def _echoing(targets: Targets, line: ServoLine[Any]) -> Iterator[None]:
+    def join(joined: bool) -> None:
+        line.faults.echo = joined
+
+    with targets.holds.hold(("echo", line), join, True, False):
+        yield
+
+
+class AdapterUnplugged(OfBus, Lasting):
+    """The adapter is pulled out, and put back under its former name or another; the servos keep their power."""
+
+    kind: Literal["adapter_unplugged"] = "adapter_unplugged"
+    back_as: str | None = None
+    """The name under which it comes back. None: the former one."""
+
+    @model_validator(mode="after")
+    def _comes_back(self) -> Self:
+        if self.back_as is not None and self.for_s is None:
+            raise ValueError("an adapter that comes back as another needs for_s: when")
+        return self
+
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        if not there.adapters:
+            raise FaultError("there is no adapter here that could be unplugged: the line ends in this program")
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        adapters = [targets.adapters[name] for name in targets.inventory.buses(self.bus)]
+        with ExitStack() as pulled:
+            for adapter in adapters:
+
+                def pull(out: str | None, adapter: Any = adapter) -> None:
+                    adapter.unplug() if out == "" else adapter.plug(out)
+
+                # Of two that have pulled it the last to let go puts it back.
+                pulled.enter_context(targets.holds.hold(("adapter", adapter), pull, "", self.back_as))
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        parameters = super().draw_parameters(random, there)
+        other = random.choice([None, "another"]) if parameters["for_s"] else None
+        return {**parameters, "back_as": other}
+
+
+class ForeignPackets(OfServo, Lasting):
+    """Another program talks on the same line, between our packets: it reads a servo, or switches its torque off."""
+
+    kind: Literal["foreign_packets"] = "foreign_packets"
+    every_s: Seconds = 0.1
+    does: Literal["reads", "lets_go"] = "reads"
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        place = self.place(targets)
+        packet, next_s = self._packet(place.servo.model), -1.0
+
+        def talk(time_s: float) -> None:
+            nonlocal next_s
+            if time_s >= next_s:
+                place.line.faults.foreign.append(packet)
+                next_s = time_s + self.every_s
+
+        with targets.each_step(talk):
+            yield
+
+    def _packet(self, model: ServoModel) -> bytes:
+        series = series_of(model)
+        packets = series.protocol.packets
+        if self.does == "reads":
+            place = series.goal_position
+            return bytes(packets.packet(self.servo_id, READ, packets.span(place.address, place.size)))
+        switch = series.torque_enable
+        return bytes(packets.packet(self.servo_id, WRITE, packets.place(switch.address) + bytes(switch.size)))
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        every_s, does = round(random.uniform(0.01, 0.5), 3), random.choice(["reads", "lets_go"])
+        return {**super().draw_parameters(random, there), "every_s": every_s, "does": does}

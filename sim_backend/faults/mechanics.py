@@ -1,0 +1,93 @@
+"""Faults of gears and joints."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import pi
+from random import Random
+from typing import Any, Literal
+
+from pydantic import field_validator
+
+from drivers.servos.register import ServoModel
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Lasting, Momentary, OfServo
+from sim_backend.faults.targets import Inventory, Mechanics, Targets
+
+
+class Jammed(OfServo, Lasting):
+    """The gears of a servo jam: its joint does not turn, whatever pulls at it."""
+
+    kind: Literal["jammed"] = "jammed"
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        _require_world(there, self.kind)
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        world, joint = _world(targets), self.place(targets).joint
+
+        def jam(jammed: bool) -> None:
+            (world.jam if jammed else world.free)(joint)
+
+        with targets.holds.hold(("jammed", joint), jam, True, False):
+            yield
+
+
+class Overload(OfServo, Lasting):
+    """Something pulls at a servo's shaft with this torque: more than the servo has, and its protection acts."""
+
+    kind: Literal["overload"] = "overload"
+    torque_nm: float = 4.0
+    """Positive towards larger joint positions."""
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        _require_world(there, self.kind)
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        world, place = _world(targets), self.place(targets)
+        effort = self.torque_nm / abs(place.ratio)
+        world.load(place.joint, effort)
+        try:
+            yield
+        finally:
+            world.load(place.joint, -effort)
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "torque_nm": round(random.uniform(-4.0, 4.0), 2)}
+
+
+class SlippedHorn(Momentary, OfServo):
+    """The horn slips on the shaft: from now on the encoder says so many counts more at the same joint position."""
+
+    kind: Literal["slipped_horn"] = "slipped_horn"
+    counts: int
+
+    @field_validator("counts")
+    @classmethod
+    def _slips(cls, counts: int) -> int:
+        if counts == 0:
+            raise ValueError("0 counts are no slip")
+        return counts
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        place = self.place(targets)
+        place.line.rig.plant.slip(place.number, self.counts * 2.0 * pi / place.servo.model.counts_per_turn)
+        yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        counts = random.choice([-1, 1]) * random.randint(1, 200)
+        return {**super().draw_parameters(random, there), "counts": counts}
+
+
+def _require_world(there: Inventory, kind: str) -> None:
+    if not there.world:
+        raise FaultError(f"there is no world here, only servos on a line: no joint can have {kind!r}")
+
+
+def _world(targets: Targets) -> Mechanics:
+    assert targets.world is not None, "refused before"
+    return targets.world

@@ -1,0 +1,88 @@
+"""Lets faults happen at their times, in the world's own milliseconds."""
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from heapq import heappop, heappush
+from typing import Final
+
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Event
+from sim_backend.faults.targets import Inventory, Targets
+
+ENDS, BEGINS = 0, 1
+"""Of what is due at one time, this comes first: a fault that ends makes room for the next."""
+ROUNDING_S: Final = 1e-6
+"""The world's time is a sum of milliseconds."""
+
+
+class FaultPlayer:
+    """Begins and ends faults. ``update`` belongs behind every step of the world, with the world's time."""
+
+    def __init__(self, targets: Targets) -> None:
+        self.active: dict[int, Event] = {}
+        """The faults that last now, in the order in which they began."""
+        self.targets = targets
+        """What the faults are done to."""
+        self._due: list[tuple[float, int, int, Event]] = []
+        self._running: dict[int, ExitStack] = {}
+        self._number = 0
+
+    def play(self, events: Iterable[Event], since_s: float = 0.0) -> None:
+        """Let ``events`` happen, whose times count from ``since_s`` of the world.
+
+        Raises FaultError, which lists all that cannot be done here; then none of them will be.
+        """
+        events = tuple(events)
+        require_possible(events, self.targets.inventory)
+        for event in events:
+            self._number += 1
+            heappush(self._due, (since_s + event.at_s, BEGINS, self._number, event))
+
+    def update(self, time_s: float) -> None:
+        """The world has reached ``time_s``."""
+        if self._due:
+            self.begin_due(time_s)
+        self.targets.step(time_s)
+
+    def begin_due(self, time_s: float) -> None:
+        """Begin and end what is due."""
+        while self._due and self._due[0][0] <= time_s + ROUNDING_S:
+            at_s, order, number, event = heappop(self._due)
+            if order == BEGINS:
+                self._begin(number, event, at_s)
+            else:
+                self._end(number)
+
+    @property
+    def coming(self) -> list[Event]:
+        """The faults that have not begun yet, in the order in which they will."""
+        return [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
+
+    def close(self) -> None:
+        """End all faults, the last to have begun first, and forget those to come."""
+        self._due.clear()
+        for number in reversed(list(self._running)):
+            self._end(number)
+
+    def _begin(self, number: int, event: Event, at_s: float) -> None:
+        self._running[number] = running = ExitStack()
+        running.enter_context(event.acting(self.targets))
+        self.active[number] = event
+        if event.lasts_s is not None:
+            heappush(self._due, (at_s + event.lasts_s, ENDS, number, event))
+
+    def _end(self, number: int) -> None:
+        del self.active[number]
+        self._running.pop(number).close()
+
+
+def require_possible(events: Iterable[Event], there: Inventory) -> None:
+    """Raise FaultError, with a sentence for each, where some of the events cannot happen to what there is."""
+    wrong = []
+    for event in events:
+        try:
+            event.refuse(there)
+        except FaultError as error:
+            wrong.append(f"{event.kind} at {event.at_s:g} s: {error}")
+    if wrong:
+        raise FaultError("\n".join(wrong))

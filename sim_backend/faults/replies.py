@@ -1,0 +1,163 @@
+"""Faults of packets on the wire, each with its own chance from its own stream of random numbers."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from random import Random
+from typing import Any, Literal
+
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Replies, Seconds, ServoId
+from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.wire import LONGEST_NOISE
+from sim_backend.line import overlaid
+
+
+class _OnTheWire(Replies):
+    """A fault of each reply, with a chance."""
+
+    def spoil(self, random: Random, packet: bytes) -> bytes:
+        """What becomes of one reply that is hit."""
+        raise NotImplementedError
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        random = self.stream()
+
+        def become(servo_id: int, packet: bytes) -> bytes:
+            hit = self.hit(random, servo_id)
+            return self.spoil(hit, packet) if hit and packet else packet
+
+        with _listed(targets, self.bus, "on_reply", become):
+            yield
+
+    def hit(self, random: Random, servo_id: int) -> Random | None:
+        """The numbers for what becomes of this reply, if it is hit. Of ``random`` each that could be takes one: what
+        other faults have left of a reply changes nothing of what happens to the next."""
+        if self.servo_id not in (None, servo_id):
+            return None
+        number = random.random()
+        return Random(number) if number < self.chance else None
+
+
+class LostReplies(_OnTheWire):
+    """Replies get lost on the wire."""
+
+    kind: Literal["lost_replies"] = "lost_replies"
+
+    def spoil(self, random: Random, packet: bytes) -> bytes:
+        return b""
+
+
+class TruncatedReplies(_OnTheWire):
+    """Of a reply only the beginning arrives."""
+
+    kind: Literal["truncated_replies"] = "truncated_replies"
+
+    def spoil(self, random: Random, packet: bytes) -> bytes:
+        return packet[: random.randrange(1, len(packet))]
+
+
+class FlippedReplies(_OnTheWire):
+    """One bit of a reply arrives as its opposite."""
+
+    kind: Literal["flipped_replies"] = "flipped_replies"
+
+    def spoil(self, random: Random, packet: bytes) -> bytes:
+        bit = random.randrange(len(packet) * 8)
+        return (int.from_bytes(packet, "big") ^ 1 << bit).to_bytes(len(packet), "big")
+
+
+class Noise(_OnTheWire):
+    """Bytes that nobody sent arrive before a reply."""
+
+    kind: Literal["noise"] = "noise"
+
+    def spoil(self, random: Random, packet: bytes) -> bytes:
+        return random.randbytes(random.randint(1, LONGEST_NOISE)) + packet
+
+
+class Collision(_OnTheWire):
+    """Another servo says what it said last at the same time: what arrives is both, one over the other."""
+
+    kind: Literal["collision"] = "collision"
+    servo_id: ServoId
+    other_id: ServoId
+
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        there.bus_of(self.other_id, there.bus_of(self.servo_id, self.bus))
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        random, said = self.stream(), b""
+
+        def become(servo_id: int, packet: bytes) -> bytes:
+            nonlocal said
+            if servo_id == self.other_id and packet:
+                said = packet
+            hit = self.hit(random, servo_id)
+            return overlaid([packet, said]) if hit and packet and said else packet
+
+        with _listed(targets, targets.inventory.bus_of(self.servo_id, self.bus), "on_reply", become):
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        parameters = super().draw_parameters(random, there)
+        shared = [name for name, servos in there.servos.items() if len(servos) > 1]
+        if not shared:
+            raise FaultError("no line has two servos whose replies could collide")
+        bus = random.choice(shared)
+        one, other = random.sample(list(there.servos[bus]), 2)
+        return {**parameters, "bus": bus if len(there.servos) > 1 else None, "servo_id": one, "other_id": other}
+
+
+class LateReplies(Replies):
+    """The adapter keeps replies back for so long, and what comes behind them with them."""
+
+    kind: Literal["late_replies"] = "late_replies"
+    by_s: Seconds = 0.02
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        random = self.stream()
+
+        def held(servo_id: int) -> float:
+            hit = self.servo_id in (None, servo_id) and random.random() < self.chance
+            return self.by_s if hit else 0.0
+
+        with _listed(targets, self.bus, "on_arrival", held):
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "by_s": round(random.uniform(0.001, 0.05), 4)}
+
+
+class MissedInstructions(Replies):
+    """Instructions do not reach a servo in one piece, so it does nothing."""
+
+    kind: Literal["missed_instructions"] = "missed_instructions"
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        random = self.stream()
+
+        def reaches(servo_id: int) -> bool:
+            return self.servo_id not in (None, servo_id) or random.random() >= self.chance
+
+        with _listed(targets, self.bus, "on_instruction", reaches):
+            yield
+
+
+@contextmanager
+def _listed(targets: Targets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
+    """While the context lasts ``act`` stands in this list of the lines' switches."""
+    lists: list[list[Any]] = [getattr(line.faults, where) for line in targets.lines_of(bus)]
+    for each in lists:
+        each.append(act)
+    try:
+        yield
+    finally:
+        for each in lists:
+            each.remove(act)

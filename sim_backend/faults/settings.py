@@ -1,0 +1,137 @@
+"""Faults of what a servo keeps without power: another program, or nobody, has set it up."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from random import Random
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field
+
+from drivers.servos import sts, x, xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel1 import AX_MX
+from drivers.servos.register import Register, ServoModel
+from sim_backend.box import FACTORY_ID
+from sim_backend.faults.event import Lasting, Momentary, OfServo
+from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.power import restart
+from sim_backend.servo import VirtualServo
+from sim_backend.xl320_servo import VirtualXl320Servo
+
+MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
+"""The values of ``operating_mode`` by series; the others have no such register."""
+
+
+class _WrongSetting(OfServo, Lasting):
+    """A register of the EEPROM has another value."""
+
+    def _setting(self, model: ServoModel) -> tuple[str, int]:
+        """The register's name, and its wrong value."""
+        raise NotImplementedError
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo = self.place(targets).servo
+        name, value = self._setting(servo.model)
+        register = _register(servo.model, name)
+        usual = servo.memory.get(register)
+
+        def put(number: int) -> None:
+            _put(servo, register, number)
+
+        with targets.holds.hold((name, servo), put, value, usual):
+            yield
+
+
+class WrongId(_WrongSetting):
+    """A servo answers to another ID; to one that another servo has, both answer."""
+
+    kind: Literal["wrong_id"] = "wrong_id"
+    to: Annotated[int, Field(ge=0, le=252)]
+
+    def _setting(self, model: ServoModel) -> tuple[str, int]:
+        return "id", self.to
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "to": random.randint(1, 20)}
+
+
+class WrongRate(_WrongSetting):
+    """A servo listens and talks at another rate than the line's."""
+
+    kind: Literal["wrong_rate"] = "wrong_rate"
+    baud: int
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        if self.baud not in _rates(model):
+            raise self.cannot(model, f"knows {', '.join(map(str, sorted(_rates(model))))} baud and not {self.baud}")
+
+    def _setting(self, model: ServoModel) -> tuple[str, int]:
+        return "baud_rate", _rates(model)[self.baud]
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "baud": random.choice([57_600, 115_200, 1_000_000])}
+
+
+class WrongMode(_WrongSetting):
+    """A servo runs in another operating mode than position control."""
+
+    kind: Literal["wrong_mode"] = "wrong_mode"
+    mode: int
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        modes = MODES.get(series_of(model).name)
+        if modes is None:
+            raise self.cannot(model, "has no register for its operating mode")
+        if self.mode not in modes:
+            raise self.cannot(model, f"has the modes {', '.join(map(str, modes))} and not {self.mode}")
+
+    def _setting(self, model: ServoModel) -> tuple[str, int]:
+        return "operating_mode", self.mode
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "mode": random.choice([0, 1, 3])}
+
+
+class EepromGone(Momentary, OfServo):
+    """A servo has lost its settings and starts anew with those of the factory: ID 1, the factory's rate and limits."""
+
+    kind: Literal["eeprom_gone"] = "eeprom_gone"
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo = self.place(targets).servo
+        fresh = VirtualXl320Servo(FACTORY_ID) if servo.model == xl320.XL320 else type(servo)(servo.model, FACTORY_ID)
+        servo.memory.flash = fresh.memory.flash
+        restart(servo)
+        yield
+
+
+def _register(model: ServoModel, name: str) -> Register:
+    table = x.registers(model) if isinstance(model, x.Model) else series_of(model).registers
+    return next(register for register in table if register.name == name)
+
+
+def _put(servo: Any, register: Register, value: int) -> None:
+    """Put and save a value, whatever the lock or the torque says; what follows from a change follows."""
+    if isinstance(servo, VirtualServo):
+        servo.write(register.address, register.encode(value, "little"))
+    elif series_of(servo.model).make == "dynamixel":  # whose EEPROM nobody writes while it holds its torque
+        servo.memory.put(series_of(servo.model).torque_enable, 0)
+    servo.memory.save(register, value)
+    if not isinstance(servo, VirtualServo):
+        servo.firmware.load_settings()
+
+
+def _rates(model: ServoModel) -> Mapping[int, int]:
+    """The value of ``baud_rate`` by the rate."""
+    series = series_of(model)
+    if series is AX_MX:
+        return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}
+    rates: Sequence[int] = sts.BAUD_RATES
+    if series.make != "feetech":
+        rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if model in x.X330 else None]
+    return {rate: value for value, rate in enumerate(rates)}

@@ -1,0 +1,128 @@
+"""Faults above the servos: of the machine that the stack runs on, of a controller, of a client."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from random import Random
+from typing import Any, ClassVar, Literal
+
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Event, Lasting, Momentary, Seconds
+from sim_backend.faults.targets import Inventory, Misdeed, StackTarget, Targets, Upset
+
+
+class _OfStack(Event):
+    """A fault that only a whole stack on simulated time can have."""
+
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        if not there.stack:
+            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs one on simulated time")
+
+    def stack(self, targets: Targets) -> StackTarget:
+        assert targets.stack is not None, "refused before"
+        return targets.stack
+
+
+class Stall(_OfStack):
+    """The machine stands still for so long, as where another program has it: cycles are missed, the world goes on."""
+
+    kind: Literal["stall"] = "stall"
+    for_s: Seconds
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        self.stack(targets).stall(self.for_s)
+        yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {"for_s": round(random.uniform(0.01, 1.0), 3)}
+
+
+class _OfController(_OfStack, Lasting):
+    """A controller's update goes wrong, in each cycle."""
+
+    HOW: ClassVar[Upset]
+    controller: str | None = None
+    """Its name; None: the arm's."""
+
+    def refuse(self, there: Inventory) -> None:
+        super().refuse(there)
+        if self.controller is not None and there.controllers and self.controller not in there.controllers:
+            raise FaultError(f"there is no controller {self.controller!r}: known are {', '.join(there.controllers)}")
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        with self.stack(targets).upset(self.controller, self.HOW, self._jump):
+            yield
+
+    @property
+    def _jump(self) -> float:
+        return 0.0
+
+
+class ControllerRaises(_OfController):
+    """A controller raises an exception."""
+
+    kind: Literal["controller_raises"] = "controller_raises"
+    HOW = "raises"
+
+
+class ControllerNan(_OfController):
+    """A controller commands NaN to its joints."""
+
+    kind: Literal["controller_nan"] = "controller_nan"
+    HOW = "nan"
+
+
+class ControllerJumps(_OfController):
+    """A controller's commands jump by so much."""
+
+    kind: Literal["controller_jumps"] = "controller_jumps"
+    HOW = "jumps"
+    by_rad: float = 1.0
+
+    @property
+    def _jump(self) -> float:
+        return self.by_rad
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "by_rad": round(random.uniform(-3.0, 3.0), 2)}
+
+
+class _OfClient(Momentary, _OfStack):
+    """A client of the stack does something it should not."""
+
+    DOES: ClassVar[Misdeed]
+    seed: int = 0
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        self.stack(targets).misbehave(self.DOES, self.stream())
+        yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {"seed": random.randrange(1 << 16)}
+
+
+class ClientNonsense(_OfClient):
+    """A client sends a goal that makes no sense: NaN, joints that are not there, positions beyond the limits."""
+
+    kind: Literal["client_nonsense"] = "client_nonsense"
+    DOES = "nonsense"
+
+
+class ClientCancels(_OfClient):
+    """A client cancels the goal that is on its way."""
+
+    kind: Literal["client_cancels"] = "client_cancels"
+    DOES = "cancels"
+
+
+class ClientDies(_OfClient):
+    """A client dies: its goal goes on, and nobody sends the next."""
+
+    kind: Literal["client_dies"] = "client_dies"
+    DOES = "dies"

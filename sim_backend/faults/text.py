@@ -1,0 +1,98 @@
+"""Faults as people type them: ``silent id=3 for=2s``. The kind, and then its parameters in any order."""
+
+import shlex
+from difflib import get_close_matches
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Event
+from sim_backend.faults.events import EVENT, KINDS
+
+_WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as"}
+_UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")
+
+
+def words(kind: type[Event]) -> dict[str, str]:
+    """The parameters of a kind: the field by the word that stands for it."""
+    fields = [name for name in kind.model_fields if name != "kind" and not _never(kind, name)]
+    fields.sort(key=lambda name: (name in ("at_s", "for_s"), not kind.model_fields[name].is_required()))
+    return {word_of(name): name for name in fields}
+
+
+def word_of(field: str) -> str:
+    """The word for a field: without its unit."""
+    return _WORDS.get(field) or next((field.removesuffix(u) for u in _UNITS if field.endswith(u)), field)
+
+
+def _never(kind: type[Event], field: str) -> bool:
+    """Whether the kind always leaves the field alone: what is done in a moment has no duration."""
+    return kind.model_fields[field].annotation in (None, type(None))
+
+
+def usage(kind: type[Event]) -> str:
+    """How a kind is typed, its optional parameters in brackets."""
+    said = [kind.model_fields["kind"].default]
+    for word, field in words(kind).items():
+        text = f"{word}={'SECONDS' if field.endswith('_s') else word.upper()}"
+        said.append(text if kind.model_fields[field].is_required() else f"[{text}]")
+    return " ".join(said)
+
+
+def parse(text: str) -> Any:
+    """The event that ``text`` names. Raises FaultError, which lists all mistakes."""
+    try:
+        name, *parameters = shlex.split(text) or [""]
+    except ValueError as error:
+        raise FaultError(f"{text!r} cannot be read: {str(error).lower()}") from None
+    kind = KINDS.get(name)
+    if kind is None:
+        near = get_close_matches(name, KINDS)
+        meant = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(KINDS)}"
+        raise FaultError(f"there is no fault {name!r}: {meant}")
+    return _event(kind, name, text, parameters)
+
+
+def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> Any:
+    known, values, wrong = words(kind), dict[str, Any](), list[str]()
+    for parameter in parameters:
+        word, equals, value = parameter.partition("=")
+        if not equals or word not in known:
+            wrong.append(f"{parameter}: {name} takes {', '.join(f'{each}=' for each in known)}")
+        elif known[word] in values:
+            wrong.append(f"{parameter}: {word} stands here for the second time")
+        else:
+            values[known[word]] = _seconds(value) if known[word].endswith("_s") else value
+    try:
+        event = EVENT.validate_python({"kind": name, **values})
+    except ValidationError as error:
+        for item in error.errors():
+            field = str(item["loc"][1]) if len(item["loc"]) > 1 else ""
+            said = item["msg"].removeprefix("Value error, ")
+            wrong.append(f"{word_of(field)}: {said}" if field else said)
+    if wrong:
+        raise FaultError(f"{text!r}: {'; '.join(wrong)}. It is typed {usage(kind)}")
+    return event
+
+
+def _seconds(value: str) -> Any:
+    """A time with or without its unit; what is none is left for the checks."""
+    for unit, scale in (("ms", 1e-3), ("s", 1.0)):
+        if value.endswith(unit):
+            try:
+                return float(value.removesuffix(unit)) * scale
+            except ValueError:
+                return value
+    return value
+
+
+def text_of(event: Event) -> str:
+    """What ``parse`` makes this event of."""
+    said = [event.kind]
+    for word, field in words(type(event)).items():
+        value = getattr(event, field)
+        if value == type(event).model_fields[field].default:
+            continue
+        said.append(f"{word}={shlex.quote(str(value))}{'s' if field.endswith('_s') else ''}")
+    return " ".join(said)

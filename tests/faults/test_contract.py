@@ -1,0 +1,132 @@
+"""What the stack says of each kind of fault, by name: the table of docs/faults.md, on both makes of servos.
+
+A row's last column quotes the stack; each quotation must be said while the row's example happens to an arm of STS
+servos, or of Dynamixels where ``DYNAMIXEL`` has other words.
+"""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from servoloop.verbs.fault import does
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.events import KINDS
+from sim_backend.faults.player import require_possible
+from sim_backend.faults.text import parse, words
+from tests.faults.rig import FaultRig, told
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "faults.md"
+COLUMNS = ("kind", "parameters", "example", "what happens", "what the stack says")
+
+
+class Row(NamedTuple):
+    kind: str
+    parameters: list[str]
+    example: str
+    happens: str
+    said: list[str]
+
+
+def rows() -> dict[str, Row]:
+    """The table, by kind."""
+    found: dict[str, Row] = {}
+    for line in DOCS.read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if line.startswith("| `") and len(cells) == len(COLUMNS):
+            kind, parameters, example, happens, said = cells
+            quoted = re.compile(r"`([^`]+)`")
+            found[kind.strip("`")] = Row(
+                kind.strip("`"), quoted.findall(parameters), example.strip("`"), happens, quoted.findall(said)
+            )
+    return found
+
+
+ROWS = rows()
+
+
+def test_the_table_has_every_kind_and_its_parameters() -> None:
+    assert list(ROWS) == list(KINDS)
+    for name, kind in KINDS.items():
+        assert ROWS[name].parameters == [word for word in words(kind) if word != "at"], name
+        assert ROWS[name].happens == does(name)
+        assert parse(ROWS[name].example).kind == name
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_stack_says_of_a_fault_what_the_table_says(kind: str) -> None:
+    row = ROWS[kind]
+    rig = told("robot_arm", parse(row.example), row.said)
+    for quotation in row.said:
+        assert rig.says(quotation), f"{quotation!r} is not among {rig.said}"
+    assert row.said, "it says nothing at all?"
+
+
+DYNAMIXEL = {
+    "silent id=3 at=0.2s for=1s": ["joint3: servo 3 does not answer", "servo 3 answers again"],
+    "brown_out id=3 at=0.2s": [
+        "servo 3 has lost the map of its indirect registers",
+        "servo 3 came back without torque",
+    ],
+    "cable_cut after=5": ["joint6: servo 6 does not answer", "servo 7 does not answer"],
+    "weak_supply voltage=6": ["joint1: alarm: voltage", "goal: SUCCEEDED"],
+    "weak_supply voltage=2 for=0.5s": ["no servo answers on", "joint1: servo 1 came back without torque"],
+    "flipped_replies id=3": ["servo 3 answered with a wrong checksum"],
+    "echo": ["goal: SUCCEEDED"],
+    "overload id=3 torque=6": ["joint3: alarm: overload", "servo 3 has lost its torque"],
+    "jammed id=3": ["joint3: alarm: overload", "joint3 is off by"],
+    "hot id=3 temperature=90": ["servo 3 has let go (temperature alarm)"],
+    "stuck_encoder id=3": ["joint3 is off by"],
+    "wrong_mode id=3 mode=16": ["servo 3 has lost its torque"],
+    "wrong_rate id=3 baud=57600": ["servo 3 does not answer"],
+    "eeprom_gone id=3": ["servo 3 does not answer"],
+    "foreign_packets id=3 does=lets_go": ["servo 3 has lost its torque"],
+}
+"""What is said of an arm of Dynamixels."""
+
+
+@pytest.mark.parametrize("example", DYNAMIXEL)
+def test_a_dynamixel_has_the_same_faults(example: str) -> None:
+    rig = told("robot_arm_dynamixel", parse(example), DYNAMIXEL[example])
+    for quotation in DYNAMIXEL[example]:
+        assert rig.says(quotation), f"{quotation!r} is not among {rig.said}"
+
+
+@pytest.mark.parametrize("arm", ["robot_arm", "robot_arm_dynamixel"])
+@pytest.mark.parametrize("example", ["silent id=3", "brown_out id=3", "lost_replies id=3", "wrong_id id=3 to=99"])
+def test_one_servos_fault_is_named_within_two_cycles_and_hides_no_other(arm: str, example: str) -> None:
+    rig = FaultRig(arm)
+    rig.up()
+    rig.run(0.2)
+    rig.play(parse(example))
+    rig.endure(2.5 * rig.loop.period_s)
+    assert set(rig.kinds) == {"joint3"}
+    rig.endure(1.5)
+    assert set(rig.kinds) == {"joint3"}
+
+
+def test_a_kind_that_a_servo_cannot_have_is_refused_with_a_sentence() -> None:
+    """All of a list at once."""
+    rig = FaultRig("robot_arm_dynamixel")
+    wrong = [
+        "dead_encoder id=3",
+        "overcurrent id=2",
+        "wrong_rate id=3 baud=12345",
+        "wrong_mode id=1 mode=7",
+        "silent id=9",
+    ]
+    with pytest.raises(FaultError) as refused:
+        require_possible(map(parse, wrong), rig.player.targets.inventory)
+    said = str(refused.value).splitlines()
+    assert len(said) == len(wrong)
+    for line, why in zip(
+        said, ["says nothing of its encoder", "no protection", "not 12345", "not 7", "no servo 9"], strict=True
+    ):
+        assert why in line
+
+
+def test_an_answer_to_another_program_is_no_loss_of_torque() -> None:
+    """A reply of an STS does not say what it answers; one of the size of ours is taken for ours."""
+    rig = told("robot_arm", parse("foreign_packets id=3 every=20ms"))
+    assert not rig.kinds, rig.said

@@ -1,0 +1,118 @@
+"""docs/faults.md: its commands, its file and its program, run."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from servoloop.cli import app
+from sim_backend.control import ask, control_path
+from sim_backend.faults.events import KINDS
+from tests.faults.rig import FaultRig
+from tests.servoloop.served import eventually
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "faults.md").read_text()
+FAULT = "servoloop fault "
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+
+
+COMMANDS = [line for block in blocks("sh") for line in block.splitlines()]
+EMULATE, EMULATE_FILE = (line.removesuffix(" &") for line in COMMANDS if line.startswith("servoloop emulate"))
+
+
+@contextmanager
+def emulating(command: str, folder: Path) -> Iterator[None]:
+    words = [sys.executable, "-m", *shlex.split(command)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
+        try:
+            assert process.stdout is not None and "ready" in process.stdout.readline()
+            yield
+        finally:
+            process.terminate()
+
+
+def fault(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["fault", *arguments])
+
+
+@pytest.mark.slow
+def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    said: dict[str, str] = {}
+    with emulating(EMULATE, tmp_path):
+        for command in COMMANDS:
+            if command.startswith(FAULT):
+                result = fault(*shlex.split(command.removeprefix(FAULT)))
+                assert result.exit_code == 0, command
+                said[command] = result.output
+        assert fault("bus", "stall for=1s").exit_code == fault("bus", "silent id=8").exit_code == 1
+        eventually(lambda: fault("bus").output == "nothing is wrong\n")
+        assert fault("bus", "brown_out id=1").output == "done: brown_out id=1\n"
+        fault("bus", "adapter_unplugged for=200ms as=another")
+        assert not (tmp_path / "bus").is_symlink()
+        eventually((tmp_path / "another").exists)
+        fault("bus", "adapter_unplugged for=200ms")
+        assert not (tmp_path / "another").is_symlink()
+        eventually((tmp_path / "bus").exists)
+    assert said["servoloop fault ./bus 'silent id=3 for=2s'"] == "on: silent id=3 for=2.0s\n"
+    assert "coming: brown_out id=2 at=0.5s" in said["servoloop fault ./bus 'brown_out id=2 at=500ms'"]
+    assert all(kind in said["servoloop fault --list"] for kind in KINDS)
+
+
+@pytest.mark.slow
+def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_path: Path) -> None:
+    (tmp_path / "faults.yaml").write_text(blocks("yaml")[0])
+    with emulating(EMULATE_FILE, tmp_path):
+
+        def happening() -> list[str]:
+            kinds: list[str] = ask(control_path(tmp_path / "bus"), {"do": "fault"})["active"]
+            return kinds
+
+        assert happening()[0] == "flipped_replies chance=0.1 seed=7"
+        eventually(lambda: any("silent" in text for text in happening()))
+        eventually(lambda: happening() == ["flipped_replies chance=0.1 seed=7", "weak_supply voltage=6.0 at=2.0s"])
+
+
+def test_the_file_is_played_to_the_whole_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "faults.yaml").write_text(blocks("yaml")[0])
+    (command,) = (line for line in COMMANDS if line.startswith("servoloop simulate"))
+    result = CliRunner().invoke(app, [*shlex.split(command)[1:], "--json"])
+    assert json.loads(result.output)["faulty_cycles"]["joint3: silent"] >= 10
+
+
+def test_the_program_does_what_it_shows() -> None:
+    rig = FaultRig()
+    names = {"lines": rig.lines, "world": rig.world}
+    exec(compile(blocks("python")[0], "faults.md", "exec"), names)
+    player = names["player"]
+    player.update(rig.world.time_s)  # type: ignore[attr-defined]
+    assert not rig.bus.faults.mute.isdisjoint(rig.bus.servos)
+
+
+def test_all_kinds_are_listed_for_programs_too() -> None:
+    listed = json.loads(fault("--list", "--json").output)
+    assert list(listed) == list(KINDS)
+    assert listed["silent"] == {"does": listed["silent"]["does"], "parameters": ["id", "bus", "at", "for"]}
+
+
+def test_without_an_emulator_the_sentence_says_so(tmp_path: Path) -> None:
+    assert "is it running?" in str(fault(str(tmp_path / "bus"), "silent id=3").exception)
+    assert "LINK" in str(fault().exception)
+    broken = tmp_path / "faults.yaml"
+    broken.write_text("- {kind: silent}\n")
+    result = CliRunner().invoke(app, ["emulate", str(tmp_path / "bus"), "--faults", str(broken)])
+    assert f"{broken}:1: 0.silent.servo_id: Field required" in str(result.exception)
+    broken.write_text("- {kind: silent, servo_id: 9}\n- {kind: stall, for_s: 1}\n")
+    result = CliRunner().invoke(app, ["emulate", str(tmp_path / "bus"), "--faults", str(broken)])
+    assert "there is no servo 9" in str(result.exception) and "there is no stack" in str(result.exception)

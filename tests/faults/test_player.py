@@ -1,0 +1,245 @@
+"""Faults begin and end in their milliseconds, may overlap, and leave everything as it was."""
+
+from itertools import product
+from random import Random
+from typing import Any
+
+import pytest
+
+from drivers.errors import PortLost, PortMissing
+from drivers.servos import ax_mx, scs, sts, x, xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import PROTOCOL_2
+from drivers.servos.register import ServoModel
+from hal.lifecycle import LifecycleState
+from servoloop.simulation.stack_faults import inventory_of
+from sim_backend.bus import VirtualBus
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.faults.draw import draw
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.events import KINDS
+from sim_backend.faults.player import FaultPlayer
+from sim_backend.faults.targets import Targets
+from sim_backend.faults.text import parse, text_of
+from sim_backend.line import ServoLine
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualAdapter
+from sim_backend.sts_wire import Code, checksum
+from tests.faults.rig import FaultRig, files_of, told
+
+IDS = (1, 2, 3)
+
+
+def up() -> FaultRig:
+    rig = FaultRig()
+    rig.up()
+    return rig
+
+
+class Bench:
+    """Three STS servos, each second a thousand milliseconds."""
+
+    def __init__(self) -> None:
+        self.line = VirtualBus.of(BenchPlant(IDS))
+        self.player = FaultPlayer(Targets({"": self.line}))
+        self.ms = 0
+
+    def play(self, *texts: str) -> None:
+        self.player.play([parse(text) for text in texts], self.ms / 1000.0)
+
+    def until(self, ms: int) -> None:
+        while self.ms < ms:
+            self.ms += 1
+            self.line.rig.step()
+            self.player.update(self.ms / 1000.0)
+
+    def reply(self, servo_id: int) -> bytes:
+        """To a ping, whose bytes take no time of the servos'."""
+        body = bytes((servo_id, 2, Code.PING))
+        self.line.paced = False
+        now_s = self.line.reached_s
+        return b"".join(r.data for r in self.line.receive(b"\xff\xff" + body + bytes((checksum(body),)), now_s))
+
+
+def test_a_fault_lasts_from_its_millisecond_to_the_one_in_which_it_ends() -> None:
+    bench = Bench()
+    bench.play("silent id=2 at=100ms for=50ms")
+    heard = []
+    for ms in range(1, 200):
+        bench.until(ms)
+        if not bench.reply(2):
+            heard.append(ms)
+    assert heard == list(range(100, 150))
+    assert not bench.player.active and not bench.player.coming
+
+
+def test_what_two_faults_hold_is_held_until_the_last_has_ended() -> None:
+    bench = Bench()
+    bench.play("silent id=2 for=100ms", "silent id=2 at=50ms for=100ms")
+    bench.until(120)
+    assert not bench.reply(2)
+    bench.until(160)
+    assert bench.reply(2)
+
+
+def test_of_two_values_the_last_to_begin_counts_and_then_the_one_before() -> None:
+    bench = Bench()
+    voltages = []
+    bench.play("weak_supply voltage=9 for=300ms", "weak_supply voltage=7 at=100ms for=100ms")
+    for ms in (50, 150, 250, 350):
+        bench.until(ms)
+        voltages.append(round(bench.line.servo(1).firmware.voltage_v, 1))
+    assert voltages == [9.0, 7.0, 9.0, 12.0]
+
+
+def test_a_servo_with_another_id_is_silent_still() -> None:
+    bench = Bench()
+    bench.play("silent id=2", "wrong_id id=2 to=9 at=10ms for=10ms")
+    bench.until(15)
+    assert not bench.reply(9) and bench.line.servos[1].servo_id == 9
+    bench.until(25)
+    assert not bench.reply(2) and bench.line.servos[1].servo_id == 2
+
+
+MODELS = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XL330_M288, xl320.XL320)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_servos_of_each_series_have_a_kind_or_refuse_it(model: ServoModel) -> None:
+    """Whatever they have ends again: they answer as before, but for what is gone for good."""
+    made = VirtualDynamixelBus.of if series_of(model).protocol is PROTOCOL_2 else VirtualBus.of
+    for kind, number in product(sorted(KINDS), range(3)):
+        line: ServoLine[Any] = made(BenchPlant(IDS), dict.fromkeys(IDS, model))
+        player = FaultPlayer(Targets({"": line}))
+        before = [(servo.servo_id, servo.baud) for servo in line.servos]
+        try:
+            player.play([KINDS[kind].drawn(Random(number), player.targets.inventory, 0.001)])
+        except FaultError as refused:
+            assert "\n" not in str(refused)
+            continue
+        for ms in range(20):
+            line.rig.step()
+            player.update(0.001 * ms)
+        player.close()
+        if kind != "eeprom_gone":
+            assert [(servo.servo_id, servo.baud) for servo in line.servos] == before, kind
+            assert not line.faults.on_reply and not line.faults.on_arrival and not line.faults.on_instruction
+        else:
+            assert [servo.servo_id for servo in line.servos].count(1) in (1, 2)
+
+
+def test_closing_ends_everything() -> None:
+    bench = Bench()
+    usual = bench.line.servo(1).firmware.voltage_v
+    bench.play(
+        "silent id=2", "weak_supply voltage=7", "noise", "echo", "cable_cut after=2", "wrong_rate id=1 baud=57600"
+    )
+    bench.until(10)
+    assert len(bench.player.active) == 6
+    bench.player.close()
+    bench.until(1000)
+    assert all(bench.reply(i)[:2] == b"\xff\xff" and len(bench.reply(i)) == 6 for i in IDS)
+    assert bench.line.servo(1).firmware.voltage_v == usual
+
+
+def test_one_that_cannot_happen_keeps_all_from_happening() -> None:
+    bench = Bench()
+    with pytest.raises(FaultError) as refused:
+        bench.play("silent id=2", "silent id=4", "jammed id=1", "stall for=1", "adapter_unplugged", "cable_cut after=3")
+    said = str(refused.value)
+    assert len(said.splitlines()) == 5
+    for why in ("no servo 4: known are 1, 2, 3", "no world", "no stack", "no adapter", "servo 3 is the last"):
+        assert why in said
+    bench.until(10)
+    assert bench.reply(2)
+
+
+def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
+    rig = FaultRig()
+    there = rig.player.targets.inventory
+    assert there.servos == inventory_of(rig.files.robot).servos
+    assert list(there.servos[""]) == list(range(1, 8))
+    with pytest.raises(FaultError, match="no controller 'nobody': known are"):
+        rig.play(parse("controller_nan controller=nobody"))
+
+
+def test_servos_from_the_box_cannot_be_named() -> None:
+    with pytest.raises(FaultError, match="those from a box all have one ID"):
+        FaultPlayer(Targets({})).play([parse("echo")])
+
+
+def test_the_same_faults_give_the_same_bytes() -> None:
+    schedule = [
+        parse(text) for text in ("flipped_replies chance=0.2", "noise chance=0.2", "missed_instructions chance=0.1")
+    ]
+    wires: list[list[Any]] = []
+    for _ in range(2):
+        rig = up()
+        rig.play(*schedule)
+        rig.endure(0.5)
+        port = next(iter(rig.ports.values()))
+        wires.append([port.sent, port.received, rig.world.position().tolist()])
+    assert wires[0] == wires[1]
+
+
+def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running() -> None:
+    rig = up()
+    schedule = draw(1, rig.player.targets.inventory, 1.0, 40)
+    rig.play(*schedule)
+    rig.endure(1.5)
+    assert not rig.player.coming
+    assert not rig.says("ended:"), [text_of(event) for event in schedule]
+
+
+@pytest.mark.parametrize("back", ["", " as=/dev/ttyACM7"])
+def test_an_adapter_is_opened_again_where_it_comes_back_under_its_name(back: str) -> None:
+    rig = told("robot_arm", parse(f"adapter_unplugged for=300ms{back}"), seconds=0.1)
+    assert not rig.says("measured again")  # nobody is asked
+    component = rig.made[0]
+    assert component.state is LifecycleState.UNCONFIGURED
+    rig.endure(0.3)
+    asked = rig.loop.component_transitions.ask(component.name, LifecycleState.ACTIVE)
+    rig.endure(0.5)
+    if back:
+        with pytest.raises(PortMissing, match="/dev/ttyACM7"):
+            asked.result()
+    else:
+        assert component.state is LifecycleState.ACTIVE
+
+
+def test_a_port_that_was_lost_stays_lost_when_the_adapter_is_back() -> None:
+    adapter = VirtualAdapter(VirtualBus.of(BenchPlant(IDS)), SimulatedClock(), "/dev/ttyACM0")
+    port = adapter.open("/dev/ttyACM0")
+    adapter.unplug()
+    adapter.plug()
+    with pytest.raises(PortLost):
+        port.write(b"")
+    assert adapter.open("/dev/ttyACM0").is_open
+    adapter.unplug()
+    with pytest.raises(PortMissing, match="there is none"):
+        adapter.open("/dev/ttyACM0")
+
+
+def test_jammed_gears_hold_and_are_free_again() -> None:
+    rig = up()
+    inertia = rig.world.model.dof_armature.copy()
+    rig.play(parse("jammed id=2 for=1s"), parse("jammed id=2 at=500ms for=1s"))
+    rig.endure(0.1)
+    before = rig.world.position()
+    rig.go([position + 0.2 for position in before[:6]], 1.0)
+    rig.endure(1.2)
+    after = rig.world.position()
+    assert abs(after[1] - before[1]) < 1e-4 < abs(after[0] - before[0])
+    rig.endure(0.5)
+    assert (rig.world.model.dof_armature == inertia).all()
+
+
+def test_a_horn_that_slips_moves_the_joint_and_not_the_counts() -> None:
+    rig = up()
+    rig.run(0.3)
+    before = rig.world.position()[0]
+    rig.play(parse("slipped_horn id=1 counts=100"))
+    rig.endure(1.0)
+    joint = files_of("robot_arm").robot.joints[0]
+    assert rig.world.position()[0] - before == pytest.approx(-100 * joint.units_per_count, abs=0.01)

@@ -1,0 +1,93 @@
+"""Faults as text, as YAML and as events are the same; what is wrong with any of them is said at once."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Event
+from sim_backend.faults.events import KINDS
+from sim_backend.faults.script import read_script, script_text
+from sim_backend.faults.servos import Silent
+from sim_backend.faults.text import parse, text_of
+from tests.faults.strategies import events
+
+
+@given(events())
+def test_an_event_and_its_text_are_the_same(event: Event) -> None:
+    assert parse(text_of(event)) == event
+
+
+@settings(max_examples=50)
+@given(st.text(min_size=1, max_size=20))
+def test_a_lines_name_may_be_anything(name: str) -> None:
+    event = Silent(servo_id=3, bus=name)
+    assert parse(text_of(event)) == event
+
+
+@settings(max_examples=50)
+@given(st.lists(events(), max_size=5))
+def test_events_and_their_file_are_the_same(tmp_path_factory: pytest.TempPathFactory, listed: list[Event]) -> None:
+    path = tmp_path_factory.mktemp("faults") / "faults.yaml"
+    path.write_text(script_text(listed))
+    assert read_script(path) == tuple(listed)
+
+
+@pytest.mark.parametrize(
+    ("text", "event"),
+    [
+        ("silent id=3 for=2s", Silent(servo_id=3, for_s=2.0)),
+        ("silent for=200ms id=3 at=1", Silent(servo_id=3, for_s=0.2, at_s=1.0)),
+        ("  silent   id=3 bus='left arm'", Silent(servo_id=3, bus="left arm")),
+    ],
+)
+def test_a_text_is_read(text: str, event: Event) -> None:
+    assert parse(text) == event
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["there is no fault ''"]),
+        ("sillent id=3", ["did you mean silent?"]),
+        ("silent", ["id: Field required", "silent id=ID"]),
+        ("silent 3", ["3: silent takes id=, bus=, at=, for="]),
+        ("silent id=three fr=2 at=-1s", ["id: Input should be a valid integer", "fr=2: silent takes", "at: Input"]),
+        ("silent id=3 id=4", ["id=4: id stands here for the second time"]),
+        ("silent id=3 for=0s", ["for: Input should be greater than 0"]),
+        ("silent id=3 for=nans", ["for: Input should be a finite number"]),
+        ("silent id=3 'for=2", ["no closing quotation"]),
+        ("brown_out id=3 for=1s", ["for=1s: brown_out takes id=, bus=, at="]),
+        ("weak_supply", ["a weak supply has a voltage_v, a resistance_ohm, or both"]),
+        ("slipped_horn id=3 counts=0", ["counts: 0 counts are no slip"]),
+        ("adapter_unplugged as=ttyACM1", ["needs for_s"]),
+        ("lost_replies chance=1.5", ["chance: Input should be less than or equal to 1"]),
+    ],
+)
+def test_a_text_with_mistakes_says_all_of_them(text: str, said: list[str]) -> None:
+    with pytest.raises(FaultError) as refused:
+        parse(text)
+    for each in said:
+        assert each in str(refused.value)
+
+
+def test_a_file_with_mistakes_says_all_of_them_with_their_lines(tmp_path: Path) -> None:
+    path = tmp_path / "faults.yaml"
+    path.write_text("- {kind: silent, servo_id: 3, for: 2}\n- kind: hot\n- kind: hott\n  servo_id: 1\n")
+    with pytest.raises(FaultError) as refused:
+        read_script(path)
+    assert [line.split(": ")[0] for line in str(refused.value).splitlines()] == [f"{path}:{n}" for n in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("content", ["", "silent", "{kind: silent}", "- [silent]"])
+def test_a_file_that_is_no_list_of_faults_is_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "faults.yaml"
+    path.write_text(content)
+    with pytest.raises(FaultError, match=str(path)):
+        read_script(path)
+
+
+def test_every_kind_says_what_happens() -> None:
+    assert all(kind.__doc__ and kind.__doc__.strip().endswith(".") for kind in KINDS.values())

@@ -1,0 +1,96 @@
+"""``servoloop campaign``: the same result however many processes, and of what fell the smallest schedule."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from hal.gate import Gated, SafetyGate
+from hal.types import FloatArray
+from servoloop import cli
+from servoloop.campaign.campaign import Scenario, campaign, read_scenario, run_schedule_of, schedule_of
+from servoloop.campaign.shrink import shrink
+from servoloop.simulation.schedule import Schedule, read_schedule
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.text import parse
+from tests.complaint import complaint
+from tests.drivers.fault_lines import CYCLES
+
+ROOT = Path(__file__).parents[2]
+KEPT = sorted((ROOT / "tests" / "schedules").glob("*.yaml"))
+SCENARIO = Scenario(seconds=1.5, faults=3, within_s=1.2)
+
+
+def test_any_number_of_processes_gives_the_same_reports_in_the_same_order() -> None:
+    alone, together = campaign(SCENARIO, range(3, 9), 1), campaign(SCENARIO, range(3, 9), 2)
+    assert alone == together
+    assert [report.seed for report in alone] == [*range(3, 9)]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(CYCLES // 100))
+def test_no_invariant_falls_whatever_happens_during_a_job(seed: int) -> None:
+    scenario = read_scenario(ROOT / "docs" / "campaign.yaml")
+    assert run_schedule_of(schedule_of(scenario, seed)).violations == ()
+
+
+@pytest.mark.parametrize("file", KEPT, ids=lambda file: file.stem)
+def test_what_a_campaign_once_found_stays_mended(file: Path) -> None:
+    assert run_schedule_of(read_schedule(file)).violations == ()
+
+
+def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
+        return Gated(wanted, {})
+
+    monkeypatch.setattr(SafetyGate, "limit", broken)
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text("{seconds: 1.5, faults: 6, within_s: 1.2, kinds: [controller_jumps, noise, silent, hot]}")
+    arguments = ["--scenario", str(scenario), "--seeds", "3", "--jobs", "1", "--out", str(tmp_path / "out"), "--json"]
+    ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
+    assert ran.exit_code == 1, ran.output
+    result = json.loads(ran.stdout)
+    kept = read_schedule(Path(result["kept"]["safe commands"]))
+    assert [event.kind for event in kept.faults] == ["controller_jumps"]
+    assert {one["invariant"] for one in result["violations"]} == {"safe commands"}
+    assert "safe commands" in {violation.invariant for violation in run_schedule_of(kept).violations}
+
+
+def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
+    ran = CliRunner().invoke(cli.app, ["campaign", "--scenario", str(scenario), "--seeds", "2", "--jobs", "1"])
+    assert ran.exit_code == 0 and "no invariant fell" in ran.output
+
+
+def test_mistakes_in_a_scenario_are_told_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text("{seconds: -1, kind: [silent]}")
+    said = complaint(capsys, monkeypatch, "campaign", "--scenario", str(scenario))
+    assert "seconds" in said and "kind" in said
+    with pytest.raises(FaultError, match="there is no fault 'silence'"):
+        campaign(Scenario(kinds=("silence",)), range(2), 1)
+
+
+EVENTS = st.lists(
+    st.tuples(st.sampled_from(["silent id=3", "noise", "hot id=2"]), st.floats(0.0, 9.0).map(lambda s: round(s, 3))),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(events=EVENTS)
+def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, float]]) -> None:
+    """Here: that servo 3 is silent at all, at whatever time."""
+    faults = tuple(parse(f"{text} at={at_s}s for=1s") for text, at_s in (*events, ("silent id=3", 4.321)))
+
+    def breaks(schedule: Schedule) -> bool:
+        return any(event.kind == "silent" for event in schedule.faults)
+
+    (left,) = shrink(Schedule(seed=5, job=("A", "B"), faults=faults), breaks).faults
+    assert left.kind == "silent" and left.at_s == round(left.at_s) and left.for_s is not None and left.for_s <= 0.1
