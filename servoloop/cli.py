@@ -147,7 +147,6 @@ def up(
     --port hand=/dev/ttyUSB0`, virtual servos five times as fast as real ones `servoloop up --rtf 5`
     """
     from servoloop.up import up as run
-    from sim_backend.build import Build
 
     _log_to_terminal()
     _set_network(network)
@@ -168,8 +167,7 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    built = Build(BACKLASH_DEG)
-    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated, built))
+    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated))
 
 
 @app.command()
@@ -239,10 +237,11 @@ def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
     """Simulated time as ``--rtf`` and ``--step`` ask for it; None for the machine's own."""
     from servoloop.simulation.pace import Pace, parse_factor
     from servoloop.simulation.real_clients import SimulatedTime
+    from sim_backend.build import Build
 
     if rtf is None and not step:
         return None
-    return SimulatedTime(Pace(parse_factor(rtf or "max"), paused=step))
+    return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))
 
 
 def _set_network(network: bool) -> None:

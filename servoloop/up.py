@@ -28,15 +28,11 @@ from servoloop.realtime import claim_realtime_priority
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
 from servoloop.simulation.real_clients import InLoopsThread, SimulatedTime
-from servoloop.simulation.virtual_lines import VirtualLines
-from sim_backend.build import Build
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
 
 LOG = logging.getLogger("servoloop")
-
-NOMINAL_BUILD = Build()
 
 
 def up(
@@ -47,39 +43,21 @@ def up(
     keep_alive: bool = False,
     publish_transforms: bool = True,
     simulated: SimulatedTime | None = None,
-    build: Build = NOMINAL_BUILD,
 ) -> int:
     """Run the stack until a signal or a fault; the exit status. ``ports``: devices by bus, None for virtual servos.
 
     ``keep_alive``: a component that cannot be reached, at the start or later, ends nothing.
     ``publish_transforms``: of the robot's links, with the ``robot_description``.
-    ``simulated``: all on simulated time, with virtual servos of this ``build`` in this process.
+    ``simulated``: all on simulated time, with virtual servos in this process.
     """
     initial = initial_states(files)
     if simulated is not None:
-        setup = _simulated_hardware(kind, ports, files, simulated, build)
+        setup = simulated.hardware(kind, ports, files)
         with Signals(LEFT) as signals:
             return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, simulated)
     with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
         setup = hardware.build(kind, files, devices, MonotonicClock())
         return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, None)
-
-
-def _simulated_hardware(
-    kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files, simulated: SimulatedTime, build: Build
-) -> HardwareSetup:
-    """The hardware on simulated time. Raises DriverError where anything keeps real time."""
-    if ports is not None:
-        raise DriverError("a real servo keeps real time: leave out --port, or --rtf and --step")
-    kinds = [hardware.choose(kind, component) for component in files.description.components]
-    if HardwareKind.SERVOS in kinds:
-        simulated.lines = VirtualLines(files, build)
-    devices = simulated.lines.devices if simulated.lines is not None else {}
-    setup = hardware.build(kind, files, devices, simulated.clock, simulated.lines)
-    if not setup.virtual:
-        users = ", ".join(str(one) for one in kinds if not isinstance(one, HardwareKind))
-        raise DriverError(f"{users} may keep real time: leave out --rtf and --step, or name a --hardware")
-    return setup
 
 
 @contextmanager

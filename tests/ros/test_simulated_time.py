@@ -112,6 +112,7 @@ def test_no_steps_and_steps_of_a_running_simulation_are_refused(client: ManagerC
         pause(client, True)
 
 
+@pytest.mark.row("cm-sim-time")
 def test_every_node_is_on_simulated_time(client: ManagerClient) -> None:
     for node in NODES:
         assert client.get(f"/{node}", "use_sim_time") == [True]
