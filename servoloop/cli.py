@@ -235,12 +235,12 @@ def emulate(
 
 def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
     """Simulated time as ``--rtf`` and ``--step`` ask for it; None for the machine's own."""
+    if rtf is None and not step:
+        return None
     from servoloop.simulation.pace import Pace, parse_factor
     from servoloop.simulation.real_clients import SimulatedTime
     from sim_backend.build import Build
 
-    if rtf is None and not step:
-        return None
     return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))
 
 

@@ -27,10 +27,10 @@ from servoloop.ports import device_paths
 from servoloop.realtime import claim_realtime_priority
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
-from servoloop.simulation.real_clients import InLoopsThread, SimulatedTime
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
+    from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
 
@@ -42,7 +42,7 @@ def up(
     ready: Callable[[str], None],
     keep_alive: bool = False,
     publish_transforms: bool = True,
-    simulated: SimulatedTime | None = None,
+    simulated: "SimulatedTime | None" = None,
 ) -> int:
     """Run the stack until a signal or a fault; the exit status. ``ports``: devices by bus, None for virtual servos.
 
@@ -88,9 +88,9 @@ def _serve(
     keep_alive: bool,
     publish_transforms: bool,
     initial: InitialStates,
-    simulated: SimulatedTime | None,
+    simulated: "SimulatedTime | None",
 ) -> int:
-    worker = InLoopsThread() if simulated else BackgroundWorker()
+    worker = simulated.worker if simulated else BackgroundWorker()
     clock = simulated.clock if simulated else MonotonicClock()
     loop, factory = _loop(setup, files, clock, keep_alive, worker)
     exits = files.robot.file.on_exit
@@ -118,7 +118,7 @@ def _stack(
     files: Files,
     relax: bool,
     publish_transforms: bool,
-    simulated: SimulatedTime | None,
+    simulated: "SimulatedTime | None",
 ) -> "Stack":
     require_ros()
     from nodes.stack import Stack
@@ -148,7 +148,7 @@ def _run(
     stack: "Stack",
     ready: Callable[[str], None],
     activate: Callable[[], None],
-    simulated: SimulatedTime | None,
+    simulated: "SimulatedTime | None",
 ) -> int:
     from nodes.surface import Surface
 

@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from nodes.surface import Surface
 
 
+class InLoopsThread(BackgroundWorker):
+    """Work that takes longer than a cycle: simulated time passes in the loop's thread only."""
+
+    def __call__(self, work: Callable[[], None]) -> None:
+        work()
+
+
 class SimulatedTime:
     """One thread advances it, the loop's: each cycle as fast as it can, then it waits for its clients and its pace."""
 
@@ -26,6 +33,7 @@ class SimulatedTime:
         """``build``: of the virtual servos."""
         self.clock = SimulatedClock()
         self.pace = pace
+        self.worker = InLoopsThread()
         self._build = build
         self._lines: VirtualLines | None = None
         self._loop: ControlLoop
@@ -67,10 +75,3 @@ class SimulatedTime:
             self._loop.requests.serve()
             self._surface.wake()
         return False
-
-
-class InLoopsThread(BackgroundWorker):
-    """Work that takes longer than a cycle: simulated time passes in the loop's thread only."""
-
-    def __call__(self, work: Callable[[], None]) -> None:
-        work()
