@@ -4,41 +4,45 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock, ROSClock
+from rclpy.clock import Clock
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.time_source import USE_SIM_TIME_NAME
+from rclpy.time_source import USE_SIM_TIME_NAME, TimeSource
 from rclpy.timer import Timer
 
 from nodes.rclpy_patches import type_service
 from nodes.rclpy_patches.guard import usable_patches
+from nodes.ros_time import RosTime
 
 NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
 """No warnings of subscribers that do not fit: each is one more event to wait on in every cycle."""
 
 
 class ParameterNode(Node):
-    """A node of the stack: its parameters answer like rclcpp's, its time is the machine's.
+    """A node of the stack: its parameters answer like rclcpp's, its time is that of the loop.
 
-    ``use_sim_time`` has no effect: the loop keeps the machine's clock, and another one's stamps would not fit it.
+    ``use_sim_time`` says whether that is simulated. To set it has no effect: another clock's stamps would not fit the
+    loop's.
     """
 
-    def __init__(self, name: str, allow_undeclared_parameters: bool = False, **more: Any) -> None:
-        self._machine_clock = ROSClock()
+    def __init__(self, name: str, ros_time: RosTime, allow_undeclared_parameters: bool = False, **more: Any) -> None:
+        self._ros_time = ros_time
         self._undeclared_allowed = allow_undeclared_parameters
         self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
         """Each callback of the node's parameters, behind the method that removes it."""
         super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
+        if ros_time.simulated:
+            self.set_parameters([Parameter(USE_SIM_TIME_NAME, value=True)])
 
     def get_clock(self) -> Clock:
         """The node's time. rclpy's own clock follows ``use_sim_time``, and with it timers and stamps would."""
-        return self._machine_clock
+        return self._ros_time.clock
 
     def create_timer(
         self, timer_period_sec: float, callback: Any, callback_group: Any = None, clock: Any = None, **more: Any
     ) -> Timer:
-        return super().create_timer(timer_period_sec, callback, callback_group, clock or self._machine_clock, **more)
+        return super().create_timer(timer_period_sec, callback, callback_group, clock or self._ros_time.clock, **more)
 
     @property
     def parameter_names(self) -> frozenset[str]:
@@ -55,6 +59,8 @@ class ParameterNode(Node):
         self.parameter_callbacks.append((self.remove_pre_set_parameters_callback, callback))
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
+        if self._ros_time.simulated and isinstance(getattr(callback, "__self__", None), TimeSource):
+            return  # it would hear this process' own /clock, once for each node
         super().add_on_set_parameters_callback(callback)
         self.parameter_callbacks.append((self.remove_on_set_parameters_callback, callback))
 
@@ -72,10 +78,9 @@ class ParameterNode(Node):
             if why := self._why_not(parameter.name):
                 reason = f"parameter '{parameter.name}' cannot be set because it {why}"
                 return SetParametersResult(successful=False, reason=reason)
-            if parameter.name == USE_SIM_TIME_NAME and parameter.value:
-                self.get_logger().warning(
-                    "use_sim_time has no effect: the loop and its stamps keep the machine's clock"
-                )
+            if parameter.name == USE_SIM_TIME_NAME and parameter.value is not self._ros_time.simulated:
+                whose = "simulated time" if self._ros_time.simulated else "the machine's clock"
+                self.get_logger().warning(f"use_sim_time has no effect: the loop and its stamps keep {whose}")
         return super().set_parameters_atomically(parameter_list)
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:

@@ -19,6 +19,7 @@ from controller.broadcasters.joint_state_broadcaster import JointStates
 from controller.manager.node_parameters import parameters_of
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import LATCHED, RateLimiter
+from nodes.ros_time import RosTime
 from nodes.stack import Stack
 from nodes.transforms import MovingTransforms, fixed_transforms, transform_message
 
@@ -42,8 +43,8 @@ class RobotStateParameters(BaseModel):
 class RobotStatePublisher:
     """Fixed joints once, the others after each cycle, at most ``publish_frequency`` times a second."""
 
-    def __init__(self, stack: Stack) -> None:
-        self.node = ParameterNode(NAME)
+    def __init__(self, stack: Stack, ros_time: RosTime) -> None:
+        self.node = ParameterNode(NAME, ros_time)
         self._stack = stack
         self._parameters = self._initial()
         self._rate_limiter, self._idle = RateLimiter(), RateLimiter()

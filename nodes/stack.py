@@ -2,14 +2,31 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
+from controller.manager.requests import Request
 from hal.description import Description, HardwareInfo, Vector
 from hal.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
 """Poses in base_link (m; x, y, z, w) of what a simulation knows beside the arm; empty on a real one."""
+
+
+class Simulation(Protocol):
+    """Simulated time as clients may hold it; for any thread."""
+
+    @property
+    def paused(self) -> bool: ...
+
+    def pause(self, paused: bool) -> None:
+        """Stop it behind the cycle that runs, or let it go on."""
+        ...
+
+    def step(self, cycles: int) -> Request[None]:
+        """Run so many cycles of a paused simulation; the request is done behind the last one."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,3 +48,5 @@ class Stack:
     """True if a component that is deactivated lets go of its joints, by the robot file's ``on_exit``."""
     publish_transforms: bool = True
     """True to publish the ``robot_description`` and the links' transforms."""
+    simulation: Simulation | None = None
+    """Where the loop's time is simulated, and with it all ROS time."""

@@ -1,19 +1,17 @@
 """All ROS nodes of one stack on one executor. The loop posts its cycles here and never waits."""
 
 import logging
+import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from time import time
+from time import monotonic
 
 import rclpy
-from builtin_interfaces.msg import Time
 from rclpy.executors import ExternalShutdownException
-from rclpy.time import Time as RosTime
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
 from controller.manager.client import ManagerClient
-from drivers.clock import wall_offset_s
 from hal.types import JointState
 from nodes.controllers.controller_nodes import ControllerNodes
 from nodes.manager.controller_manager_node import ManagerNode
@@ -25,6 +23,8 @@ from nodes.rclpy_patches.guard import usable_patches
 from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.ros_process import exit_watchdog, init_rclpy
+from nodes.ros_time import RosTime
+from nodes.simulation_node import SimulationNode
 from nodes.stack import Stack
 
 FINISH_S = 0.2
@@ -42,17 +42,24 @@ class Surface:
         LOG.info("%s", init_rclpy())
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
+        self._posted = self._published = 0
+        """Cycles, counted by one thread each."""
+        self._woken = False
+        self._caught_up = threading.Condition()
         self._pending = PendingRequests()
+        self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        self._manager = ManagerNode(stack, manager_client, self._pending)
+        self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         kept = cycle_executor.PATCH in patches
         self._executor = cycle_executor.CycleExecutor() if kept else PlainExecutor(self._manager.node)
         HardwareServices(self._manager.node, stack, self._pending)
-        self._hardware = HardwareNodes(stack)
-        self._robot_state_publisher = RobotStatePublisher(stack) if stack.publish_transforms else None
+        self._hardware = HardwareNodes(stack, ros_time)
+        self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
         robot_state_publishers = [self._robot_state_publisher.node] if self._robot_state_publisher is not None else []
-        self._own = (self._manager.node, *self._hardware.nodes, *robot_state_publishers)
-        self._controllers = ControllerNodes(stack.loop.manager, manager_client, self._executor)
+        self._simulation = SimulationNode(stack.simulation, ros_time, self._pending) if stack.simulation else None
+        simulations = [self._simulation.node] if self._simulation is not None else []
+        self._own = (self._manager.node, *self._hardware.nodes, *robot_state_publishers, *simulations)
+        self._controllers = ControllerNodes(stack.loop.manager, manager_client, self._executor, ros_time)
         for node in self._own:
             self._executor.add_node(node)
         self._synchronize()
@@ -60,7 +67,18 @@ class Surface:
     def post(self, state: JointState) -> None:
         """Hand over a cycle that is done, and wake the ROS thread. Never waits."""
         self._cycles.append(state)
+        self._posted += 1
         self._executor.post()
+
+    def wake(self) -> None:
+        """Without a cycle: let the ROS thread look what has been done for clients. Never waits."""
+        self._woken = True
+        self._executor.post()
+
+    def wait_until_published(self, longest_s: float) -> bool:
+        """True once all posted cycles are published: the loop of a simulation does not run away from its clients."""
+        with self._caught_up:
+            return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Serve until ``stop``. An error in a callback is logged and does not end the service."""
@@ -78,8 +96,8 @@ class Surface:
         """The loop has ended: give the clients whose goals ended with it their results, and the others their answer."""
         self._controllers.publish(self._manager.node.get_clock().now().to_msg())
         self._pending.resume_done()
-        deadline = self._stack.loop.clock.now() + FINISH_S
-        self.spin(lambda: self._stack.loop.clock.now() > deadline)
+        deadline_s = monotonic() + FINISH_S
+        self.spin(lambda: monotonic() > deadline_s)
 
     def close(self) -> None:
         """Take all nodes off the graph."""
@@ -92,11 +110,24 @@ class Surface:
 
     def _publish_cycles(self) -> None:
         if not self._cycles:
+            if self._woken:
+                self._woken = False
+                self._synchronize()
             return
-        offset_s = wall_offset_s(self._stack.loop.clock, time)
         states = [self._cycles.popleft() for _ in range(len(self._cycles))]
-        cycles = [(state, _stamp(state.stamp_s + offset_s)) for state in states]
+        try:
+            self._publish(states)
+        finally:
+            with self._caught_up:
+                self._published += len(states)
+                self._caught_up.notify_all()
+
+    def _publish(self, states: Sequence[JointState]) -> None:
+        offset_s = self._ros_time.offset_s()
+        cycles = [(state, self._ros_time.stamp(state.stamp_s + offset_s)) for state in states]
         state, stamp = cycles[-1]  # where the ROS side lags behind, the newest is what counts, but for joint states
+        if self._simulation is not None:
+            self._simulation.advance(stamp)
         self._controllers.publish(stamp, cycles)
         self._hardware.update(state)
         for broadcaster in self._broadcasters:
@@ -115,10 +146,6 @@ class Surface:
         ]
         if complete:
             self._pending.resume_done()
-
-
-def _stamp(since_1970_s: float) -> Time:
-    return RosTime(nanoseconds=round(since_1970_s * 1e9)).to_msg()
 
 
 @contextmanager

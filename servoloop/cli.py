@@ -4,7 +4,7 @@ import logging
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -30,6 +30,9 @@ from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
+
+if TYPE_CHECKING:
+    from servoloop.simulation.real_clients import SimulatedTime
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -126,13 +129,22 @@ def up(
             help="Load and activate the file's controllers; not where ros2_control's spawner does.",
         ),
     ] = True,
+    rtf: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FACTOR", help="Simulated time, FACTOR times as fast as real time; `max`: as fast as it goes."
+        ),
+    ] = None,
+    step: Annotated[
+        bool, typer.Option("--step", help="Simulated time that only the service step_simulation advances.")
+    ] = False,
     network: NetworkOption = False,
     ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
 ) -> None:
     """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
 
     Example: `servoloop up --port /dev/ttyACM0`, with two buses `servoloop up --port arm=/dev/ttyACM0
-    --port hand=/dev/ttyUSB0`
+    --port hand=/dev/ttyUSB0`, virtual servos five times as fast as real ones `servoloop up --rtf 5`
     """
     from servoloop.up import up as run
 
@@ -142,6 +154,7 @@ def up(
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
         require_writable(ready_file.parent)
+    simulated = _simulated_time(rtf, step)
     files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))
@@ -154,7 +167,7 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms))
+    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated))
 
 
 @app.command()
@@ -218,6 +231,17 @@ def emulate(
             stop=lambda: signals.count > 0,
             on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
         )
+
+
+def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
+    """Simulated time as ``--rtf`` and ``--step`` ask for it; None for the machine's own."""
+    from servoloop.simulation.pace import Pace, parse_factor
+    from servoloop.simulation.real_clients import SimulatedTime
+    from sim_backend.build import Build
+
+    if rtf is None and not step:
+        return None
+    return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))
 
 
 def _set_network(network: bool) -> None:

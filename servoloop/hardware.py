@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from controller.manager.plugins import PluginError
 from drivers.bus.bus import Bus
@@ -34,9 +34,14 @@ from servoloop.line_rate import Line
 from servoloop.ports import world_feed
 from sim_backend.world_feed import WorldFeedClient
 
+if TYPE_CHECKING:
+    from servoloop.simulation.virtual_lines import VirtualLines
+
 LOG = logging.getLogger("servoloop")
 
 Pose = tuple[Vector, Quaternion]
+OpenPort = Callable[[str, int, Clock], Port]
+"""Opens a device at a rate in bit/s."""
 AnyLine = TypeVar("AnyLine", bound=Line)
 
 
@@ -86,20 +91,32 @@ def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind |
     return kind or PLUGINS.get(plugin) or plugin
 
 
-def build(kind: HardwareKind | None, files: Files, devices: Mapping[str, str], clock: Clock) -> HardwareSetup:
-    """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name."""
+def build(
+    kind: HardwareKind | None,
+    files: Files,
+    devices: Mapping[str, str],
+    clock: Clock,
+    virtual: "VirtualLines | None" = None,
+) -> HardwareSetup:
+    """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name.
+
+    ``virtual``: lines within this process, which the devices name then.
+    """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
     world = _World(clock, files.scene) if HardwareKind.MUJOCO in kinds.values() else None
     if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
     buses: dict[str, Line] = {}
-    made = [_made(kinds[c.name], c, files, devices, clock, world, buses) for c in components]
+    open_port: OpenPort = virtual.open if virtual else SerialPort
+    made = [_made(kinds[c.name], c, files, devices, clock, world, buses, open_port) for c in components]
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
-    feed = _feed(devices) if servos else None
-    scene = world.scene if world else Scene(feed) if feed else dict
-    real = (bool(servos) and feed is None) or any(kinds[c.name] not in tuple(HardwareKind) for c in components)
+    feed = _feed(devices) if servos and not virtual else None
+    scene = world.scene if world else virtual.scene if virtual else Scene(feed) if feed else dict
+    real = (bool(servos) and feed is None and virtual is None) or any(
+        kinds[c.name] not in tuple(HardwareKind) for c in components
+    )
     rate_hz = files.controllers.update_rate_hz
     rates_hz = {
         joint.bus: rate_hz / divisor
@@ -139,6 +156,7 @@ def _made(
     clock: Clock,
     world: "_World | None",
     opened: dict[str, Line],
+    open_port: OpenPort,
 ) -> Hardware:
     """Make one component. Its buses, when it opens them, are in ``opened`` too."""
     joints = [joint for joint in files.robot.joints if joint.name in component.joints]
@@ -158,7 +176,7 @@ def _made(
     return ServoHardware(
         component.name,
         joints,
-        lambda: _noted(open_buses(files.robot.file, devices, clock, names), opened),
+        lambda: _noted(open_buses(files.robot.file, devices, clock, names, open_port), opened),
         clock,
         compensation(joints, files.description),
     )
@@ -230,14 +248,18 @@ def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Bus:
 
 
 def open_buses(
-    robot: RobotFile, devices: Mapping[str, str], clock: Clock, names: Sequence[str] | None = None
+    robot: RobotFile,
+    devices: Mapping[str, str],
+    clock: Clock,
+    names: Sequence[str] | None = None,
+    open_port: OpenPort = SerialPort,
 ) -> dict[str, Bus]:
     """Open these buses (or all) on their devices, by name. Where one cannot be opened, the others are given back."""
     buses: dict[str, Bus] = {}
     lines = robot.lines()
     try:
         for name in lines if names is None else names:
-            port = SerialPort(devices[name], lines[name].baud, clock)
+            port = open_port(devices[name], lines[name].baud, clock)
             buses[name] = _driven(robot, port, clock, name)
     except BaseException:
         for bus in buses.values():
@@ -247,7 +269,7 @@ def open_buses(
     return buses
 
 
-def _driven(robot: RobotFile, port: SerialPort, clock: Clock, name: str) -> Bus:
+def _driven(robot: RobotFile, port: Port, clock: Clock, name: str) -> Bus:
     """The bus on its port; the port is given back where that fails."""
     try:
         return servo_bus(robot, port, clock, name)

@@ -2,11 +2,13 @@
 
 import logging
 import threading
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Final
 
 from controller.loop import ControlLoop
 from controller.shutdown import shut_down
+from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
@@ -32,12 +34,16 @@ class LoopThread:
     failed: bool = True
     """Until all has gone well."""
     done: bool = False
+    wall: Clock = field(default_factory=MonotonicClock)
+    """What a thread that hangs is noticed by: the loop's own clock may be simulated."""
     alive_s: float = 0.0
     """When the loop's thread was last seen to get on, or had no reason yet to end."""
+    before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
+    """Holds the loop up between two cycles, at the most until what it is given is true."""
 
     def start(self) -> threading.Thread:
         """The loop runs in a thread of its own, which does not keep a program from ending in which it hangs."""
-        self.alive_s = self.loop.clock.now()
+        self.alive_s = self.wall.now()
         thread = threading.Thread(target=self, name="control loop", daemon=True)
         thread.start()
         return thread
@@ -47,7 +53,7 @@ class LoopThread:
         ran = False
         try:
             put_first()
-            self.loop.run(lambda: self._told(1))
+            self.loop.run(self._stop)
             ran = True
         except DriverError as error:
             LOG.error("the loop ends: %s", error)
@@ -64,14 +70,18 @@ class LoopThread:
 
         Our own hardware waits for no reply for ever. A user's plug-in may.
         """
-        now_s = self.loop.clock.now()
+        now_s = self.wall.now()
         if not self.signals.count:
             self.alive_s = now_s
         return not self.done and now_s - self.alive_s > HANG_S
 
+    def _stop(self) -> bool:
+        self.before_cycle(lambda: self._told(1))
+        return self._told(1)
+
     def _told(self, signals: int) -> bool:
         """The loop asks in every cycle, also on its way to the park pose."""
-        self.alive_s = self.loop.clock.now()
+        self.alive_s = self.wall.now()
         return self.signals.count >= signals
 
     def _end(self) -> list[str]:

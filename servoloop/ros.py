@@ -11,6 +11,7 @@ PACKAGES: Final = (
     "apple_quality_msgs",
     "control_msgs",
     "controller_manager_msgs",
+    "mujoco_ros2_control_msgs",
     "sorting_arm_interfaces",
     "tf2_msgs",
 )

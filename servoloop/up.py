@@ -13,7 +13,7 @@ from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
-from drivers.clock import MonotonicClock
+from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from hal.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
@@ -27,6 +27,7 @@ from servoloop.ports import device_paths
 from servoloop.realtime import claim_realtime_priority
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
+from servoloop.simulation.real_clients import InLoopsThread, SimulatedTime
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
@@ -41,16 +42,22 @@ def up(
     ready: Callable[[str], None],
     keep_alive: bool = False,
     publish_transforms: bool = True,
+    simulated: SimulatedTime | None = None,
 ) -> int:
     """Run the stack until a signal or a fault; the exit status. ``ports``: devices by bus, None for virtual servos.
 
     ``keep_alive``: a component that cannot be reached, at the start or later, ends nothing.
     ``publish_transforms``: of the robot's links, with the ``robot_description``.
+    ``simulated``: all on simulated time, with virtual servos in this process.
     """
     initial = initial_states(files)
+    if simulated is not None:
+        setup = simulated.hardware(kind, ports, files)
+        with Signals(LEFT) as signals:
+            return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, simulated)
     with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
         setup = hardware.build(kind, files, devices, MonotonicClock())
-        return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial)
+        return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, None)
 
 
 @contextmanager
@@ -81,20 +88,23 @@ def _serve(
     keep_alive: bool,
     publish_transforms: bool,
     initial: InitialStates,
+    simulated: SimulatedTime | None,
 ) -> int:
-    worker = BackgroundWorker()
-    loop, factory = _loop(setup, files, keep_alive, worker)
+    worker = InLoopsThread() if simulated else BackgroundWorker()
+    clock = simulated.clock if simulated else MonotonicClock()
+    loop, factory = _loop(setup, files, clock, keep_alive, worker)
     exits = files.robot.file.on_exit
     relax = (exits.virtual if setup.virtual else exits.real) == "relax"
-    run = LoopThread(loop, worker, relax, files, signals, alive_s=loop.clock.now())
+    run = LoopThread(loop, worker, relax, files, signals)
     configure_all(setup.hardware, initial.unconfigured, keep_alive)
     try:
         check_rates(setup.buses, setup.rates_hz, files.robot, files.controllers.path)
         return _run(
             run,
-            _stack(loop, factory, setup, files, relax, publish_transforms),
+            _stack(loop, factory, setup, files, relax, publish_transforms, simulated),
             ready,
             lambda: loop.activate(initial.inactive),
+            simulated,
         )
     finally:
         if not run.hangs():
@@ -102,7 +112,13 @@ def _serve(
 
 
 def _stack(
-    loop: ControlLoop, factory: Factory, setup: HardwareSetup, files: Files, relax: bool, publish_transforms: bool
+    loop: ControlLoop,
+    factory: Factory,
+    setup: HardwareSetup,
+    files: Files,
+    relax: bool,
+    publish_transforms: bool,
+    simulated: SimulatedTime | None,
 ) -> "Stack":
     require_ros()
     from nodes.stack import Stack
@@ -123,16 +139,27 @@ def _stack(
         factory,
         relax,
         publish_transforms,
+        simulated.pace if simulated else None,
     )
 
 
-def _run(run: LoopThread, stack: "Stack", ready: Callable[[str], None], activate: Callable[[], None]) -> int:
+def _run(
+    run: LoopThread,
+    stack: "Stack",
+    ready: Callable[[str], None],
+    activate: Callable[[], None],
+    simulated: SimulatedTime | None,
+) -> int:
     from nodes.surface import Surface
 
     loop = run.loop
-    claim_realtime_priority()
+    if simulated is None:  # nothing is late on simulated time, and the clients need the processor too
+        claim_realtime_priority()
     surface = Surface(stack)
     loop.on_cycle = surface.post
+    if simulated is not None:
+        simulated.connect(loop, surface)
+        run.before_cycle = simulated.before_cycle
     try:
         activate()
     except BaseException:
@@ -149,6 +176,9 @@ def _run(run: LoopThread, stack: "Stack", ready: Callable[[str], None], activate
             thread.join(0.1)
         if thread.is_alive():
             LOG.error("the control loop hangs in its hardware and is left behind: %s", LEFT)
+        if simulated is not None:
+            simulated.pace.end()
+            LOG.info("%s", simulated.pace.summary)
         surface.finish()
         surface.close()
         gc.unfreeze()
@@ -156,7 +186,7 @@ def _run(run: LoopThread, stack: "Stack", ready: Callable[[str], None], activate
 
 
 def _loop(
-    setup: HardwareSetup, files: Files, keep_alive: bool, worker: BackgroundWorker
+    setup: HardwareSetup, files: Files, clock: Clock, keep_alive: bool, worker: BackgroundWorker
 ) -> tuple[ControlLoop, Factory]:
     manager = ControllerManager(setup.hardware, files.limits)
     context = ControllerContext(
@@ -165,7 +195,6 @@ def _loop(
     factory = Factory(files.controllers, context)
     factory.fill(manager)
     period_s = 1.0 / files.controllers.update_rate_hz
-    clock = MonotonicClock()
     return ControlLoop(
         setup.hardware, manager, files.limits, clock, period_s, keep_alive=keep_alive, background_worker=worker
     ), factory

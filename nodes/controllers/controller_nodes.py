@@ -25,6 +25,7 @@ from nodes.controllers.interface_nodes import (
 from nodes.controllers.node_entities import NodeEntities
 from nodes.lifecycle_messages import transition_events
 from nodes.parameter_node import NO_EVENT_CALLBACKS, ParameterNode
+from nodes.ros_time import RosTime
 
 LOG = logging.getLogger("servoloop.nodes")
 
@@ -37,8 +38,8 @@ _LACKING = "%s does its work, but its ROS node lacks what failed here"
 class ControllerNode:
     """The ROS node of one loaded controller; it has the controller's interface while the controller is configured."""
 
-    def __init__(self, spec: ControllerSpec, manager_client: ManagerClient) -> None:
-        self.node = _make_node(spec)
+    def __init__(self, spec: ControllerSpec, manager_client: ManagerClient, ros_time: RosTime) -> None:
+        self.node = _make_node(spec, ros_time)
         self._transitions = self.node.create_publisher(
             TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
         )
@@ -120,10 +121,13 @@ class ControllerNode:
 class ControllerNodes:
     """The nodes of all loaded controllers; all calls come from the ROS thread."""
 
-    def __init__(self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor) -> None:
+    def __init__(
+        self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor, ros_time: RosTime
+    ) -> None:
         self._manager = manager
         self._manager_client = manager_client
         self._executor = executor
+        self._ros_time = ros_time
         self._nodes: dict[str, ControllerNode] = {}
         self._unloaded: dict[str, ControllerNode] = {}
         self._synchronized_with: object = None
@@ -172,7 +176,7 @@ class ControllerNodes:
                 node.destroy()
 
     def _add(self, spec: ControllerSpec) -> None:
-        self._nodes[spec.name] = ControllerNode(spec, self._manager_client)
+        self._nodes[spec.name] = ControllerNode(spec, self._manager_client, self._ros_time)
         self._executor.add_node(self._nodes[spec.name].node)
 
     def _publish_transitions(self) -> None:
@@ -184,9 +188,9 @@ class ControllerNodes:
                 node.publish_transition(transition)
 
 
-def _make_node(spec: ControllerSpec) -> ParameterNode:
+def _make_node(spec: ControllerSpec, ros_time: RosTime) -> ParameterNode:
     try:
-        return ParameterNode(spec.name, cli_args=list(spec.node_arguments) or None)
+        return ParameterNode(spec.name, ros_time, cli_args=list(spec.node_arguments) or None)
     except Exception as error:  # rcl's, which has no name of its own here
         LOG.error("%s: its node arguments %s are not used: %s", spec.name, spec.node_arguments, error)
-        return ParameterNode(spec.name)
+        return ParameterNode(spec.name, ros_time)

@@ -28,6 +28,7 @@ from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
+from nodes.ros_time import RosTime
 from nodes.stack import Stack
 
 BASE_CLASS = "controller_interface::ControllerInterface"
@@ -36,8 +37,10 @@ BASE_CLASS = "controller_interface::ControllerInterface"
 class ManagerNode:
     """Everything runs in the ROS thread; what the loop does for it, is waited for without holding up others."""
 
-    def __init__(self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests) -> None:
-        self.node = ParameterNode("controller_manager", allow_undeclared_parameters=True)
+    def __init__(
+        self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
+    ) -> None:
+        self.node = ParameterNode("controller_manager", ros_time, allow_undeclared_parameters=True)
         self._stack = stack
         self._manager_client = manager_client
         self._pending = pending

@@ -12,6 +12,7 @@ from hal.component import Component
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from nodes.parameter_node import ParameterNode
+from nodes.ros_time import RosTime
 from nodes.stack import Stack
 
 COMPENSATION = "gravity_compensation"
@@ -20,9 +21,9 @@ COMPENSATION = "gravity_compensation"
 class HardwareNodes:
     """The nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` runs after each cycle."""
 
-    def __init__(self, stack: Stack) -> None:
+    def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         components = stack.description.components
-        self.nodes = [ParameterNode(_node_name(component.name)) for component in components]
+        self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
         self._stack = stack
         self._state: JointState | None = None
         # The first one speaks for all: they are one process, and its report is one message.

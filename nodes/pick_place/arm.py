@@ -70,12 +70,12 @@ class RosArm:
 
     async def _outcome(self, goal: Any) -> Outcome:
         result = goal.get_result_async()
-        if not await self._waiter.until(self._settings.result_timeout_s, result, self._stop):
+        if not await self._waiter.until_moved(self._settings.result_timeout_s, result, self._stop):
             goal.cancel_goal_async()
             return self._late("the arm did not finish; its goal is canceled", "result")
         if not result.done():  # told to stop
             goal.cancel_goal_async()
-            if not await self._waiter.until(self._settings.cancel_timeout_s, result):
+            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, result):
                 return self._late("the arm did not confirm that it stopped", "cancel")
         return _outcome_of(result.result(), stopped=self._stop.done())
 

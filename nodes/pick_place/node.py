@@ -16,6 +16,7 @@ from sorting_arm_interfaces.action import PickPlace
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place import parameters
 from nodes.pick_place.arm import RosArm
 from nodes.pick_place.job import Ending, PickPlaceJob, Result, State
@@ -77,6 +78,7 @@ class PickPlaceNode:
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
+            result_timeout=RESULT_TIMEOUT_S,
         )
 
     # --- what comes in -----------------------------------------------------------------------

@@ -9,14 +9,25 @@ from rclpy.task import Future
 
 
 class Waiter:
-    """Time-outs run on the steady clock: a simulated clock that stands still must not stop them."""
+    """Answers of programs are waited for on the steady clock: a simulated clock that stands still must not stop that.
+
+    Motions take their time on the node's clock where that is simulated.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     async def until(self, timeout_s: float, *futures: Future) -> bool:
         """True once one of the futures is done, at once or within ``timeout_s``."""
+        return await self._until(timeout_s, self._steady, *futures)
+
+    async def until_moved(self, timeout_s: float, *futures: Future) -> bool:
+        """The same for what takes as long as a motion does."""
+        clock = self._node.get_clock()
+        return await self._until(timeout_s, clock if clock.ros_time_is_active else self._steady, *futures)
+
+    async def _until(self, timeout_s: float, clock: Clock, *futures: Future) -> bool:
         bell = Future()
 
         def ring(_: Any = None) -> None:
@@ -24,7 +35,7 @@ class Waiter:
                 bell.set_result(None)
                 self.wake()
 
-        timer = self._node.create_timer(timeout_s, ring, clock=self._clock)
+        timer = self._node.create_timer(timeout_s, ring, clock=clock)
         for future in futures:
             future.add_done_callback(ring)
         try:

@@ -12,6 +12,7 @@ import pytest
 INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
 
 # As a ROS 2 Jazzy installation has them: control_msgs 5.8, controller_manager_msgs 4.46, tf2_msgs of geometry2.
+# Those of mujoco_ros2_control_msgs 0.0.3 are what its published fields give.
 PUBLIC = {
     "control_msgs/action/FollowJointTrajectory": "738ebcb7a2d7cfa42f9f1001cc99ce3a4383d1cfe508015d9be8485e4b1c66f6",
     "control_msgs/action/GripperCommand": "e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84",
@@ -41,6 +42,8 @@ PUBLIC = {
     "controller_manager_msgs/srv/SetHardwareComponentState": "940b15846ed3e1fb561ab45edf77a992b811fd59c574f45d5205a84a0deb2f65",
     "controller_manager_msgs/srv/SwitchController": "d4ad10aa5da7808bc522d55d4123d8ef79de73d049d165639d7663ac37cc9895",
     "controller_manager_msgs/srv/UnloadController": "4055728e84c041348648d7f808c6681562000e3a9ce9fbb42c3350df25773f16",
+    "mujoco_ros2_control_msgs/srv/SetPause": "1986432cfda29853ee9fd682f7c3d5b39a5af49f3b15e54de4f0e5a0db46d082",
+    "mujoco_ros2_control_msgs/srv/StepSimulation": "362a1ee77a9c33e2680f5d71c5fb73b487e574ed3b5e570f45ae7239bcaee3e7",
     "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 }
 

@@ -82,7 +82,7 @@ MANAGER: Final = {
     "cm-inactive-hardware": "inactive hardware is read and not written",
     "cm-update-error": "a controller whose update fails is deactivated, its fallback takes over",
     "cm-update-rate": "the cycle is update_rate's",
-    "cm-sim-time": "ours: no ROS clock, the loop keeps the machine's",
+    "cm-sim-time": "simulated time where the stack publishes it (`up --rtf`); ours: else the loop keeps the machine's",
     "cm-overruns": "missed cycles are left out with a warning",
     "cm-urdf-types": "system, actuator and sensor blocks",
     "cm-urdf-errors": "what is wrong in <ros2_control> is refused in words, at the start",

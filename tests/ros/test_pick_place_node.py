@@ -13,6 +13,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
+from rosgraph_msgs.msg import Clock
 
 from tests.ros.fake_arm import SILENT_SERVO, Plan
 from tests.ros.pick_place_cell import FEEDBACK, STORY, Cell, wait_until
@@ -326,6 +328,31 @@ def test_an_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
     assert "did not finish" in result.message
     wait_until(lambda: impatient.below().canceled == 1, "the cancel")
     assert_it_works_again(impatient)
+
+
+def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tmp_path: Path) -> None:
+    arguments = ["--ros-args", "-p", "use_sim_time:=true", "-p", "result_timeout_s:=0.5"]
+    with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
+        clock = cell.node.create_publisher(Clock, "/clock", 10)
+        wait_until(lambda: clock.get_subscription_count() > 0, "the node's clock")
+        time_s = 1000
+
+        def advance_to_the_end() -> bool:
+            nonlocal time_s
+            time_s += 1
+            clock.publish(Clock(clock=Time(sec=time_s)))
+            time.sleep(0.05)
+            return "error" in cell.phases()
+
+        clock.publish(Clock(clock=Time(sec=time_s)))
+        cell.forget(Plan.HOLD)
+        pick = cell.pick("B")
+        cell.wait_for_goals(1)
+        time.sleep(1.0)  # twice as long, while the clock stands still
+        assert "error" not in cell.phases()
+        wait_until(advance_to_the_end, "the time-out")
+        assert "did not finish" in pick.end()[1].message
+        assert cell.states[-1]["ts"] >= 1000.5
 
 
 def test_an_arm_that_will_not_stop(impatient: Cell) -> None:

@@ -128,6 +128,12 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
         (("up", "--hardware", "mujoco", "--port", "/dev/ttyACM77"), "leave out --port, or --hardware"),
         (("up", "--hardware", "mock", "--ready-file", "/nix/nix"), "cannot write into /nix: No such file"),
         (("up", "--hardware", "mock", "--ready-file", "/"), "--ready-file / is a folder"),
+        (
+            ("up", "--rtf", "5", "--port", "/dev/ttyACM77"),
+            "a real servo keeps real time: leave out --port, or --rtf",
+        ),
+        (("up", "--step", "--port", "/dev/ttyACM77"), "a real servo keeps real time: leave out --port, or --rtf"),
+        (("up", "--rtf", "0"), "--rtf takes a factor above 0, such as 0.5 or 5, or max, not '0'"),
         (("emulate", ""), "LINK is a free path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),

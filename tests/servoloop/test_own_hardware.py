@@ -13,6 +13,7 @@ from hal.lifecycle import LifecycleState
 from servoloop.files import HOME, read_files
 from servoloop.hardware import build
 from sim_backend.clock import SimulatedClock
+from tests.complaint import complaint
 from tests.controller.test_loop import Puppet
 
 URDF = """
@@ -78,3 +79,11 @@ def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> Non
         loop.step()
     assert change.done and change.result() is None
     assert loop.step().velocity[0] == 0.0
+
+
+def test_ones_own_hardware_is_not_driven_on_simulated_time(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    urdf, controllers = map(str, files)
+    words = complaint(capsys, monkeypatch, "up", "--rtf", "2", "--urdf", urdf, "--controllers", controllers)
+    assert "factory/Belt may keep real time: leave out --rtf and --step, or name a --hardware" in words

@@ -1,6 +1,7 @@
 """The loop's thread, whatever ends it: the arm is brought to its end, and the other thread learns of it."""
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,8 @@ from tests.ros.two_components import write_urdf
 def run_of(folder: Path) -> tuple[Bench, LoopThread]:
     """Three cycles, and then the signal."""
     bench, signals = Bench().up(), Signals()
-    run = LoopThread(bench.loop, BackgroundWorker(), False, read_files(write_urdf(folder)), signals)
+    files = read_files(write_urdf(folder))
+    run = LoopThread(bench.loop, BackgroundWorker(), False, files, signals, wall=bench.clock)
     bench.loop.on_cycle = lambda state: signals.ask() if len(bench.hardware.written) > 2 else None
     return bench, run
 
@@ -53,6 +55,22 @@ def test_a_failure_on_the_way_out_is_one(tmp_path: Path) -> None:
     bench.hardware.failing["hold"] = RuntimeError("a defect")
     run()
     assert (run.done, run.failed) == (True, True)
+
+
+def test_a_loop_that_is_held_up_between_two_cycles_ends_when_it_is_told_to(tmp_path: Path) -> None:
+    bench, run = run_of(tmp_path)
+    held: list[bool] = []
+
+    def hold(ended: Callable[[], bool]) -> None:
+        held.append(ended())
+        if len(bench.hardware.written) == 2:
+            run.signals.ask()
+            held.append(ended())
+
+    run.before_cycle = hold
+    run()
+    assert (run.done, run.failed) == (True, False)
+    assert held == [False, False, False, True]
 
 
 def test_what_is_done_aside_is_waited_for() -> None:

@@ -1,0 +1,76 @@
+"""Simulated time for real clients: what ``servoloop up --rtf`` and ``--step`` have instead of the machine's clock."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from controller.loop import ControlLoop
+from drivers.errors import DriverError
+from hal.types import JointState
+from servoloop import hardware
+from servoloop.background_worker import BackgroundWorker
+from servoloop.files import Files
+from servoloop.hardware import HardwareKind, HardwareSetup
+from servoloop.simulation.pace import LOOK_S, Pace
+from servoloop.simulation.virtual_lines import VirtualLines
+from sim_backend.build import Build
+from sim_backend.clock import SimulatedClock
+
+if TYPE_CHECKING:
+    from nodes.surface import Surface
+
+
+class SimulatedTime:
+    """One thread advances it, the loop's: each cycle as fast as it can, then it waits for its clients and its pace."""
+
+    def __init__(self, pace: Pace, build: Build) -> None:
+        """``build``: of the virtual servos."""
+        self.clock = SimulatedClock()
+        self.pace = pace
+        self._build = build
+        self._lines: VirtualLines | None = None
+        self._loop: ControlLoop
+        self._surface: Surface
+
+    def hardware(self, kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files) -> HardwareSetup:
+        """The hardware on simulated time, unconfigured. Raises DriverError where anything would keep real time."""
+        if ports is not None:
+            raise DriverError("a real servo keeps real time: leave out --port, or --rtf and --step")
+        kinds = [hardware.choose(kind, component) for component in files.description.components]
+        if users := [str(one) for one in kinds if not isinstance(one, HardwareKind)]:
+            names = ", ".join(users)
+            raise DriverError(f"{names} may keep real time: leave out --rtf and --step, or name a --hardware")
+        if HardwareKind.SERVOS in kinds:
+            self._lines = VirtualLines(files, self._build)
+        devices = self._lines.devices if self._lines is not None else {}
+        return hardware.build(kind, files, devices, self.clock, self._lines)
+
+    def connect(self, loop: ControlLoop, surface: "Surface") -> None:
+        """Set who is paced, and who shows it."""
+        self._loop, self._surface = loop, surface
+        self.pace.on_done = surface.wake
+        loop.on_cycle = self._on_cycle
+
+    def before_cycle(self, ended: Callable[[], bool]) -> None:
+        """Return when the next cycle may run, or soon after ``ended``. In the loop's thread."""
+        while not (self._surface.wait_until_published(LOOK_S) or ended()):
+            pass
+        self.pace.wait(self.clock.now(), lambda: self._serve() or ended())
+
+    def _on_cycle(self, state: JointState) -> None:
+        if self._lines is not None:
+            self._lines.advance(self.clock.now())
+        self._surface.post(state)
+
+    def _serve(self) -> bool:
+        """Controllers can be loaded and switched while the simulation is paused, as before its first step."""
+        if self.pace.paused and self._loop.requests.inbox:
+            self._loop.requests.serve()
+            self._surface.wake()
+        return False
+
+
+class InLoopsThread(BackgroundWorker):
+    """Work that takes longer than a cycle: simulated time passes in the loop's thread only."""
+
+    def __call__(self, work: Callable[[], None]) -> None:
+        work()
