@@ -1,7 +1,8 @@
 """What must hold whatever happens to an arm: small classes that look on while a simulated stack runs."""
 
 import math
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,16 +16,15 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.bus import VirtualBus
+from sim_backend.faults.event import Event
 
 CYCLES_TO_NAME: Final = 2
 """In so many cycles a servo that is not heard is named."""
 FOUND_S: Final = 0.5
 """Torque that a servo lost without a word is found within this time at 20 Hz."""
 UNHEARD: Final = ("silent", "brown_out")
-"""Faults of one servo that the stack can know of at once, as nobody answers."""
+"""Faults of one servo, which then does not answer; the others have nothing to do with them."""
 ROUNDING: Final = 1e-9
-OF_ONE_SERVO: Final = (*UNHEARD, "jammed", "overload", "stuck_encoder", "dead_encoder", "hot", "overcurrent")
-"""Faults that must not keep the stack from reading the other servos."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,29 +125,38 @@ class SafeCommands(Invariant):
 
 
 class NamedAlone(Invariant):
-    """A servo that is not heard is named within two cycles, and its fault names no other."""
+    """A servo that is not heard is named within two cycles, and as long as nothing else is wrong it alone."""
 
     name = "named, and it alone"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
-        self._unnamed: dict[str, int] = {}
-        self._quiet_s = -math.inf
+        self._unnamed, self._misnamed = Counter[str](), Counter[str]()
+        self._events: list[tuple[float, Any]] = []
+        play = stack.player.play
+
+        def noted(events: Iterable[Event], since_s: float = 0.0) -> None:
+            events = tuple(events)
+            play(events, since_s)
+            self._events += [(since_s + event.at_s, event) for event in events]
+
+        stack.player.play = noted  # type: ignore[method-assign]
 
     def on_state(self, state: JointState) -> None:
-        active: list[Any] = list(self.stack.player.active.values())
-        if not self.active or not active or any(event.kind not in OF_ONE_SERVO for event in active):
-            self._unnamed.clear()
+        begun = [event for at_s, event in self._events if at_s <= self.stack.world.time_s]
+        if not self.active or any(event.kind not in UNHEARD for event in begun):
             return
-        concerned = {self._joint(event.servo_id, event.bus): event.kind for event in active}
-        for joint, kind in concerned.items():
-            named = joint in state.faults or kind != "silent"
-            self._unnamed[joint] = 0 if named else self._unnamed.get(joint, 0) + 1
-            if self._unnamed[joint] == CYCLES_TO_NAME + 1:
-                self.say(f"{joint} is {kind}, and after {CYCLES_TO_NAME + 1} cycles nothing says so")
+        silent = {self._joint(one) for one in self.stack.player.active.values()}
+        concerned = {self._joint(event) for event in begun}
+        self._unnamed = Counter({joint: self._unnamed[joint] + 1 for joint in silent - state.faults.keys()})
+        self._misnamed = Counter({joint: self._misnamed[joint] + 1 for joint in state.faults.keys() - concerned})
+        for wrong, what in ((self._unnamed, "is silent, and nothing says so"), (self._misnamed, "is named, and well")):
+            for joint, cycles in wrong.items():
+                if cycles > CYCLES_TO_NAME:
+                    self.say(f"{joint} {what}, for {cycles} cycles")
 
-    def _joint(self, servo_id: int, bus: str | None) -> str:
-        return next(j.name for j in self.joints if j.servo_id == servo_id and bus in (None, j.bus))
+    def _joint(self, event: Any) -> str:
+        return next(j.name for j in self.joints if j.servo_id == event.servo_id and event.bus in (None, j.bus))
 
 
 class NoGoalWhileLimp(Invariant):

@@ -15,8 +15,10 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
+from drivers.clock import MonotonicClock
 from hal.description import Description
 from nodes.robot_state_publisher import RobotStatePublisher
+from nodes.ros_time import RosTime
 from tests.ros.stack_process import until
 from tests.ros.stamps import time_message
 
@@ -33,7 +35,7 @@ class EmptyRobot:
         content = {"robot_state_publisher": {"ros__parameters": parameters}}
         factory = SimpleNamespace(file=SimpleNamespace(content=content))
         stack: Any = SimpleNamespace(description=Description("", {}), factory=factory, scene=self._scene)
-        self.publisher = RobotStatePublisher(stack)
+        self.publisher = RobotStatePublisher(stack, RosTime(MonotonicClock(), simulated=False))
         self._now_s = 0.0
 
     def _scene(self) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from hal.gate import Gated, SafetyGate
 from hal.types import FloatArray
 from servoloop import cli
 from servoloop.campaign.campaign import Scenario, campaign, read_scenario, run_schedule_of, schedule_of
+from servoloop.campaign.invariants import ALL
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule, read_schedule
 from sim_backend.faults.errors import FaultError
@@ -64,6 +65,12 @@ def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
     ran = CliRunner().invoke(cli.app, ["campaign", "--scenario", str(scenario), "--seeds", "2", "--jobs", "1"])
     assert ran.exit_code == 0 and "no invariant fell" in ran.output
+
+
+def test_the_page_names_every_invariant_and_every_key() -> None:
+    page = (ROOT / "docs" / "campaigns.md").read_text()
+    assert all(f"| {invariant.name} |" in page for invariant in ALL)
+    assert all(f"| `{key}` |" in page for key in Scenario.model_fields)
 
 
 def test_mistakes_in_a_scenario_are_told_before_anything_runs(

@@ -72,6 +72,22 @@ def test_a_silent_servo_that_nothing_names() -> None:
     assert "named, and it alone" in fallen(run("silent id=3 at=0.5s for=0.6s", prepare=without_faults))
 
 
+def test_a_servo_that_is_named_for_another_one() -> None:
+    def blames(stack: FaultyStack) -> None:
+        read = stack.hardware.read
+
+        def wrong() -> JointState:
+            state = read()
+            return replace(
+                state, faults=dict.fromkeys(("joint3", "joint5"), one) if (one := state.faults.get("joint3")) else {}
+            )
+
+        stack.hardware.read = wrong  # type: ignore[method-assign]
+
+    (violation,) = run("silent id=3 at=0.5s for=0.6s", prepare=blames).violations
+    assert violation.text.startswith("joint5 is named, and well")
+
+
 def test_a_limp_joint_that_nothing_names() -> None:
     report = run("brown_out id=2 at=0.5s", prepare=without_faults)
     assert "limp joints are found" in fallen(report)
