@@ -114,9 +114,8 @@ def build(
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
     feed = _feed(devices) if servos and not virtual else None
     scene = world.scene if world else virtual.scene if virtual else Scene(feed) if feed else dict
-    real = (bool(servos) and feed is None and virtual is None) or any(
-        kinds[c.name] not in tuple(HardwareKind) for c in components
-    )
+    users = any(kind not in tuple(HardwareKind) for kind in kinds.values())
+    real = users or (bool(servos) and feed is None and virtual is None)
     rate_hz = files.controllers.update_rate_hz
     rates_hz = {
         joint.bus: rate_hz / divisor

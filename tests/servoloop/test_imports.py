@@ -44,6 +44,13 @@ def test_the_tools_for_ports_and_servos_need_nothing_that_is_compiled_for_a_mach
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
+def test_a_stack_on_real_servos_loads_no_simulation() -> None:
+    """It would take almost a second more to start, and 90 MB."""
+    program = "import sys, servoloop.cli, servoloop.up; print([m for m in ('mujoco', 'numba') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
+
+
 def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
     out = log.open("w") if log else subprocess.PIPE
     command = [sys.executable, "-m", "tests.servoloop.without_ros", *arguments]
