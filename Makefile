@@ -40,9 +40,9 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-# Three at a time: two stacks in real time need a core each, and mostly one of them waits.
+# Two at a time: what runs here are whole demos in real time, which need a core each.
 test-slow: setup
-	$(PYTEST) -n 3 -m slow $(PYTEST_ARGS)
+	$(PYTEST) -n 2 -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 
