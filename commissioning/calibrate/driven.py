@@ -155,7 +155,7 @@ class ByItself:
             self._watcher.say(f"{joint.name} turns a little, and back")
             wiggle = way * WIGGLE_RAD * joint.transmission
             arm.go(index, wiggle)
-            moved = arm.measured(index)
+            moved = _nearest(arm.measured(index), 0.0, tau * joint.transmission)
             arm.go(index, 0.0)
             if moved * way >= 0.5 * WIGGLE_RAD * joint.transmission:
                 return way if self._watcher.moved_so(joint.name, self._plan.joints[joint.name].positive) else -way
@@ -201,8 +201,12 @@ class _Seek:
 
     def _position(self, near: float) -> float:
         """Where the joint is, turns included: the reading nearest to where it was."""
-        measured = self._arm.measured(self._index)
-        return measured + round((near - measured) / self._turn) * self._turn
+        return _nearest(self._arm.measured(self._index), near, self._turn)
+
+
+def _nearest(measured: float, near: float, turn: float) -> float:
+    """The position that a reading stands for, which says the place within the turn alone."""
+    return measured + round((near - measured) / turn) * turn
 
 
 def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
