@@ -9,10 +9,13 @@ from hypothesis import settings
 from sim_backend.bus import VirtualBus
 from sim_backend.mujoco_hardware import drive
 from sim_backend.plant import BenchPlant
+from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.ros_domain import ros_domain
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
 
+once_more = pytest.mark.flaky(reruns=1)
+"""A machine that stands still for a moment fails a program in real time; the summary names what was run again."""
 LONG_FILES = (
     *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
     *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
@@ -37,11 +40,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Tests over ROS and others at the same time, where files are what is distributed."""
     if config.getoption("dist") != "loadfile":
         return None
-    from tests.distribution import ComputingAside
-
     return ComputingAside(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests over ROS come first, then the files that compute for long: the short ones are left to even workers out."""
-    items.sort(key=lambda item: ("ros" not in item.keywords, not item.nodeid.startswith(LONG_FILES)))
+    """Tests in real time come first, then the files that compute long: the short ones are left to even workers out."""
+    items.sort(key=lambda item: (not in_real_time(item.nodeid), not item.nodeid.startswith(LONG_FILES)))
+    for item in items:
+        if in_real_time(item.nodeid):
+            item.add_marker(once_more)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A worker that computes stands back behind those whose tests run in real time."""
+    if hasattr(item.config, "workerinput") and not in_real_time(item.nodeid):
+        stand_back()

@@ -1,20 +1,48 @@
-"""Which worker gets which files: the tests over ROS mostly wait, the others mostly compute."""
+"""Which worker gets which files: tests in real time mostly wait and must not be kept waiting, the others compute."""
+
+import os
 
 from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
 
-OVER_ROS = "tests/ros/"
+IN_REAL_TIME = (
+    *("tests/ros/", "tests/peers/", "tests/launch/", "tests/bench/"),
+    *("tests/commissioning/test_calibrate_cli", "tests/commissioning/test_doctor_verb"),
+    *("tests/commissioning/test_ports", "tests/commissioning/test_verbs"),
+    *("tests/drivers/test_add_a_servo", "tests/drivers/test_port_contract", "tests/drivers/test_serial_port"),
+    *("tests/servoloop/test_setup_verb", "tests/servoloop/test_signals", "tests/sim_backend/test_emulator_pty"),
+)
+"""Programs with time limits of their own talk to each other here, over ROS or a pseudo-terminal."""
+
+
+def in_real_time(nodeid: str) -> bool:
+    """Whether a test or its file is one of these."""
+    return nodeid.startswith(IN_REAL_TIME)
+
+
+def stand_back() -> None:
+    """Leave the processor to whoever works in real time, for the rest of this process' life."""
+    os.setpriority(os.PRIO_PROCESS, 0, 10)
 
 
 class ComputingAside(LoadFileScheduling):
-    """Files in order, but one worker leaves those over ROS to the others as long as there is anything else.
+    """Files in order, but one worker computes from the beginning and leaves those in real time to the others.
 
-    So the time in which stacks wait is used, and there is always one stack fewer than there are workers.
+    So the time in which stacks wait is used, and there is always one stack fewer than there are workers. A worker that
+    has begun to compute stands back (tests/conftest.py), and is given nothing in real time any more.
     """
 
     def _assign_work_unit(self, node: WorkerController) -> None:
-        if node is self.nodes[-1]:
-            computing = next((file for file in self.workqueue if not file.startswith(OVER_ROS)), None)
-            if computing is not None:
-                self.workqueue.move_to_end(computing, last=False)
+        if node is self.nodes[-1] and len(self.nodes) > 1 and (computing := self._next_to_compute()) is not None:
+            self.workqueue.move_to_end(computing, last=False)
         super()._assign_work_unit(node)
+
+    def _reschedule(self, node: WorkerController) -> None:
+        stands_back = len(self.nodes) > 1 and any(not in_real_time(file) for file in self.assigned_work[node])
+        if stands_back and self.workqueue and self._next_to_compute() is None and not node.shutting_down:
+            node.shutdown()
+            return
+        super()._reschedule(node)
+
+    def _next_to_compute(self) -> str | None:
+        return next((file for file in self.workqueue if not in_real_time(file)), None)
