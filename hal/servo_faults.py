@@ -35,8 +35,8 @@ class ServoFaults:
         self._joints = tuple(joints)
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
-        self._let_go: set[str] = set()
-        """Joints whose servos have let go to protect themselves."""
+        self._let_go: dict[str, str] = {}
+        """Joints whose servos have let go to protect themselves, and what to say of it."""
         self._heard_s: dict[str, float] = {}
         """When those that are missing were last measured."""
         self._next = 0
@@ -62,8 +62,8 @@ class ServoFaults:
         """An active component's servo has alarms; with some of them it has let go."""
         taken = [alarm for alarm in alarms if alarm in TAKEN]
         if taken and joint.name not in self._let_go:
-            self._let_go.add(joint.name)
-            self._refuse(joint.name, f"{_called(joint, buses)} has let go ({', '.join(taken)} alarm)")
+            self._let_go[joint.name] = f"{_called(joint, buses)} has let go ({', '.join(taken)} alarm)"
+            self._refuse(joint.name, self._let_go[joint.name])
 
     def present(
         self, measured: Mapping[str, int], buses: JointBuses, ask_until_s: float | None
@@ -78,6 +78,8 @@ class ServoFaults:
             for joint in back:
                 self._rejoin(joint.name)
         else:
+            for name in [joint.name for joint in back if joint.name in self._let_go]:
+                self._refuse(name, self._let_go[name])  # also if it was silent meanwhile
             self._ask([joint for joint in back if joint.name not in self._let_go], buses, ask_until_s)
             due = [joint for joint in self._due() if joint.name in measured and joint.name not in self._faults]
             self._watch(due, buses, ask_until_s)

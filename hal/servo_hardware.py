@@ -4,24 +4,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoGoal
 from drivers.clock import Clock
 from hal.activation import Activation
 from hal.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState, require, require_configured
+from hal.servo_goals import ServoGoals
 from hal.servo_setup import ServoSetup
 from hal.servo_states import ServoStates
 from hal.types import JointCommand, JointState
 
-INTERPOLATION_MARGIN = 1.1
-"""The servo is told to be a little faster than needed, so that what it lags behind is made up."""
-INTERPOLATION_FLOOR_COUNTS_S = 100
-SLOWING_S = 0.2
-"""A servo that follows behind its goals needs their speed for about so long after they stand."""
-CATCH_UP_S = 0.5
-"""In about this time a servo that lies behind its goal is to be there."""
 READ_SHARE = 0.5
 """The share of the period that a read may take where nobody gave it a deadline."""
 FIRST_PERIOD_S = 0.05
@@ -29,11 +22,7 @@ FIRST_PERIOD_S = 0.05
 
 
 class ServoHardware:
-    """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several.
-
-    Each servo is told how fast to go, so that it moves through the whole period instead of leaping to the goal and
-    waiting there.
-    """
+    """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several."""
 
     def __init__(
         self,
@@ -54,9 +43,9 @@ class ServoHardware:
         self._clock = clock
         self.compensation = compensation
         self._period_s = FIRST_PERIOD_S
-        self._goals: dict[str, ServoGoal] = {}
+        self._goals = ServoGoals(joints)
         self._states = ServoStates(joints, clock)
-        self._requested = False
+        self._requested = self._measured = False
         self._deadline_s = math.inf
 
     def configure(self) -> None:
@@ -79,7 +68,7 @@ class ServoHardware:
         buses = self._opened("activate")
         self._states.faults.forget()
         held = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
-        self._goals = {name: ServoGoal(counts) for name, counts in held.items()}
+        self._goals.hold(held)
         if self.compensation is not None:
             self.compensation.restart()
         self.state = LifecycleState.ACTIVE
@@ -110,7 +99,9 @@ class ServoHardware:
         self._requested = False
         buses = self._opened("read")
         ask_until_s = self._deadline_s if self.state is LifecycleState.ACTIVE else None
-        return self._states.update(buses.receive(), buses, ask_until_s)
+        state = self._states.update(buses.receive(), buses, ask_until_s)
+        self._measured = True
+        return state
 
     def write(self, command: JointCommand) -> None:
         """Send one packet a bus with a goal for each of its servos; the command has passed the safety gate.
@@ -119,38 +110,16 @@ class ServoHardware:
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
-        goals: dict[str, ServoGoal] = {}
         wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
-        for joint, position in zip(self._joints, wanted, strict=True):
-            if joint.name in self._states.faults.withheld:
-                continue
-            reach = math.ceil(joint.limits.velocity * command.period_s / abs(joint.units_per_count))
-            held = self._goals[joint.name].position_counts
-            # A joint that began outside its limits has a goal there, and must not leap back in.
-            counts = min(max(joint.counts(float(position)), held - reach), held + reach)
-            goals[joint.name] = ServoGoal(counts, self._speed(joint, counts))
-        # Before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
-        self._goals |= goals
+        # Kept before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
+        measured = self._states.measured if self._measured else {}
+        self._measured = False  # a component that has lost a line is not asked in the next cycle
+        goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.faults.withheld)
         try:
             self._opened("write").write_goals(goals)
         finally:
             if self.compensation is not None:
                 self.compensation.update(command, self._states)  # for the next command
-
-    def _speed(self, joint: Joint, counts: int) -> int:
-        """Counts/s.
-
-        As fast as the way from the last goal needs. Where a servo lies behind (it was silent, or
-        something was in its way), it catches up in ``CATCH_UP_S``, within the joint's velocity limit.
-        """
-        held, former = self._goals[joint.name]
-        measured = self._states.measured.get(joint.name)
-        speed = abs(counts - held) / self._period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
-        speed = max(speed, former * (1.0 - min(self._period_s / SLOWING_S, 1.0)))
-        if measured is not None:
-            limit = joint.limits.velocity / abs(joint.units_per_count)
-            speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
-        return min(round(speed), 32767)
 
     def _opened(self, what: str) -> JointBuses:
         require_configured(self.state, what)

@@ -83,7 +83,7 @@ def sdk_data(reply: Any) -> bytes:
 
 @dataclass(slots=True)
 class ReplyDecoder(Decoder):
-    """The decoder of these packets."""
+    """The decoder of these packets. A header inside one is that of the next, behind a half packet: no data hold it."""
 
     HEADER = HEADER
 
@@ -97,7 +97,7 @@ class ReplyDecoder(Decoder):
         if left < size + OVERHEAD:
             return None
         frame = pending[at : at + size + OVERHEAD]
-        if _CHECKSUMS[adler32(frame[:-1]) & 0xFF] != frame[-1:]:
+        if _CHECKSUMS[adler32(frame[:-1]) & 0xFF] != frame[-1:] or HEADER in frame[2:]:
             self.corrupt_ids.append(frame[2])
             return self._pass()
         return self._found(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)

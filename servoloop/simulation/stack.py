@@ -91,6 +91,8 @@ class SimulatedStack:
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
         """Given each cycle's measurement."""
+        self.on_step: Callable[[float], None] = lambda time_s: None
+        """Called after each step of the physics."""
         period_s = 1.0 / self.files.controllers.update_rate_hz
         self.loop = ControlLoop(
             components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
@@ -158,6 +160,7 @@ class SimulatedStack:
         self._feeder.update(self.world, time_s)
         self.trace.world_s.append(time_s)
         self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
+        self.on_step(time_s)
 
     def _on_cycle(self, state: JointState) -> None:
         tracking = self.arm.tracking

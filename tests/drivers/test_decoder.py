@@ -58,6 +58,15 @@ def test_each_reply_says_how_many_bytes_before_it_were_nobodys(dialect: Dialect)
         assert decoder.garbage + decoder.waiting == len(noise[3])
 
 
+def test_half_a_reply_and_the_next_ones_beginning_are_no_reply_though_the_checksum_says_so() -> None:
+    """Servo 1 stood at 2048; as one packet these bytes say that it is at -32512. Seen on simulated time."""
+    half, whole = bytes.fromhex("ffff010a0000"), bytes.fromhex("ffff020a00e20800000001771b76")
+    decoder = v1.ReplyDecoder(8)
+    replies = decoder.feed(half + whole) + decoder.finish()
+    assert [(reply.servo_id, reply.data.hex()) for reply in replies] == [(2, "e20800000001771b")]
+    assert decoder.corrupt_ids == [1] and replies[0].garbage == len(half)
+
+
 @both
 def test_a_torn_reply_hides_those_behind_it_only_until_nothing_more_comes(dialect: Dialect) -> None:
     decoder = dialect.decoder(SIZE)

@@ -12,6 +12,7 @@ from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.servo_faults import RESET_S
 from hal.types import FloatArray, JointCommand
+from sim_backend.gears import Gears
 from sim_backend.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
 from tests.hal.faults import fault_texts
@@ -92,8 +93,42 @@ def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wante
             assert lowest <= now <= highest
             assert abs(now - before) <= joint.limits.velocity * PERIOD_S / abs(joint.units_per_count) + 1
         last = goals(bench)
+        bench.wait()
     ends = [joint.counts_range()[(wanted > 0) == (joint.sign > 0)] for joint in JOINTS]
     assert last == ends
+
+
+def test_a_blocked_joints_goal_is_no_further_ahead_than_its_servo_can_pull() -> None:
+    """Else it would leap all the way when it comes free; the other joints are not concerned."""
+    bench = Bench().active()
+    wanted = at(-1.5, 1.0, 0.05)
+    stuck = JOINTS[0]
+    assert stuck.compliance is not None
+    lead = stuck.full_effort / stuck.compliance.stiffness + stuck.limits.velocity * PERIOD_S
+    free = Gears(0.02, 0.1, 0.05, 0.0)
+    bench.plant.fit([replace(free, coulomb_nm=100.0), None, None])
+    for _ in range(40):
+        bench.cycle(wanted)
+    told = [joint.position(goal) for joint, goal in zip(JOINTS, goals(bench), strict=True)]
+    assert told[0] == pytest.approx(-lead, abs=0.03)
+    assert told[1:] == pytest.approx(wanted[1:], abs=0.002)
+    bench.plant.fit([free, None, None])
+    for _ in range(40):
+        last = goals(bench)
+        state = bench.cycle(wanted)
+        assert abs(goals(bench)[0] - last[0]) <= stuck.limits.velocity * PERIOD_S / abs(stuck.units_per_count) + 1
+    assert state.position[0] == pytest.approx(wanted[0], abs=0.02), "free again, it goes where it is to go"
+
+
+def test_one_false_measurement_moves_no_goal() -> None:
+    bench = Bench().active()
+    for _ in range(6):
+        bench.cycle(HERE)
+    before = goals(bench)
+    bench.place((3500, 2048, 2048))
+    bench.hardware.read()
+    bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    assert goals(bench) == before
 
 
 def test_a_command_for_another_number_of_joints_is_refused() -> None:
@@ -501,6 +536,12 @@ def test_a_servo_that_lets_go_gets_no_goal_until_it_is_activated_again(
     for _ in range(15):
         assert told(bench) == [1, 7]
         assert bench.wait().faults["elbow"].kind == "no_torque"
+    bench.servos.faults.silence(2)
+    assert bench.wait().faults["elbow"].kind == "silent"
+    bench.servos.faults.restore(2)
+    for _ in range(15):
+        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again, and is limp as before"
+        assert told(bench) == [1, 7]
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
     assert bench.cycle(HERE).faults == {}

@@ -12,7 +12,8 @@ from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.invariants import GoalsEnd, LimpAtTheEnd, Watch
+from servoloop.campaign.end_invariants import EndsAsChosen, GoalsEnd
+from servoloop.campaign.invariants import Watch
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.files import read_files
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -144,10 +145,10 @@ def test_a_goal_without_an_end_and_torque_behind_the_end() -> None:
     on_exit = robot.file.on_exit.model_copy(update={"virtual": "relax"})
     relaxing = replace(FILES, robot=replace(robot, file=robot.file.model_copy(update={"on_exit": on_exit})))
     stack = FaultyStack(files=relaxing)
-    watch = Watch(stack, (GoalsEnd, LimpAtTheEnd))
+    watch = Watch(stack, (GoalsEnd, EndsAsChosen))
     stack.up()
     stack.go(PICK)
     stack.run(0.2)
     watch.end()
-    assert set(watch.violations) == {GoalsEnd.name, LimpAtTheEnd.name}
+    assert set(watch.violations) == {GoalsEnd.name, EndsAsChosen.name}
     assert watch.violations[GoalsEnd.name].text == "of 1 goals these have no end: 1"

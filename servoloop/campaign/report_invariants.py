@@ -1,0 +1,126 @@
+"""What must hold of what the stack reports of its joints."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+import numpy as np
+
+from drivers.servos import sts
+from hal.types import FloatArray, JointState
+from servoloop.campaign.invariant import Invariant
+from servoloop.simulation.faulty_stack import FaultyStack
+from sim_backend.faults.event import Event
+from sim_backend.servo import VirtualServo
+
+CYCLES_TO_NAME: Final = 2
+"""In so many cycles a servo that is not heard is named."""
+FOUND_S: Final = 0.5
+"""Torque that a servo lost without a word is found within this time at 20 Hz."""
+UNHEARD: Final = ("silent", "brown_out")
+"""Faults of one servo, which then does not answer; the others have nothing to do with them."""
+SAMPLED_COUNTS: Final = 3.0
+"""A servo that turns passes so many counts between two of our looks at it."""
+
+
+class NamedAlone(Invariant):
+    """A servo that is not heard is named within two cycles, and as long as nothing else is wrong it alone."""
+
+    name = "named, and it alone"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._unnamed, self._misnamed = Counter[str](), Counter[str]()
+        self._events: list[tuple[float, Any]] = []
+        play = stack.player.play
+
+        def noted(events: Iterable[Event], since_s: float = 0.0) -> None:
+            events = tuple(events)
+            play(events, since_s)
+            self._events += [(since_s + event.at_s, event) for event in events]
+
+        stack.player.play = noted  # type: ignore[method-assign]
+
+    def on_state(self, state: JointState) -> None:
+        begun = [event for at_s, event in self._events if at_s <= self.stack.world.time_s]
+        if not self.active or any(event.kind not in UNHEARD for event in begun):
+            return
+        silent = {self._joint(one) for one in self.stack.player.active.values()}
+        concerned = {self._joint(event) for event in begun}
+        self._unnamed = Counter({joint: self._unnamed[joint] + 1 for joint in silent - state.faults.keys()})
+        self._misnamed = Counter({joint: self._misnamed[joint] + 1 for joint in state.faults.keys() - concerned})
+        for wrong, what in ((self._unnamed, "is silent, and nothing says so"), (self._misnamed, "is named, and well")):
+            for joint, cycles in wrong.items():
+                if cycles > CYCLES_TO_NAME:
+                    self.say(f"{joint} {what}, for {cycles} cycles")
+
+    def _joint(self, event: Any) -> str:
+        return next(j.name for j in self.joints if j.servo_id == event.servo_id and event.bus in (None, j.bus))
+
+
+class MeasuredNow(Invariant):
+    """A joint without a fault is reported where its servo said it is, at some moment since the last cycle.
+
+    Not where it was before that, not where another one is, and not where it was meant to be. Two servos with one ID
+    are left out: which of them answered nobody can know.
+    """
+
+    name = "measured now"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._shared_before = True
+        self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
+        self._lowest = self._highest = self._now = self._counts()
+
+    def on_step(self, time_s: float) -> None:
+        self._now = self._counts()
+        self._lowest = np.minimum(self._lowest, self._now)
+        self._highest = np.maximum(self._highest, self._now)
+
+    def on_state(self, state: JointState) -> None:
+        shared = self._shared_id()
+        for place, joint in enumerate(self.joints):
+            if joint.name in state.faults or shared or self._shared_before:
+                continue
+            counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts
+            lowest, highest = self._lowest[place], self._highest[place]
+            if not lowest - SAMPLED_COUNTS <= counts <= highest + SAMPLED_COUNTS:
+                self.say(f"{joint.name} is reported at {counts:.0f}; it was between {lowest:.0f} and {highest:.0f}")
+        self._lowest, self._highest, self._shared_before = self._now, self._now, shared
+
+    def _shared_id(self) -> bool:
+        """Whether two servos answer to one ID: one of them was given another's, or its EEPROM forgot its own."""
+        if any(one.kind == "collision" for one in self.stack.player.active.values()):
+            return True
+        return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
+
+    def _counts(self) -> FloatArray:
+        return np.array([_own_count(self.servos[joint.name]) for joint in self.joints], dtype=np.float64)
+
+
+def _own_count(servo: Any) -> float:
+    """What the servo says of its position when it is asked."""
+    if isinstance(servo, VirtualServo):
+        return servo.memory.get(sts.present_position)
+    return float(servo.firmware.position)  # into the register it comes when it is asked
+
+
+class LimpIsFound(Invariant):
+    """A servo that lost its torque is found within half a second: a goal would switch it on where it stands."""
+
+    name = "limp joints are found"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._limp_since_s: dict[str, float] = {}
+
+    def on_state(self, state: JointState) -> None:
+        for joint in self.joints:
+            known = not self.active or joint.name in state.faults or self.stack.player.active
+            if known or self.torque(joint):
+                self._limp_since_s.pop(joint.name, None)
+                continue
+            limp_s = state.stamp_s - self._limp_since_s.setdefault(joint.name, state.stamp_s)
+            if limp_s > FOUND_S + 2.0 * self.stack.loop.period_s:
+                self.say(f"{joint.name} is limp for {limp_s:.2f} s, and nothing says so")
