@@ -16,8 +16,8 @@ CATCH_UP_S: Final = 0.5
 """In about this time a servo that lies behind its goal is to be there."""
 BLOCKED_CYCLES: Final = 2
 """So many cycles in a row a joint is further behind than its servo can pull: one false measurement moves no goal."""
-UNKNOWN_LEAD_TURNS: Final = 0.06
-"""Turns of the shaft at which a servo of unknown stiffness is taken to pull as hard as it can."""
+UNKNOWN_LEAD_TURNS: Final = 0.12
+"""Turns of the shaft by which a servo of unknown stiffness and lag may be behind."""
 
 
 class ServoGoals:
@@ -27,7 +27,7 @@ class ServoGoals:
 
     def __init__(self, joints: Sequence[Joint]) -> None:
         self._joints = tuple(joints)
-        self._leads = {joint.name: _full_drive_counts(joint) for joint in joints}
+        self._leads = {joint.name: _lead_counts(joint) for joint in joints}
         self._behind = dict.fromkeys(self._leads, 0)
         self._goals: dict[str, ServoGoal] = {}
 
@@ -57,16 +57,18 @@ class ServoGoals:
         return goals
 
     def _within_pull(self, joint: Joint, wanted: int, measured: int | None, reach: int) -> int:
-        """A blocked joint's goal no further ahead than gives full drive: more pulls no harder, and all of it would be
-        one leap when the joint comes free.
+        """A blocked joint's goal no further ahead than a free one's can be: more pulls no harder, and all of it would
+        be one leap when the joint comes free.
         """
-        lead = self._leads[joint.name] + reach
-        behind = measured is not None and abs(wanted - measured) > lead
-        self._behind[joint.name] = self._behind[joint.name] + 1 if behind else 0
-        if measured is None or self._behind[joint.name] < BLOCKED_CYCLES:
+        turn, lead = joint.model.counts_per_turn, self._leads[joint.name] + reach
+        ahead = wanted - measured if measured is not None else 0
+        ahead -= round(ahead / turn) * turn  # some report the place within a turn alone
+        excess = max(abs(ahead) - lead, 0)
+        self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
+        if self._behind[joint.name] < BLOCKED_CYCLES:
             return wanted
         lower, upper = joint.counts_range()
-        return min(max(min(max(wanted, measured - lead), measured + lead), lower), upper)
+        return min(max(wanted - int(math.copysign(excess, ahead)), lower), upper)
 
     def _speed(self, joint: Joint, counts: int, measured: int | None, period_s: float) -> int:
         """Counts/s.
@@ -83,9 +85,10 @@ class ServoGoals:
         return min(round(speed), 32767)
 
 
-def _full_drive_counts(joint: Joint) -> int:
-    """The error at which the joint's servo pulls as hard as it can."""
-    compliance = joint.compliance
+def _lead_counts(joint: Joint) -> int:
+    """How far behind its goal a joint may be that nothing holds back: at its velocity limit, at full drive."""
+    compliance, speed = joint.compliance, joint.limits.velocity
     if compliance is None:
         return math.ceil(UNKNOWN_LEAD_TURNS * joint.model.counts_per_turn)
-    return math.ceil(joint.full_effort / compliance.stiffness / abs(joint.units_per_count))
+    lag = compliance.lag_s * speed + speed**2 / (2.0 * compliance.profile_acceleration)
+    return math.ceil((joint.full_effort / compliance.stiffness + lag) / abs(joint.units_per_count))

@@ -104,7 +104,9 @@ def test_a_blocked_joints_goal_is_no_further_ahead_than_its_servo_can_pull() -> 
     wanted = at(-1.5, 1.0, 0.05)
     stuck = JOINTS[0]
     assert stuck.compliance is not None
-    lead = stuck.full_effort / stuck.compliance.stiffness + stuck.limits.velocity * PERIOD_S
+    speed, gives = stuck.limits.velocity, stuck.compliance
+    lags = gives.lag_s * speed + speed**2 / (2.0 * gives.profile_acceleration)
+    lead = stuck.full_effort / gives.stiffness + lags + speed * PERIOD_S
     free = Gears(0.02, 0.1, 0.05, 0.0)
     bench.plant.fit([replace(free, coulomb_nm=100.0), None, None])
     for _ in range(40):
