@@ -52,12 +52,16 @@ def run_schedule(
         stack.run(schedule.seconds)
     except (DriverError, HalError) as error:  # the program ends then, as below
         ended = str(error)
-    robot = files.robot.file
-    park = robot.park
-    shut_down(
-        stack.loop, robot.on_exit.virtual == "relax", park.pose if park else None, park.velocity_scale if park else 1.0
-    )
-    for line in stack.lines.values():
-        line.advance(stack.clock.now())
+    end_program(stack)
     watch.end()
     return RunReport(schedule, tuple(watch.violations.values()), succeeded, ended, stack.clock.now())
+
+
+def end_program(stack: FaultyStack) -> None:
+    """End as ``servoloop up`` with virtual servos does: held, or parked and let go."""
+    robot = stack.files.robot.file
+    park = robot.park
+    relax = robot.on_exit.virtual == "relax"
+    shut_down(stack.loop, relax, park.pose if park else None, park.velocity_scale if park else 1.0)
+    for line in stack.lines.values():
+        line.advance(stack.clock.now())

@@ -75,7 +75,7 @@ class SimulatedStack:
         components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
         limits = self.files.limits
         self.manager = ControllerManager(components, limits)
-        context = ControllerContext(
+        self.context = context = ControllerContext(
             self.files.description,
             self.files.component,
             limits,
@@ -86,8 +86,9 @@ class SimulatedStack:
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
         self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        self._wrap = wrap
         for controller in built:
-            self.manager.registry.add(wrap(controller))
+            self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
         """Given each cycle's measurement."""
@@ -97,6 +98,10 @@ class SimulatedStack:
         self.loop = ControlLoop(
             components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
         )
+
+    def add_controller(self, controller: Controller) -> None:
+        """Load one that has been built; it is inactive until the stack is up, or it is switched."""
+        self.manager.registry.add(self._wrap(controller))
 
     def up(self) -> "SimulatedStack":
         """Configure and activate."""

@@ -1,0 +1,1 @@
+"""A controller that keeps what the hand holds level."""

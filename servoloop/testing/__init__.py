@@ -1,0 +1,1 @@
+"""Tests of your own nodes, controllers and robot files on virtual servos: docs/test-your-robot.md."""

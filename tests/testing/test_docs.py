@@ -1,0 +1,53 @@
+"""docs/test-your-robot.md: its package is the one that lies in docs/examples, and its tests find the bug."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+TEXT = (DOCS / "test-your-robot.md").read_text()
+PACKAGE = DOCS / "examples" / "level_hand"
+FILES = dict(re.findall(r"^`([\w/.]+)`:\n\n```\w+\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE))
+PROGRAMS = [block for block in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL) if "def test_my_" in block]
+
+
+def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(PACKAGE, tmp_path / "level_hand", ignore=shutil.ignore_patterns("__pycache__")))
+
+
+def test_the_page_shows_every_file_as_it_is() -> None:
+    there = {str(path.relative_to(PACKAGE)): path.read_text() for path in PACKAGE.rglob("*.*") if path.is_file()}
+    shown = {name: text for name, text in there.items() if not name.endswith((".pyc", "__init__.py"))}
+    assert shown == FILES
+
+
+def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> None:
+    ran = pytest_in(package)
+    assert ran.returncode == 1 and "2 failed, 11 passed" in ran.stdout, ran.stdout
+    (words,) = re.findall(r"```\n(stays level.*?)```", TEXT, re.DOTALL)
+    assert words in ran.stdout
+    (again,) = re.findall(r"pytest '(.*)'\n$", words)
+    assert pytest_in(package, again).returncode == 1
+    (diff,) = re.findall(r"```diff\n(.*?)```", TEXT, re.DOTALL)
+    subprocess.run(["patch", "-p1", "--fuzz=0"], cwd=package, input=diff, text=True, check=True, capture_output=True)
+    ran = pytest_in(package)
+    assert ran.returncode == 0, ran.stdout
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["bus", "ROS"])
+def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
+    if "rclpy" in program:
+        pytest.importorskip("rclpy")
+    (tmp_path / "test_mine.py").write_text(program)
+    ran = pytest_in(tmp_path)
+    assert ran.returncode == 0 and "1 passed" in ran.stdout, ran.stdout
