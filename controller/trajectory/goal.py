@@ -182,6 +182,8 @@ def _size_reason(goal: TrajectoryGoal, index: int, point: GoalPoint, integration
 
 def _times_reason(goal: TrajectoryGoal) -> str | None:
     times = [point.time_from_start_s for point in goal.points]
+    if not all(map(math.isfinite, times)):
+        return f"times are {', '.join(map(str, times))} s: only finite numbers are executed"
     for index, (before_s, time_s) in enumerate(pairwise(times)):
         if time_s <= before_s:
             return (

@@ -86,6 +86,11 @@ REFUSED = {
         goal(point(), point(after_s=0.5)),
         "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
     ),
+    "a time that is none": (goal(point(after_s=NAN)), "times are nan s: only finite numbers are executed"),
+    "a time without end": (
+        goal(point(), point(after_s=INF)),
+        "times are 1.0, inf s: only finite numbers are executed",
+    ),
     "its end has passed": (
         goal(point(after_s=1.0), delay_s=-1.5),
         "Received trajectory with non-zero start time that ends in the past (0.500 s ago)",

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from nodes.pick_place.job import Phase
 from nodes.pick_place.settings import Settings
 from servoloop import cli
-from servoloop.files import read_files
+from servoloop.files import HOME, read_files
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
 from servoloop.simulation.simulate import simulate
@@ -31,6 +32,36 @@ def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> No
     here, other = (simulate(read_files(), Settings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
     assert json.loads(once.stdout)["digest"] == here.digest != other.digest
     assert here.cycles == pytest.approx(4.0 * 20, abs=2) and here.missed_cycles == 0
+
+
+def other_python() -> str | None:
+    """Another Python that is supported and on the PATH."""
+    mine = f"{sys.version_info.major}.{sys.version_info.minor}"
+    for version in ("3.13", "3.12", "3.11"):
+        path = shutil.which(f"python{version}")
+        if (
+            path
+            and version != mine
+            and not subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode
+        ):
+            return path
+    return None
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(other_python() is None, reason="there is no other supported Python on the PATH")
+def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
+    """In an environment of its own, without ROS."""
+    python = tmp_path / "venv" / "bin" / "python"
+    subprocess.run([str(other_python()), "-m", "venv", tmp_path / "venv"], check=True)
+    subprocess.run([python, "-m", "pip", "install", "--quiet", HOME], check=True)
+    command = ["-m", "servoloop", *SHORT]
+    there, here = (
+        subprocess.run([one, *command], capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+        for one in (python, sys.executable)
+    )
+    assert json.loads(there)["digest"] == json.loads(here)["digest"]
 
 
 def test_a_job_brings_its_cube_home_and_says_how_well_it_went() -> None:
