@@ -35,26 +35,24 @@ def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> No
 
 
 def other_python() -> str | None:
-    """Another Python that is supported and on the PATH."""
+    """Another Python that is supported, on the PATH or among pyenv's."""
     mine = f"{sys.version_info.major}.{sys.version_info.minor}"
-    for version in ("3.13", "3.12", "3.11"):
-        path = shutil.which(f"python{version}")
-        if (
-            path
-            and version != mine
-            and not subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode
-        ):
-            return path
+    for version in sorted({"3.13", "3.12", "3.11"} - {mine}, reverse=True):
+        installed = Path.home().glob(f".pyenv/versions/{version}.*/bin/python")
+        for path in (shutil.which(f"python{version}"), *map(str, installed)):
+            if path and not subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode:
+                return path
     return None
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.skipif(other_python() is None, reason="there is no other supported Python on the PATH")
 def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
     """In an environment of its own, without ROS."""
-    python = tmp_path / "venv" / "bin" / "python"
-    subprocess.run([str(other_python()), "-m", "venv", tmp_path / "venv"], check=True)
+    other, python = other_python(), tmp_path / "venv" / "bin" / "python"
+    if other is None:
+        pytest.skip("there is no other supported Python here")
+    subprocess.run([other, "-m", "venv", tmp_path / "venv"], check=True)
     subprocess.run([python, "-m", "pip", "install", "--quiet", HOME], check=True)
     command = ["-m", "servoloop", *SHORT]
     there, here = (
