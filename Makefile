@@ -21,9 +21,9 @@ PYTEST := $(BIN)/python -m pytest -rR -n 4 --dist loadfile --no-loadscope-reorde
 help:
 	@echo 'make setup   everything into .venv; a second time within seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
-	@echo 'make test    set-up, then the tests but the slow ones (PYTEST_ARGS="-k hash")'
+	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
 	@echo 'make test-all  the slow ones too; make test-slow: only those'
-	@echo 'make soak    the random ones over 10,000 cycles of the bus instead of 1,000 (CYCLES=3000)'
+	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
 	@echo 'make check   set-up, then lint, types, import direction and all tests: what CI runs'
 	@echo 'make lint    lint, types and import direction only'
@@ -38,7 +38,7 @@ demo: setup
 	@$(BIN)/servoloop demo $(DEMO_ARGS)
 
 test: setup
-	$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
+	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
 # Two at a time: what runs here are whole demos in real time, which need a core each.
 test-slow: setup

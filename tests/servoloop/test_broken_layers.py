@@ -18,7 +18,7 @@ from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule
 
 SEEDS = 1000
-SCENARIO = Scenario(seconds=2.5, faults=4, within_s=1.2)
+SCENARIO = Scenario(seconds=1.5, faults=4, within_s=1.2)
 """Faults of all kinds that the arm can have: nobody tells the campaign where to look."""
 MOVING = Scenario(job=("A",), faults=4, within_s=5.0)
 """For what does no harm to an arm that stands."""
@@ -166,7 +166,7 @@ def first_that_breaks(invariant: str, scenario: Scenario) -> Schedule:
     raise AssertionError(f"in {SEEDS} seeds nothing broke {invariant!r}")
 
 
-@pytest.mark.soak
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*GATES, *DRIVERS])
 def test_a_campaign_finds_it_and_shrinks_it_to_what_matters(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     (GATES | DRIVERS)[name](monkeypatch)
