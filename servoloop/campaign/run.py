@@ -27,6 +27,8 @@ class RunReport:
     ended: str
     """Why the program ended early; empty where it did not."""
     simulated_s: float
+    largest_following_rad: float | None
+    """The largest following error of any joint of the arm; None where the arm was never told to move."""
 
 
 def run_schedule(
@@ -60,4 +62,6 @@ def run_schedule(
     for line in stack.lines.values():
         line.advance(stack.clock.now())
     watch.end()
-    return RunReport(schedule, tuple(watch.violations.values()), succeeded, ended, stack.clock.now())
+    largest_rad = max(stack.trace.following().largest_rad, default=None)
+    violations = tuple(watch.violations.values())
+    return RunReport(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad)
