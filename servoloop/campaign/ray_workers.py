@@ -1,5 +1,6 @@
 """Runs on a Ray cluster, or on a Ray that is started on this machine for them."""
 
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -61,6 +62,7 @@ def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
 
 
 def _start(ray: Any, processes: int) -> None:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray tells its makers otherwise
     ray.init(
         address=LOCAL,
         num_cpus=processes,

@@ -70,7 +70,7 @@ def in_processes(run: Run[T], seeds: range, processes: int, stop: Stop) -> Itera
     context = get_context("spawn")
     with ProcessPoolExecutor(processes, context, _begin, max_tasks_per_child=TASKS_OF_A_WORKER) as pool:
         try:
-            yield from in_order(lambda chunk: pool.submit(task, chunk), seeds, processes, stop)
+            yield from in_order(lambda chunk: _submit(pool, task, chunk), seeds, processes, stop)
         except BrokenProcessPool:
             raise WorkerError(
                 "a process of the campaign was killed, perhaps for want of memory: take fewer, with --jobs"
@@ -95,10 +95,18 @@ def silence() -> None:
     logging.disable(logging.CRITICAL)
 
 
+def _submit(pool: ProcessPoolExecutor, task: Callable[[range], list[T]], chunk: range) -> Future[list[T]]:
+    """Ctrl-C is not for the workers, nor while they start: what this starts, threads and processes, never hears it."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return pool.submit(task, chunk)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+
+
 def _begin() -> None:
-    """A worker's first deed. Ctrl-C is for the process that started it, with which it ends, however that ends."""
+    """A worker's first deed; it ends with the process that started it, however that ends."""
     silence()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
