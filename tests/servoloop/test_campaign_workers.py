@@ -29,7 +29,8 @@ SCENARIO = Scenario(seconds=1.0, faults=2, within_s=0.8)
 
 def with_ray(test: Any) -> Any:
     """A test on a local Ray, which takes ten seconds to come and go."""
-    return pytest.mark.slow(pytest.mark.skipif(not RAY, reason="Ray is not installed: pip install 'servoloop[ray]'")(test))
+    reason = "Ray is not installed: pip install 'servoloop[ray]'"
+    return pytest.mark.slow(pytest.mark.skipif(not RAY, reason=reason)(test))
 
 
 def never() -> bool:
@@ -58,7 +59,7 @@ class OtherOrder:
         return False
 
 
-@pytest.fixture(scope="module", 
+@pytest.fixture(scope="module")
 def without_waiting() -> Iterator[None]:
     """A fixture that has whoever waits for a worker look at once: these workers work only when they are looked at."""
     with pytest.MonkeyPatch.context() as patch:
@@ -131,9 +132,8 @@ def test_the_verb_runs_on_a_local_ray(tmp_path: Path) -> None:
     words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "8", "--jobs", "2"]
     pages = []
     for more in ([], ["--ray", "local"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "servoloop", *words, *more], cwd=tmp_path, capture_output=True, text=True, timeout=100
-        )
+        command = [sys.executable, "-m", "servoloop", *words, *more]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
         assert done.returncode == 0, done.stderr
         pages.append((tmp_path / "out" / "campaign" / "report.html").read_bytes())
     assert pages[0] == pages[1]
