@@ -15,6 +15,7 @@ from servoloop.verbs.output import JsonOption, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from servoloop.campaign.campaign import Scenario
     from servoloop.campaign.fallen import Fallen
     from servoloop.campaign.tally import Tally
     from servoloop.campaign.workers import Stop
@@ -51,14 +52,16 @@ def campaign(
     """
     if (scenario is None) == (schedule is None):
         raise DriverError("name one file: --scenario for many runs, or --schedule to see one run again")
-    make_folder(out)
     if schedule is not None:
         raise typer.Exit(_see_again(schedule, out, json))
     assert scenario is not None
+    from servoloop.campaign.campaign import read_scenario
+
+    said = read_scenario(scenario)
+    make_folder(out)
+    asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
     with Signals() as signals:
-        tally, fallen = _run(
-            scenario, range(first, first + seeds), jobs or os.cpu_count() or 1, ray, out, lambda: signals.count > 0
-        )
+        tally, fallen = _run(said, asked, processes, ray, out, lambda: signals.count > 0)
         interrupted = signals.count > 0
     page = _write_page(out / REPORT, tally, fallen)
     if json:
@@ -71,22 +74,20 @@ def campaign(
 
 
 def _run(
-    scenario: Path, seeds: range, processes: int, ray: str | None, out: Path, stop: "Stop"
+    scenario: "Scenario", seeds: range, processes: int, ray: str | None, out: Path, stop: "Stop"
 ) -> "tuple[Tally, list[Fallen]]":
     """All runs, and what fell in them, written into ``out``."""
     from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
-    from servoloop.campaign.campaign import read_scenario
     from servoloop.campaign.fallen import keep
     from servoloop.campaign.tally import Tally
 
-    said = read_scenario(scenario)
-    tally = Tally(said, len(seeds))
+    tally = Tally(scenario, len(seeds))
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("runs", total=len(seeds))
-        for report in run(said, seeds, processes, stop, ray):
+        for report in run(scenario, seeds, processes, stop, ray):
             tally.add(report)
             progress.advance(task)
         task = progress.add_task("what fell, made small", total=len(tally.first))
@@ -105,6 +106,7 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     from servoloop.simulation.schedule import read_schedule
 
     schedule = read_schedule(path)
+    make_folder(out)
     report, recording = recorded(schedule)
     fallen = [
         traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv")
