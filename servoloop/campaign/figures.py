@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import ceil
 from typing import Final
 
@@ -17,6 +18,8 @@ from sim_backend.faults.text import text_of
 
 COLOURS: Final = ("#b00020", "#7a7a7a", "#e69f00", "#0072b2")
 """Of the outcomes, in their order."""
+MOST_BARS: Final = 40
+"""Of the times at which faults began."""
 
 
 def fault_kinds(tally: Tally) -> str:
@@ -28,9 +31,15 @@ def fault_kinds(tally: Tally) -> str:
 
 def fault_times(tally: Tally) -> str:
     """When the faults began."""
-    seconds = range(ceil(tally.scenario.within_s))
-    series = {outcome.value: [tally.begun[second, outcome] for second in seconds] for outcome in Outcome}
-    return histogram([*seconds, seconds.stop], series, COLOURS, "began so long after the arm was up (s)", "faults")
+    last_s = max((second for second, _ in tally.begun), default=0)
+    width_s = ceil((last_s + 1) / MOST_BARS)
+    edges_s = [*range(0, last_s + 1 + width_s, width_s)]
+
+    def counts(outcome: Outcome) -> list[int]:
+        return [sum(tally.begun[second, outcome] for second in range(*gap)) for gap in pairwise(edges_s)]
+
+    series = {outcome.value: counts(outcome) for outcome in Outcome}
+    return histogram(edges_s, series, COLOURS, "began so long after the arm was up (s)", "faults")
 
 
 def following_errors(tally: Tally) -> str:

@@ -73,9 +73,9 @@ def _plots(tally: Tally) -> list[tuple[str, str]]:
     return [
         ("Runs in which each invariant fell", figures.violations(tally)),
         ("Faults drawn, by what came of their run", figures.fault_kinds(tally)),
-        ("When they began", figures.fault_times(tally)),
-        ("Largest following error of each run", figures.following_errors(tally)),
-        ("Simulated time of each run", figures.durations(tally)),
+        ("When they began, in the same colours", figures.fault_times(tally)),
+        ("Largest following error of each run, in the same colours", figures.following_errors(tally)),
+        ("Simulated time of each run, in the same colours", figures.durations(tally)),
     ]
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from matplotlib.ticker import MaxNLocator
+
 from servoloop.plots.svg import new_figure, style, svg
 
 Points = Sequence[tuple[float, float]]
@@ -10,7 +12,7 @@ MOST = 2000
 
 
 def points(groups: Mapping[str, Points], colours: Sequence[str], axis: str, unit: str) -> str:
-    """Points (x, y) as SVG, by the name of their group; y is ``unit``, finite and not negative."""
+    """Points (x, y) as SVG, by the name of their group; x a whole number, y in ``unit``, finite and not negative."""
     with style():
         figure = new_figure(2.6)
         axes = figure.add_subplot()
@@ -18,6 +20,7 @@ def points(groups: Mapping[str, Points], colours: Sequence[str], axis: str, unit
             shown = thinned(group)
             axes.plot([x for x, _ in shown], [y for _, y in shown], ".", markersize=4, color=colour, label=name)
         highest = max((y for group in groups.values() for _, y in group), default=0.0)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(xlabel=axis, ylabel=unit, ylim=(0.0, 1.08 * highest or 1.0))
         return svg(figure)
 

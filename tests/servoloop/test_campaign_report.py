@@ -262,3 +262,14 @@ def test_one_of_scenario_and_schedule_is_needed(
     assert "name one file: --scenario" in complaint(capsys, monkeypatch, "campaign")
     both = ("campaign", "--scenario", "a.yaml", "--schedule", "b.yaml")
     assert "name one file: --scenario" in complaint(capsys, monkeypatch, *both)
+
+
+def test_every_fault_is_counted_by_its_kind_and_its_time() -> None:
+    scenario = Scenario(seconds=0.4, faults=5, within_s=3.0)
+    tally, seen = Tally(scenario, 4), list(campaign(scenario, range(4), 1))
+    for report in seen:
+        tally.add(report)
+    assert tally.drawn.total() == tally.begun.total() == 4 * 5
+    assert {kind for kind, _ in tally.drawn} == {event.kind for report in seen for event in report.schedule.faults}
+    assert {second for second, _ in tally.begun} <= {0, 1, 2, 3}
+    assert not tally.interrupted and tally.simulated_s == sum(report.simulated_s for report in seen)
