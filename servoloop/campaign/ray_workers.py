@@ -1,6 +1,7 @@
 """Runs on a Ray cluster, or on a Ray that is started on this machine for them."""
 
 import os
+import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ LOCAL: Final = "local"
 """The address that starts a Ray on this machine."""
 STORE_BYTES: Final = 100_000_000
 """Memory for results in flight, close to the least that Ray takes: reports have a few kilobytes."""
+REACH_S: Final = 5.0
 TRIES_AGAIN: Final = 3
 """So often a task is run again whose worker was killed."""
 
@@ -52,13 +54,23 @@ def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
         if address == LOCAL:
             _start(ray, processes)
         else:
+            _reach(address)
             ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise RayError(f"no Ray cluster at {address}: {error}") from None
+    except (OSError, RuntimeError, ValueError) as error:
+        token = "if it asks for a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN"
+        raise RayError(f"no Ray cluster at {address}: {error}; {token}") from None
     try:
         yield max(1, int(ray.cluster_resources().get("CPU", 1)))
     finally:
         ray.shutdown()
+
+
+def _reach(address: str) -> None:
+    """Connect once, which tells at once that nobody is there: Ray tries for minutes. Raises OSError and ValueError."""
+    host, colon, port = address.rpartition(":")
+    if not (host and colon and port.isdecimal()):
+        raise ValueError(f"an address is HOST:PORT, such as 10.0.0.1:6379, or {LOCAL}")
+    socket.create_connection((host, int(port)), REACH_S).close()
 
 
 def _start(ray: Any, processes: int) -> None:

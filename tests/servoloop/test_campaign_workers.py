@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import psutil
@@ -16,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoloop.campaign import ray_workers, workers
+from servoloop.campaign import workers
 from servoloop.campaign.campaign import Scenario, SeedReport, campaign, run_seed
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
 from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, WorkerError, in_order, in_processes
@@ -149,14 +150,17 @@ def test_without_ray_the_option_says_what_to_install(
     assert "pip install 'servoloop[ray]'" in complaint(capsys, monkeypatch, *words)
 
 
-def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(**_: Any) -> None:
-        raise ConnectionError("nobody there")
-
-    ray = type("Ray", (), {"init": staticmethod(refuse)})
-    monkeypatch.setattr(ray_workers, "_ray", lambda: ray)
-    with pytest.raises(RayError, match=r"no Ray cluster at 10\.0\.0\.1:6379: nobody there"):
-        list(on_ray(kill_at_7, range(3), "10.0.0.1:6379", 1, never))
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("127.0.0.1:1", r"no Ray cluster at 127\.0\.0\.1:1: .*refused"),
+        ("the cluster", r"an address is HOST:PORT, such as 10\.0\.0\.1:6379, or local"),
+    ],
+)
+def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # is not asked for a cluster before somebody answers
+    with pytest.raises(RayError, match=words):
+        list(on_ray(kill_at_7, range(3), address, 1, never))
 
 
 @pytest.mark.slow
