@@ -1,11 +1,8 @@
 """A campaign: one scenario with many seeds, on several processes, with the same result however many there are."""
 
-import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import cast
 
@@ -16,18 +13,16 @@ from hal.yaml_file import load
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.campaign.invariants import Violation
+from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import RunReport, run_schedule
+from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.files import Files
+from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
-
-CHUNK = 5
-"""Runs that a process takes at once."""
-TASKS_OF_A_PROCESS = 20
-"""Chunks; a hundred runs leave some 200 MB behind."""
 
 
 class ScenarioError(DriverError):
@@ -60,7 +55,7 @@ def read_scenario(path: Path) -> Scenario:
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     """Everything that happens in the run of this seed, drawn before it begins. Raises FaultError for unknown kinds."""
-    there = inventory_of(_files(scenario.arm).robot)
+    there = inventory_of(files_of(scenario.arm).robot)
     return Schedule(
         arm=scenario.arm,
         seed=seed,
@@ -83,65 +78,65 @@ class SeedReport:
     ended: str
     """Why the program ended early; empty where it did not."""
     simulated_s: float
+    largest_following_rad: float | None
+    """The largest following error of any joint of the arm; None where the arm was never told to move."""
 
 
 def run_seed(scenario: Scenario, seed: int) -> SeedReport:
     """One run: the schedule is drawn, and carried out."""
     schedule = schedule_of(scenario, seed)
     report = run_schedule_of(schedule)
-    return SeedReport(seed, schedule, report.violations, report.succeeded, report.ended, report.simulated_s)
+    return SeedReport(
+        seed,
+        schedule,
+        report.violations,
+        report.succeeded,
+        report.ended,
+        report.simulated_s,
+        report.largest_following_rad,
+    )
 
 
-def run_schedule_of(schedule: Schedule) -> RunReport:
-    """Run a schedule on the arm that it names. An exception that no program may end with is a violation too."""
+def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
+    """Run a schedule on the arm that it names. An exception that no program may end with is a violation too.
+
+    ``prepare`` gets the stack before it comes up.
+    """
     settings = load_pick_place(find_arm(schedule.arm).pick_place).settings()
+    stacks: list[FaultyStack] = []
+
+    def prepared(stack: FaultyStack) -> None:
+        stacks.append(stack)
+        prepare(stack)
+
     try:
-        return run_schedule(_files(schedule.arm), settings, schedule)
+        return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
     except FaultError:
         raise  # the schedule is wrong, not the stack
     except Exception as error:  # a bug, and the other seeds shall be looked at as well
-        crash = Violation("no crash", 0.0, f"{type(error).__name__}: {error}")
-        return RunReport(schedule, (crash,), 0, str(error), 0.0)
+        now_s = stacks[-1].clock.now() if stacks else 0.0
+        crash = Violation("no crash", round(now_s, 4), f"{type(error).__name__}: {error}")
+        return RunReport(schedule, (crash,), 0, str(error), now_s, None)
 
 
 @cache
-def _files(arm: str) -> Files:
+def files_of(arm: str) -> Files:
+    """The files of an arm by its name or folder, read once."""
     return read_arm_files(find_arm(arm))
 
 
 def campaign(
-    scenario: Scenario, seeds: range, processes: int, progress: Callable[[SeedReport], None] = lambda report: None
-) -> list[SeedReport]:
-    """Run all seeds; the reports are in the order of the seeds. ``progress`` is told of each as it comes."""
-    schedule_of(scenario, seeds.start)  # a mistake in the scenario is told before anything is started
-    reports: list[SeedReport] = []
-    for report in _reports(scenario, seeds, processes):
-        progress(report)
-        reports.append(report)
-    return reports
+    scenario: Scenario, seeds: range, processes: int, stop: Stop = lambda: False, ray: str | None = None
+) -> Iterator[SeedReport]:
+    """Run all seeds; their reports come one by one, in the order of the seeds, until ``stop`` says so.
 
-
-def _reports(scenario: Scenario, seeds: range, processes: int) -> Iterator[SeedReport]:
+    ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this machine. Raises FaultError for a
+    mistake in the scenario before anything is started, and RayError and WorkerError while it runs.
+    """
+    schedule_of(scenario, seeds.start)
     run = partial(run_seed, scenario)
+    if ray is not None:
+        return on_ray(run, seeds, ray, processes, stop)
     if processes == 1:
-        with _quiet():
-            yield from map(run, seeds)
-        return
-    # A new process every so often gives back what its stacks have left behind.
-    context = get_context("spawn")
-    with ProcessPoolExecutor(processes, context, _silence, max_tasks_per_child=TASKS_OF_A_PROCESS) as pool:
-        yield from pool.map(run, seeds, chunksize=CHUNK)
-
-
-def _silence() -> None:
-    """What thousands of arms log about their faults is nobody's concern."""
-    logging.disable(logging.CRITICAL)
-
-
-class _quiet:
-    def __enter__(self) -> None:
-        self._former = logging.root.manager.disable
-        _silence()
-
-    def __exit__(self, *_: object) -> None:
-        logging.disable(self._former)
+        return in_this_process(run, seeds, stop)
+    return in_processes(run, seeds, processes, stop)

@@ -27,6 +27,8 @@ class RunReport:
     ended: str
     """Why the program ended early; empty where it did not."""
     simulated_s: float
+    largest_following_rad: float | None
+    """The largest following error of any joint of the arm; None where the arm was never told to move."""
 
 
 def run_schedule(
@@ -54,7 +56,9 @@ def run_schedule(
         ended = str(error)
     end_program(stack)
     watch.end()
-    return RunReport(schedule, tuple(watch.violations.values()), succeeded, ended, stack.clock.now())
+    largest_rad = max(stack.trace.following().largest_rad, default=None)
+    violations = tuple(watch.violations.values())
+    return RunReport(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad)
 
 
 def end_program(stack: FaultyStack) -> None:

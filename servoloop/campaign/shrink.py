@@ -11,15 +11,15 @@ ROUND_S = (1.0, 0.1, 0.01)
 """Times are tried on these grids, the coarsest first."""
 
 
-def shrink(schedule: Schedule, breaks: Breaks) -> Schedule:
+def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda: False) -> Schedule:
     """The smallest schedule found that still breaks it: without events, jobs and seconds that it does not need.
 
     Deterministic; ``breaks(schedule)`` must hold at the beginning. Greedy: what a step makes smaller stays so, until
-    no step does.
+    no step does, or until ``stop`` says so.
     """
     smaller = schedule
     while True:
-        found = next((one for one in _smaller(smaller) if one != smaller and breaks(one)), None)
+        found = next((one for one in _smaller(smaller) if one != smaller and not stop() and breaks(one)), None)
         if found is None:
             return smaller
         smaller = found

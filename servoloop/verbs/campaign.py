@@ -6,107 +6,169 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drivers.errors import DriverError
+from servoloop.files import make_folder
+from servoloop.processes import Interrupted
+from servoloop.signals import Signals
 from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from servoloop.campaign.campaign import SeedReport
-    from servoloop.simulation.schedule import Schedule
+    from servoloop.campaign.campaign import Scenario
+    from servoloop.campaign.fallen import Fallen
+    from servoloop.campaign.tally import Tally
+    from servoloop.campaign.workers import Stop
+
+REPORT = "report.html"
 
 
 def campaign(
-    scenario: Annotated[Path, typer.Option(help="YAML file: arm, job, seconds, how many faults of which kinds.")],
+    scenario: Annotated[
+        Path | None, typer.Option(help="YAML file: arm, job, seconds, how many faults of which kinds.")
+    ] = None,
+    schedule: Annotated[
+        Path | None, typer.Option(help="Instead of a scenario: one run, as a campaign has kept it, to see it again.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many runs.")] = 100,
     first: Annotated[int, typer.Option(min=0, help="The first one's seed.")] = 0,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as processors without.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the schedules that broke an invariant, shrunk.")] = Path(
-        "out/campaign"
-    ),
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster instead; `local` starts one on this machine."),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder for the report, and for schedules that broke an invariant, with traces."),
+    ] = Path("out/campaign"),
     json: JsonOption = False,
 ) -> None:
     """Look for the seed that breaks an arm: many runs on simulated time, each with faults of its own.
 
-    Of each invariant that fell the first schedule is made as small as it can be and kept, to be seen again by
-    `servoloop simulate --schedule FILE`. It ends with 1 where one fell.
+    Of each invariant that fell the first schedule is made as small as it can be and kept, with the last two seconds
+    before as a trace; the report is one page with plots. It ends with 1 where an invariant fell. Ctrl-C ends it with
+    what was done so far.
     Example: `servoloop campaign --scenario docs/campaign.yaml --seeds 1000`
     """
+    if (scenario is None) == (schedule is None):
+        raise DriverError("name one file: --scenario for many runs, or --schedule to see one run again")
+    if schedule is not None:
+        raise typer.Exit(_see_again(schedule, out, json))
+    assert scenario is not None
+    from servoloop.campaign.campaign import read_scenario
+
+    said = read_scenario(scenario)
+    make_folder(out)
+    asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
+    with Signals() as signals:
+        tally, fallen = _run(said, asked, processes, ray, out, lambda: signals.count > 0)
+        interrupted = signals.count > 0
+    page = _write_page(out / REPORT, tally, fallen)
+    if json:
+        print_json({**tally.plain(), **_files(fallen, page)})
+    else:
+        _print(tally, fallen, page)
+    if interrupted:
+        raise Interrupted(f"interrupted: {len(tally.rows)} of {tally.planned} runs were done, and are reported")
+    raise typer.Exit(1 if fallen else 0)
+
+
+def _run(
+    scenario: "Scenario", seeds: range, processes: int, ray: str | None, out: Path, stop: "Stop"
+) -> "tuple[Tally, list[Fallen]]":
+    """All runs, and what fell in them, written into ``out``."""
     from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
-    from servoloop.campaign.campaign import read_scenario
-    from servoloop.files import make_folder
+    from servoloop.campaign.fallen import keep
+    from servoloop.campaign.tally import Tally
 
-    said = read_scenario(scenario)
-    processes = jobs or os.cpu_count() or 1
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("runs", total=seeds)
-        reports = run(said, range(first, first + seeds), processes, lambda _: progress.advance(task))
-    fallen = _first_of_each(reports)
-    if fallen:
-        make_folder(out)
-    kept = {invariant: _keep(report, invariant, out) for invariant, report in fallen.items()}
+    tally = Tally(scenario, len(seeds))
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("runs", total=len(seeds))
+        for report in run(scenario, seeds, processes, stop, ray):
+            tally.add(report)
+            progress.advance(task)
+        task = progress.add_task("what fell, made small", total=len(tally.first))
+        fallen = []
+        for invariant, report in tally.first.items():
+            fallen.append(keep(report, invariant, out, stop))
+            progress.advance(task)
+    return tally, fallen
+
+
+def _see_again(path: Path, out: Path, json: bool) -> int:
+    """One schedule: what falls in it is printed and traced. Returns the exit status."""
+    from rich.console import Console
+
+    from servoloop.campaign.fallen import recorded, stem_of, traced
+    from servoloop.simulation.schedule import read_schedule
+
+    schedule = read_schedule(path)
+    make_folder(out)
+    report, recording = recorded(schedule)
+    fallen = [
+        traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv")
+        for one in report.violations
+    ]
+    page = _write_page(out / f"{path.stem}.html", None, fallen)
+    violations = [{"invariant": one.invariant, "time_s": one.time_s, "text": one.text} for one in report.violations]
     if json:
-        print_json(_plain(reports, kept))
+        print_json({"violations": violations, **_files(fallen, page)})
     else:
-        _print(reports, kept, Console())
-    raise typer.Exit(1 if fallen else 0)
+        console = Console()
+        _print_fallen(fallen, console)
+        _print_page(page, console)
+    return 1 if fallen else 0
 
 
-def _first_of_each(reports: "list[SeedReport]") -> "dict[str, SeedReport]":
-    found: dict[str, SeedReport] = {}
-    for report in reports:
-        for violation in report.violations:
-            found.setdefault(violation.invariant, report)
-    return found
+def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Path | None:
+    from servoloop.campaign import report
 
-
-def _keep(report: "SeedReport", invariant: str, out: Path) -> Path:
-    """Write the smallest schedule that still breaks it."""
-    from servoloop.campaign.campaign import run_schedule_of
-    from servoloop.campaign.shrink import shrink
-    from servoloop.simulation.schedule import schedule_text
-
-    def breaks(schedule: "Schedule") -> bool:
-        return any(violation.invariant == invariant for violation in run_schedule_of(schedule).violations)
-
-    path = out / f"{invariant.replace(' ', '-').replace(',', '')}-seed-{report.seed}.yaml"
-    text = next(violation.text for violation in report.violations if violation.invariant == invariant)
-    path.write_text(f"# {invariant}: {text}\n{schedule_text(shrink(report.schedule, breaks))}")
+    if not report.possible():
+        typer.echo(f"servoloop: {report.MISSING}", err=True)
+        return None
+    report.write(path, tally, fallen)
     return path
 
 
-def _plain(reports: "list[SeedReport]", kept: dict[str, Path]) -> dict[str, Any]:
+def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
+    """The files that were written, for programs."""
     return {
-        "runs": len(reports),
-        "simulated_s": round(sum(report.simulated_s for report in reports), 1),
-        "jobs_succeeded": sum(report.succeeded for report in reports),
-        "ended_early": sum(bool(report.ended) for report in reports),
-        "violations": [
-            {"seed": report.seed, "invariant": one.invariant, "time_s": one.time_s, "text": one.text}
-            for report in reports
-            for one in report.violations
-        ],
-        "kept": {invariant: str(path) for invariant, path in kept.items()},
+        "kept": {one.violation.invariant: str(one.schedule_path) for one in fallen},
+        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen},
+        "report": None if page is None else str(page),
     }
 
 
-def _print(reports: "list[SeedReport]", kept: dict[str, Path], console: "Console") -> None:
+def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
+    from rich.console import Console
     from rich.table import Table
 
-    simulated_h = sum(report.simulated_s for report in reports) / 3600.0
-    ended = sum(bool(report.ended) for report in reports)
-    console.print(f"{len(reports)} runs, {simulated_h:.2f} h of simulated time, {ended} ended by a lost line")
-    console.print(f"{sum(report.succeeded for report in reports)} cubes in their bins")
-    if not kept:
+    console = Console()
+    simulated_h = tally.simulated_s / 3600.0
+    console.print(f"{len(tally.rows)} runs, {simulated_h:.2f} h of simulated time, {tally.ended} ended by a lost line")
+    console.print(f"{tally.succeeded} cubes in their bins")
+    if tally.violations:
+        table = Table("seed", "at", "invariant", "what")
+        for seed, one in tally.violations:
+            table.add_row(str(seed), f"{one.time_s:.3f} s", one.invariant, one.text)
+        console.print(table)
+    _print_fallen(fallen, console)
+    _print_page(page, console)
+
+
+def _print_fallen(fallen: "list[Fallen]", console: "Console") -> None:
+    if not fallen:
         console.print("no invariant fell", style="green")
-        return
-    table = Table("seed", "at", "invariant", "what")
-    for report in reports:
-        for one in report.violations:
-            table.add_row(str(report.seed), f"{one.time_s:.3f} s", one.invariant, one.text)
-    console.print(table)
-    for invariant, path in kept.items():
-        console.print(f"{invariant}: servoloop simulate --schedule {path}", soft_wrap=True)
+    for one in fallen:
+        text = f"{one.violation.invariant}: at {one.violation.time_s:.3f} s: {one.violation.text}"
+        console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
+        for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
+            console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _print_page(page: Path | None, console: "Console") -> None:
+    if page is not None:
+        console.print(f"report: {page}", soft_wrap=True, markup=False, highlight=False)

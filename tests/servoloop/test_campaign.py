@@ -26,7 +26,7 @@ SCENARIO = Scenario(seconds=1.5, faults=3, within_s=1.2)
 
 
 def test_any_number_of_processes_gives_the_same_reports_in_the_same_order() -> None:
-    alone, together = campaign(SCENARIO, range(3, 9), 1), campaign(SCENARIO, range(3, 9), 2)
+    alone, together = list(campaign(SCENARIO, range(3, 9), 1)), list(campaign(SCENARIO, range(3, 9), 2))
     assert alone == together
     assert [report.seed for report in alone] == [*range(3, 9)]
 
@@ -63,7 +63,8 @@ def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch,
 def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
-    ran = CliRunner().invoke(cli.app, ["campaign", "--scenario", str(scenario), "--seeds", "2", "--jobs", "1"])
+    arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "1", "--out", str(tmp_path / "out")]
+    ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
     assert ran.exit_code == 0 and "no invariant fell" in ran.output
 
 

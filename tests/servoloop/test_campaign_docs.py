@@ -1,0 +1,45 @@
+"""docs/campaigns.md: its commands, run with fewer seeds, and its table of a trace's columns."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from servoloop.campaign.campaign import files_of
+from servoloop.campaign.fallen import recorded
+from servoloop.cli import app
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.trace_file import trace_text
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "docs" / "campaigns.md").read_text()
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()]
+KEPT = "out/campaign/safe-commands-seed-0.yaml"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "--ray" in command:
+        pytest.importorskip("ray", reason="Ray is not installed: pip install 'servoloop[ray]'")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    (tmp_path / KEPT).parent.mkdir(parents=True)
+    (tmp_path / KEPT).write_text("seconds: 0.5\n")
+    words = shlex.split(command.replace("--seeds 1000", "--seeds 2 --jobs 2"))
+    assert words[:2] == ["servoloop", "campaign"]
+    ran = CliRunner().invoke(app, words[1:])
+    assert ran.exit_code == 0, ran.output
+    assert "no invariant fell" in ran.output and list((tmp_path / "out" / "campaign").glob("*.html"))
+
+
+def test_the_table_has_every_column_of_a_trace() -> None:
+    schedule = Schedule(seconds=0.3)
+    _, recording = recorded(schedule)
+    header = trace_text(recording, files_of(schedule.arm).robot.joints).partition("\n")[0].split(",")
+    assert len(header) > 20
+    for name in header:
+        shown = re.sub(r"(hand_right_)?joint\d?", "joint1", name)
+        assert f"`{shown}`" in TEXT, f"docs/campaigns.md says nothing of the column {name}"

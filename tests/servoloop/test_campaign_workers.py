@@ -1,0 +1,184 @@
+"""Workers: results in the order of the seeds, an end when told so, and what is said of a worker that is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import psutil
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servoloop.campaign import workers
+from servoloop.campaign.campaign import Scenario, SeedReport, campaign, run_seed
+from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
+from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, WorkerError, in_order, in_processes
+from tests.complaint import complaint
+
+ROOT = Path(__file__).parents[2]
+RAY = find_spec("ray") is not None
+SCENARIO = Scenario(seconds=1.0, faults=2, within_s=0.8)
+
+
+def with_ray(test: Any) -> Any:
+    """A test on a local Ray, which takes ten seconds to come and go."""
+    reason = "Ray is not installed: pip install 'servoloop[ray]'"
+    return pytest.mark.slow(pytest.mark.skipif(not RAY, reason=reason)(test))
+
+
+def never() -> bool:
+    return False
+
+
+class OtherOrder:
+    """Workers that are done with their tasks in an order of their own."""
+
+    def __init__(self, order: Callable[[list[int]], int]) -> None:
+        self._order = order
+        self._open: list[tuple[Future[list[int]], range]] = []
+        self.most = 0
+
+    def submit(self, chunk: range) -> "Future[list[int]]":
+        future: Future[list[int]] = Future()
+        self._open.append((future, chunk))
+        self.most = max(self.most, len(self._open))
+        return future
+
+    def work(self) -> bool:
+        """One task is done; called where ``in_order`` looks whether to stop."""
+        if self._open:
+            future, chunk = self._open.pop(self._order(list(range(len(self._open)))))
+            future.set_result([seed * seed for seed in chunk])
+        return False
+
+
+@pytest.fixture(scope="module")
+def without_waiting() -> Iterator[None]:
+    """A fixture that has whoever waits for a worker look at once: these workers work only when they are looked at."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers, "LOOK_S", 0.0)
+        yield
+
+
+@given(seeds=st.integers(0, 120), first=st.integers(0, 9), many=st.integers(1, 4), data=st.data())
+def test_results_come_in_the_order_of_the_seeds_and_few_are_kept(
+    without_waiting: None, seeds: int, first: int, many: int, data: st.DataObject
+) -> None:
+    there = OtherOrder(lambda open_ones: data.draw(st.sampled_from(open_ones)))
+    asked = range(first, first + seeds)
+    assert list(in_order(there.submit, asked, many, there.work)) == [seed * seed for seed in asked]
+    assert there.most <= many * TASKS_AHEAD
+
+
+def test_told_to_stop_nothing_more_is_handed_out() -> None:
+    handed: list[range] = []
+
+    def submit(chunk: range) -> "Future[list[int]]":
+        handed.append(chunk)
+        future: Future[list[int]] = Future()
+        future.set_result(list(chunk))
+        return future
+
+    seen: list[int] = []
+    for result in in_order(submit, range(1000), 1, lambda: len(seen) >= 2 * CHUNK):
+        seen.append(result)
+    assert seen == [*range(2 * CHUNK)]
+    assert len(handed) <= 2 + TASKS_AHEAD
+
+
+def kill_at_7(seed: int) -> int:
+    if seed == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return seed
+
+
+def test_a_process_that_is_killed_is_told_of_in_words() -> None:
+    with pytest.raises(WorkerError, match="was killed, perhaps for want of memory: take fewer, with --jobs"):
+        list(in_processes(kill_at_7, range(20), 1, never))
+
+
+def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> SeedReport:
+    """The run of a seed, but the victim's worker is killed the first time."""
+    if seed == victim and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run_seed(scenario, seed)
+
+
+@with_ray
+def test_a_local_ray_gives_the_same_reports_though_a_worker_is_killed(tmp_path: Path) -> None:
+    marker, seeds = tmp_path / "killed", range(3, 18)
+    run = partial(killed_once, marker, 9, SCENARIO)
+    assert list(on_ray(run, seeds, LOCAL, 2, never)) == list(campaign(SCENARIO, seeds, 1))
+    assert marker.exists(), "nobody was killed"
+
+
+@with_ray
+def test_a_task_whose_worker_is_always_killed_ends_the_campaign() -> None:
+    with pytest.raises(WorkerError, match="killed again and again"):
+        list(on_ray(kill_at_7, range(6, 9), LOCAL, 1, never))
+
+
+@with_ray
+def test_the_verb_runs_on_a_local_ray(tmp_path: Path) -> None:
+    (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
+    words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "8", "--jobs", "2"]
+    pages = []
+    for more in ([], ["--ray", "local"]):
+        command = [sys.executable, "-m", "servoloop", *words, *more]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+        assert done.returncode == 0, done.stderr
+        pages.append((tmp_path / "out" / "campaign" / "report.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_without_ray_the_option_says_what_to_install(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text("{seconds: 0.5}")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    words = ("campaign", "--scenario", str(scenario), "--ray", "local", "--out", str(tmp_path))
+    assert "pip install 'servoloop[ray]'" in complaint(capsys, monkeypatch, *words)
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("127.0.0.1:1", r"no Ray cluster at 127\.0\.0\.1:1: .*refused"),
+        ("the cluster", r"an address is HOST:PORT, such as 10\.0\.0\.1:6379, or local"),
+    ],
+)
+def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # is not asked for a cluster before somebody answers
+    with pytest.raises(RayError, match=words):
+        list(on_ray(kill_at_7, range(3), address, 1, never))
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_processes_and_reports_what_was_done(tmp_path: Path) -> None:
+    """In real time: the whole group gets the signal, as from a terminal."""
+    (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
+    words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "100000", "--jobs", "2"]
+    command = [sys.executable, "-m", "servoloop", *words]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        children: list[psutil.Process] = []
+        while process.poll() is None and len(children) < 3:  # two workers, and multiprocessing's resource tracker
+            children = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err and "of 100000 runs were done, and are reported" in err
+    assert "Interrupted: " in (tmp_path / "out" / "campaign" / "report.html").read_text()
+    assert "report: out/campaign/report.html" in out
+    assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
