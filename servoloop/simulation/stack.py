@@ -20,18 +20,15 @@ from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
 from hal.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files, read_files
 from servoloop.hardware import compensation, compliances, servo_bus
 from servoloop.simulation.recording import RecordingPort, Trace
+from servoloop.simulation.virtual_lines import VirtualLines
 from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.feeder import Feeder
 from sim_backend.line import ServoLine
 from sim_backend.mujoco_hardware import MujocoHardware
-from sim_backend.plant import WorldPlant
 from sim_backend.port import VirtualPort
-from sim_backend.world import World
 
 NOMINAL_BUILD = Build()
 MOVE_S = 2.0
@@ -59,13 +56,10 @@ class SimulatedStack:
         self._compensation = compensation
         self.files = files or read_files()
         self.clock = SimulatedClock()
-        ways = couplings(self.files.robot)
-        self.world = World(self.files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         self.trace = Trace()
-        self._feeder = Feeder()
-        plant = WorldPlant(self.world, ways, self._after_step)
-        robot = self.files.robot
-        self.lines = virtual_lines(robot, plant, build.spread) if wire else {}
+        virtual = VirtualLines(self.files, build, start, self._after_step)
+        self.world = virtual.world
+        self.lines = virtual.lines if wire else {}
         self.ports = {
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()
@@ -162,7 +156,6 @@ class SimulatedStack:
         return self.arm.submit(goal)
 
     def _after_step(self, time_s: float) -> None:
-        self._feeder.update(self.world, time_s)
         self.trace.world_s.append(time_s)
         self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
         self.on_step(time_s)

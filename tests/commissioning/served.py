@@ -2,7 +2,6 @@
 
 import io
 import sys
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,9 +14,9 @@ from drivers.servos.register import ServoModel
 from servoloop import cli
 from sim_backend.bus import VirtualBus
 from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.emulator import serve
 from sim_backend.line import ServoLine
 from sim_backend.plant import BenchPlant
+from tests.servoloop.served import served as served_line
 
 
 @contextmanager
@@ -25,15 +24,8 @@ def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[A
     """The bus at ``link`` until the end of the block. It belongs to the thread: look at its memory only."""
     of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.Model) else VirtualBus.of
     bus: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
-    ready, stop = threading.Event(), threading.Event()
-    thread = threading.Thread(target=serve, args=(bus, link), kwargs={"stop": stop.is_set, "on_ready": ready.set})
-    thread.start()
-    try:
-        assert ready.wait(30.0)
+    with served_line(bus, link):
         yield bus
-    finally:
-        stop.set()
-        thread.join()
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str, answer: str = "") -> int:
