@@ -19,7 +19,7 @@ from hal.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import emulator_process
-from servoloop.files import Files, InitialStates, initial_states
+from servoloop.files import Files, InitialStates, initial_states, servo_ids
 from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread
@@ -123,17 +123,11 @@ def _stack(
     require_ros()
     from nodes.stack import Stack
 
-    driven = [c.name for c in files.description.components if c.name in setup.set_compensation]
-    servo_ids = {
-        joint.name: joint.address
-        for joint in files.robot.joints
-        if any(joint.name in c.joints for c in files.description.components if c.name in driven)
-    }
     return Stack(
         loop,
         files.description,
         files.component,
-        servo_ids,
+        servo_ids(files, setup.set_compensation),
         setup.scene,
         setup.set_compensation,
         factory,
