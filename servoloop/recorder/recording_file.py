@@ -1,6 +1,6 @@
 """A recording's file: MCAP with ROS 2 messages, in small chunks, so that what a killed program leaves can be read."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Final
 
@@ -40,10 +40,6 @@ class RecordingFile:
             self._write(self._messages.latched(sample.state.stamp_s))
         self._write(self._messages.of_cycle(sample))
 
-    def write_transfers(self, transfers: Iterable[Transfer]) -> None:
-        """Write bus traffic behind the last cycle. Raises RecordingError."""
-        self._write(self._messages.of_transfers(transfers))
-
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record. Raises RecordingError."""
         try:
@@ -54,15 +50,16 @@ class RecordingFile:
     def flush(self) -> None:
         """Hand all to the system: from here on it outlives this program. Raises RecordingError."""
         try:
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._error(error) from error
 
-    def close(self) -> None:
-        """End the file with its index. Raises RecordingError."""
+    def close(self, transfers: Sequence[Transfer] = (), failed: bool = False) -> None:
+        """End the file with its index, behind the bus traffic since the last cycle. Raises RecordingError."""
         try:
+            self._write(self._messages.of_transfers(transfers))
             with self._stream:
-                self._writer.finish()
+                self._writer.finish()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._error(error) from error
 

@@ -7,11 +7,10 @@ from typing import Final, NamedTuple
 from controller.action_goals import GoalStatus
 from controller.diagnostics import Status, statuses
 from controller.gripper.goal import GripperGoal, GripperHandle
-from controller.gripper.gripper_action_controller import GripperActionController
+from controller.interface import Controller
 from controller.loop import ControlLoop
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_result import ErrorCode
-from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointState
 from servoloop.recorder.bus_tap import BusTaps, Transfer
@@ -116,26 +115,21 @@ class Sampler:
 
     def _tracked(self, state: JointState) -> Iterator[Tracked]:
         for entry in self._loop.manager.registry.running:
-            controller = entry.controller
-            if not isinstance(controller, JointTrajectoryController):
-                continue
-            tracking = controller.tracking
-            if tracking is not None and tracking.stamp_s == state.stamp_s:
-                yield Tracked(controller.name, controller.joints, tracking)
+            tracking = getattr(entry.controller, "tracking", None)  # of any controller that tracks a trajectory
+            if isinstance(tracking, Tracking) and tracking.stamp_s == state.stamp_s:
+                yield Tracked(entry.controller.name, _joints(entry.controller), tracking)
 
     def _goal_events(self) -> Iterator[GoalBegin | GoalEnd]:
         for name, controller in self._loop.manager.registry.controllers.items():
-            if not isinstance(controller, (JointTrajectoryController, GripperActionController)):
-                continue
-            newest, known = controller.newest_goal, self._goals.get(name)
-            if newest is None:
+            newest, known = getattr(controller, "newest_goal", None), self._goals.get(name)
+            if not isinstance(newest, (GoalHandle, GripperHandle)):
                 continue
             if newest is not known:
                 if known is not None:
                     yield from self._end(name, known)
                 self._goals[name] = newest
                 goal = newest.goal
-                yield GoalBegin(name, _joints(controller, goal), goal)
+                yield GoalBegin(name, goal.joints if isinstance(goal, TrajectoryGoal) else _joints(controller), goal)
             yield from self._end(name, newest)
 
     def _end(self, name: str, handle: GoalHandle | GripperHandle) -> Iterator[GoalEnd]:
@@ -164,10 +158,6 @@ class Sampler:
         return CycleTiming(last_s, figures.cycles, figures.last_late_s, figures.last_busy_s, figures.missed)
 
 
-def _joints(
-    controller: JointTrajectoryController | GripperActionController, goal: TrajectoryGoal | GripperGoal
-) -> tuple[str, ...]:
-    """The joints of a goal, in its order."""
-    if isinstance(goal, TrajectoryGoal):
-        return goal.joints
-    return (controller.joint,) if isinstance(controller, GripperActionController) else ()
+def _joints(controller: Controller) -> tuple[str, ...]:
+    """The joints that a controller commands, in its order."""
+    return tuple(dict.fromkeys(interface.rpartition("/")[0] for interface in controller.command_interfaces))

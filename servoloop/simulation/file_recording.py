@@ -34,7 +34,6 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
     stack.tap, stack.on_state = tap, on_state
     try:
         yield
-        file.write_transfers(taps.take())
     finally:
         stack.on_state = look_on
-        file.close()
+        file.close(taps.take())
