@@ -3,7 +3,7 @@
 import logging
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -36,8 +36,8 @@ class FaultFiles:
         """``now`` is the time of day, for the files' names."""
         self._folder, self._messages, self._now = folder, messages, now
         self._kept: deque[CycleSample] = deque()
-        self._known: frozenset[str] = frozenset()
-        """The faults of the last cycle."""
+        self._known: Mapping[str, str] = {}
+        """The faults of the last cycle, by the joint or component that has them."""
         self._new: list[str] = []
         """Faults that are in no file yet."""
         self._written_s: float | None = None
@@ -48,11 +48,11 @@ class FaultFiles:
         self._kept.append(sample)
         while sample.state.stamp_s - self._kept[0].state.stamp_s > KEPT_S:
             self._kept.popleft()
-        faults = tuple(_lasting(sample))
-        self._new += [text for text in faults if text not in self._known]
+        faults = dict(_lasting(sample))
+        self._new += [f"{name}: {kind}" for name, kind in faults.items() if name not in self._known]
         ends = (goal for goal in sample.goals if isinstance(goal, GoalEnd))
         self._new += [f"{end.controller}: {end.text}" for end in ends if end.missed]
-        self._known = frozenset(faults)
+        self._known = faults
 
     def flush(self) -> None:
         """Write what there is to write. Raises RecordingError, DriverError where there can be no folder."""
@@ -81,15 +81,15 @@ class FaultFiles:
                 file.write(sample)
         finally:
             file.close(transfers)
-        LOG.info("%s: the %.0f s before it are in %s", new[0], KEPT_S, path)
+        LOG.info("%s: the last %.0f s are recorded in %s", new[0], KEPT_S, path)
         for old in sorted(self._folder.glob(NAME))[:-FILES]:
             old.unlink(missing_ok=True)  # another stack may have taken it away
 
 
-def _lasting(sample: CycleSample) -> Iterator[str]:
-    """The faults of a cycle that last, in words."""
+def _lasting(sample: CycleSample) -> Iterator[tuple[str, str]]:
+    """The faults of a cycle that last: the joint or the component, and the kind."""
     for joint, fault in sample.state.faults.items():
         if fault.kind != "component":  # lost, which is below, or switched
-            yield f"{joint}: {fault.kind}"
+            yield joint, fault.kind
     for component in sample.lost:
-        yield f"{component}: lost"
+        yield component, "lost"
