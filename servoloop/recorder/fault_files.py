@@ -19,7 +19,9 @@ LOG = logging.getLogger("servoloop")
 
 FOLDER: Final = Path("out/faults")
 KEPT_S: Final = 30.0
-"""So much is kept. What goes wrong within as long behind a file goes into the next one, which has no gap to it."""
+"""So much is kept. What goes wrong soon after a file is in the next one, which has no gap to it."""
+APART_S: Final = KEPT_S - 1.0
+"""The least time between the ends of two files; a second less, because samples come half a second at a time."""
 FILES: Final = 20
 """The oldest file goes when there is one more."""
 NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
@@ -57,7 +59,7 @@ class FaultFiles:
     def flush(self) -> None:
         """Write what there is to write. Raises RecordingError, DriverError where there can be no folder."""
         newest_s = self._kept[-1].state.stamp_s
-        if self._new and (self._written_s is None or newest_s - self._written_s >= KEPT_S):
+        if self._new and (self._written_s is None or newest_s - self._written_s >= APART_S):
             self._write_file(())
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:

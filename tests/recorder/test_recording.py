@@ -1,4 +1,4 @@
-"""A recording of a simulated job, read by others: every cycle, every byte, and nothing about the run is changed by it."""
+"""A recording of a simulated job, read by others: every cycle and every byte are there, and the run is the same."""
 
 from collections.abc import Iterator
 from pathlib import Path
