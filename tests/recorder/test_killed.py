@@ -2,10 +2,10 @@
 
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -33,9 +33,7 @@ def test_what_was_written_can_be_read_to_the_end(killed: tuple[Path, int]) -> No
     stamps = []
     with path.open("rb") as stream:
         reader = NonSeekingReader(stream, decoder_factories=[DecoderFactory()])
-        try:
+        with suppress(Exception):  # whatever the library makes of the end that was not written
             for decoded in reader.iter_decoded_messages("/joint_states", log_time_order=False):
                 stamps.append(stamp_s(decoded.decoded_message))
-        except McapError:
-            pass  # the end that the program did not write
     assert len(stamps) >= told and stamps == sorted(stamps)
