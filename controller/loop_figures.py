@@ -17,6 +17,9 @@ class LoopFigures:
     latest_wake_up_s: float = 0.0
     longest_cycle_s: float = 0.0
     busy_s: float = 0.0
+    last_late_s: float = 0.0
+    """How late the last cycle woke up, and below how long it took."""
+    last_busy_s: float = 0.0
     observer_errors: int = 0
     unmeasured_in_a_row: int = 0
 
@@ -35,6 +38,7 @@ class LoopFigures:
         """
         late_s, busy_s = woke_s - due_s, now_s - woke_s
         self.cycles += 1
+        self.last_late_s, self.last_busy_s = late_s, busy_s
         self.latest_wake_up_s = max(self.latest_wake_up_s, late_s)
         self.longest_cycle_s = max(self.longest_cycle_s, busy_s)
         self.busy_s += busy_s

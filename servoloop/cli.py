@@ -19,6 +19,7 @@ from servoloop.files import Files, make_folder, require_writable
 from servoloop.hardware import HardwareKind
 from servoloop.ports import device_paths, parse_ports
 from servoloop.processes import Interrupted
+from servoloop.recorder.record_option import RecordOption, check_path
 from servoloop.ros import RosError, require_ros
 from servoloop.verbs import calibration, passport, register, servo
 from servoloop.verbs.arms import app as arms_app
@@ -138,6 +139,7 @@ def up(
     step: Annotated[
         bool, typer.Option("--step", help="Simulated time that only the service step_simulation advances.")
     ] = False,
+    record: RecordOption = None,
     network: NetworkOption = False,
     ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
 ) -> None:
@@ -154,6 +156,8 @@ def up(
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
         require_writable(ready_file.parent)
+    if record is not None:
+        check_path(record)
     simulated = _simulated_time(rtf, step)
     files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
@@ -167,7 +171,7 @@ def up(
             partial.write_text(f"{os.getpid()}\n")
             partial.replace(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated))
+    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated, record))
 
 
 @app.command()
@@ -296,6 +300,7 @@ def demo(
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
+    record: RecordOption = None,
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
@@ -312,13 +317,15 @@ def demo(
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
+    if record is not None:
+        check_path(record)
     chosen = find_arm(arm)
     check_grades(jobs, chosen)
     require_ros()
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live)
+        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live, record)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

@@ -134,6 +134,14 @@ def initial_states(files: Files) -> InitialStates:
     return InitialStates(**lists)
 
 
+def servo_ids(files: Files, components: Collection[str] | None = None) -> dict[str, str]:
+    """The address of each joint's servo, by joint: of all components, or of those named."""
+    driven = [c for c in files.description.components if components is None or c.name in components]
+    return {
+        joint.name: joint.address for joint in files.robot.joints if any(joint.name in one.joints for one in driven)
+    }
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder for results, where there is none yet. Raises DriverError where nothing can be written into it."""
     try:

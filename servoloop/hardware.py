@@ -97,10 +97,11 @@ def build(
     devices: Mapping[str, str],
     clock: Clock,
     virtual: "VirtualLines | None" = None,
+    tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> HardwareSetup:
     """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name.
 
-    ``virtual``: lines within this process, which the devices name then.
+    ``virtual``: lines within this process, which the devices name then. ``tap`` may put something around each port.
     """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
@@ -108,7 +109,11 @@ def build(
     if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
     buses: dict[str, Line] = {}
-    open_port: OpenPort = virtual.open if virtual else SerialPort
+    below: OpenPort = virtual.open if virtual else SerialPort
+
+    def open_port(device: str, baud: int, clock: Clock) -> Port:
+        return tap(below(device, baud, clock), clock)
+
     made = [_made(kinds[c.name], c, files, devices, clock, world, buses, open_port) for c in components]
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}

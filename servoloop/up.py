@@ -7,19 +7,20 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from time import time
 from typing import TYPE_CHECKING
 
 from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
-from drivers.clock import Clock, MonotonicClock
+from drivers.clock import Clock, MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
 from hal.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import emulator_process
-from servoloop.files import Files, InitialStates, initial_states
+from servoloop.files import Files, InitialStates, initial_states, servo_ids
 from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread
@@ -27,9 +28,11 @@ from servoloop.ports import device_paths
 from servoloop.realtime import claim_realtime_priority
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
+from servoloop.stack_recording import StackRecording
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
+    from nodes.surface import Surface
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
@@ -43,21 +46,23 @@ def up(
     keep_alive: bool = False,
     publish_transforms: bool = True,
     simulated: "SimulatedTime | None" = None,
+    record: Path | None = None,
 ) -> int:
     """Run the stack until a signal or a fault; the exit status. ``ports``: devices by bus, None for virtual servos.
 
     ``keep_alive``: a component that cannot be reached, at the start or later, ends nothing.
     ``publish_transforms``: of the robot's links, with the ``robot_description``.
-    ``simulated``: all on simulated time, with virtual servos in this process.
+    ``simulated``: all on simulated time, with virtual servos in this process. ``record``: into this new file.
     """
     initial = initial_states(files)
+    recording = StackRecording(record)
     if simulated is not None:
-        setup = simulated.hardware(kind, ports, files)
+        setup = simulated.hardware(kind, ports, files, recording.tap)
         with Signals(LEFT) as signals:
-            return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, simulated)
+            return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, simulated, recording)
     with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
-        setup = hardware.build(kind, files, devices, MonotonicClock())
-        return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, None)
+        setup = hardware.build(kind, files, devices, MonotonicClock(), tap=recording.tap)
+        return _serve(setup, files, signals, ready, keep_alive, publish_transforms, initial, None, recording)
 
 
 @contextmanager
@@ -89,6 +94,7 @@ def _serve(
     publish_transforms: bool,
     initial: InitialStates,
     simulated: "SimulatedTime | None",
+    recording: StackRecording,
 ) -> int:
     worker = simulated.worker if simulated else BackgroundWorker()
     clock = simulated.clock if simulated else MonotonicClock()
@@ -105,6 +111,7 @@ def _serve(
             ready,
             lambda: loop.activate(initial.inactive),
             simulated,
+            recording,
         )
     finally:
         if not run.hangs():
@@ -123,17 +130,11 @@ def _stack(
     require_ros()
     from nodes.stack import Stack
 
-    driven = [c.name for c in files.description.components if c.name in setup.set_compensation]
-    servo_ids = {
-        joint.name: joint.address
-        for joint in files.robot.joints
-        if any(joint.name in c.joints for c in files.description.components if c.name in driven)
-    }
     return Stack(
         loop,
         files.description,
         files.component,
-        servo_ids,
+        servo_ids(files, setup.set_compensation),
         setup.scene,
         setup.set_compensation,
         factory,
@@ -149,6 +150,7 @@ def _run(
     ready: Callable[[str], None],
     activate: Callable[[], None],
     simulated: "SimulatedTime | None",
+    recording: StackRecording,
 ) -> int:
     from nodes.surface import Surface
 
@@ -160,11 +162,22 @@ def _run(
     if simulated is not None:
         simulated.connect(loop, surface)
         run.before_cycle = simulated.before_cycle
-    try:
-        activate()
-    except BaseException:
-        surface.close()
-        raise
+    offset_s = 0.0 if simulated else wall_offset_s(loop.clock, time)
+    with recording.of(loop, run.files, offset_s, lambda: run.failed):
+        try:
+            activate()
+        except BaseException:
+            surface.close()
+            raise
+        _serve_clients(run, surface, ready, simulated)
+    return 1 if run.failed else 0
+
+
+def _serve_clients(
+    run: LoopThread, surface: "Surface", ready: Callable[[str], None], simulated: "SimulatedTime | None"
+) -> None:
+    """Run the loop in its thread, and the ROS side in this one, until the loop has ended or hangs."""
+    loop = run.loop
     _prepare_interpreter()
     thread = run.start()
     try:
@@ -182,7 +195,6 @@ def _run(
         surface.finish()
         surface.close()
         gc.unfreeze()
-    return 1 if run.failed else 0
 
 
 def _loop(

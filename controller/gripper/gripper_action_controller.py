@@ -54,6 +54,8 @@ class GripperActionController:
         self._inbox: deque[GripperHandle] = deque()
         self._cancels: deque[GripperHandle] = deque()
         self._active: GripperHandle | None = None
+        self.newest_goal: GripperHandle | None = None
+        """The goal that was taken last, under way or decided."""
         self._motion: Motion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
@@ -165,7 +167,7 @@ class GripperActionController:
         while self._inbox:
             if self._active:
                 self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
-            self._active = self._inbox.popleft()
+            self._active = self.newest_goal = self._inbox.popleft()
             if not self._inbox:  # else a newer one has come already: this one is not worth planning
                 self._start(self._active, reference)
 

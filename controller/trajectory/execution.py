@@ -44,6 +44,8 @@ class Execution:
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
         self._active: ActiveGoal | None = None
+        self.newest: GoalHandle | None = None
+        """The goal that was taken last, under way or decided."""
 
     def submit(self, handle: GoalHandle, plan: Plan) -> None:
         """A goal that takes the place of the one under way."""
@@ -111,6 +113,7 @@ class Execution:
     def _take_goals(self, now: Cycle) -> None:
         while self._inbox:
             handle, plan = self._inbox.popleft()
+            self.newest = handle
             if self._active:
                 text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
                 self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))

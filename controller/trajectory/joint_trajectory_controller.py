@@ -115,6 +115,11 @@ class JointTrajectoryController:
             handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED if not self.running else str(reason))
         return handle
 
+    @property
+    def newest_goal(self) -> GoalHandle | None:
+        """The goal that was taken last, under way or decided."""
+        return self._execution.newest
+
     def cancel(self, handle: GoalHandle) -> None:
         """Stop a goal, if it is still under way at the next cycle."""
         self._execution.cancel(handle)

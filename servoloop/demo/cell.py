@@ -61,8 +61,12 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def cell(out: Path, arm: Arm, robot: Path | None, build: Build, live: Live) -> Iterator[Cell]:
+def cell(
+    out: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None = None
+) -> Iterator[Cell]:
     """Start the cell; end it behind the block. ``out``: an existing folder for logs and pictures.
+
+    ``record``: a new file, into which the stack records.
 
     Raises DriverError with a process' last words if one of them fails, Interrupted after a signal.
     """
@@ -76,7 +80,7 @@ def cell(out: Path, arm: Arm, robot: Path | None, build: Build, live: Live) -> I
     component = read_arm_files(arm, robot=robot).component.name
     settings = load_pick_place(arm.pick_place).settings()
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
-        process_ids = _start(processes, link, arm, robot, build, live)
+        process_ids = _start(processes, link, arm, robot, build, live, record)
         with client_node("servoloop_demo") as (node, executor):
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
@@ -96,7 +100,9 @@ def _feed(link: Path, processes: Processes) -> WorldFeedClient:
         raise DriverError(f"the emulator does not show its world at {feed_path(link)}: {error}") from error
 
 
-def _start(processes: Processes, link: Path, arm: Arm, robot: Path | None, build: Build, live: Live) -> dict[str, int]:
+def _start(
+    processes: Processes, link: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None
+) -> dict[str, int]:
     """Start all three processes, each when the one before it is ready; their process IDs."""
     buses = read_arm_files(arm, robot=robot).robot.file.lines()
     ready = link.with_name("ready")
@@ -111,6 +117,7 @@ def _start(processes: Processes, link: Path, arm: Arm, robot: Path | None, build
     processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)
     live.say("the stack")
     command = ("servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *chosen)
+    command += ("--record", str(record)) if record else ()
     started["stack"] = processes.start("stack", *command)
     processes.wait_until(ready.exists, "starting the stack", START_S)
     live.say("the pick-place node")

@@ -56,10 +56,20 @@ class Report:
 
 
 def demo(
-    grades: Sequence[str], repeat: int, out: Path, arm: Arm, robot: Path | None, build: Build, live: Live
+    grades: Sequence[str],
+    repeat: int,
+    out: Path,
+    arm: Arm,
+    robot: Path | None,
+    build: Build,
+    live: Live,
+    record: Path | None = None,
 ) -> Report:
-    """Run the demo; ``out`` is a folder. Raises DriverError with a process' last words if one of them fails."""
-    with cell(out, arm, robot, build, live) as ready:
+    """Run the demo; ``out`` is a folder, ``record`` a new file for the stack's recording.
+
+    Raises DriverError with a process' last words if one of them fails.
+    """
+    with cell(out, arm, robot, build, live, record) as ready:
         return _measure([grade for _ in range(repeat) for grade in grades], ready)
 
 

@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from controller.loop import ControlLoop
+from drivers.clock import Clock
 from drivers.errors import DriverError
+from drivers.port import Port
 from hal.types import JointState
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
@@ -39,7 +41,13 @@ class SimulatedTime:
         self._loop: ControlLoop
         self._surface: Surface
 
-    def hardware(self, kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files) -> HardwareSetup:
+    def hardware(
+        self,
+        kind: HardwareKind | None,
+        ports: Mapping[str, str] | None,
+        files: Files,
+        tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
+    ) -> HardwareSetup:
         """The hardware on simulated time, unconfigured. Raises DriverError where anything would keep real time."""
         if ports is not None:
             raise DriverError("a real servo keeps real time: leave out --port, or --rtf and --step")
@@ -50,7 +58,7 @@ class SimulatedTime:
         if HardwareKind.SERVOS in kinds:
             self._lines = VirtualLines(files, self._build)
         devices = self._lines.devices if self._lines is not None else {}
-        return hardware.build(kind, files, devices, self.clock, self._lines)
+        return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
     def connect(self, loop: ControlLoop, surface: "Surface") -> None:
         """Set who is paced, and who shows it."""

@@ -1,7 +1,9 @@
 """One run of the whole stack on simulated time: jobs or so many seconds, figures, and a digest of all that happened."""
 
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from time import process_time
 
 from hal.types import JointState
@@ -10,6 +12,7 @@ from servoloop.demo.following_error import FollowingError
 from servoloop.files import Files
 from servoloop.simulation.digest import Digest
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.file_recording import recorded
 from servoloop.simulation.job import JobRecord, run_job
 from servoloop.simulation.schedule import Schedule
 from sim_backend.build import Build
@@ -41,11 +44,12 @@ class SimulationResult:
         return all(job.success for job in self.jobs)
 
 
-def simulate(files: Files, settings: Settings, schedule: Schedule) -> SimulationResult:
+def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
     """Bring the arm up on its virtual servos, run the jobs one after the other, then stay up for so many seconds.
 
-    ``files`` and ``settings``: of the schedule's arm. The same arguments give the same digest. Raises DriverError and
-    HalError as bringing up a real arm does, FaultError where a fault cannot happen to this arm.
+    ``files`` and ``settings``: of the schedule's arm. The same arguments give the same digest, also where all is
+    recorded into a file. Raises DriverError and HalError as bringing up a real arm does, FaultError where a fault
+    cannot happen to this arm, RecordingError.
     """
     begun_s = process_time()
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
@@ -57,11 +61,8 @@ def simulate(files: Files, settings: Settings, schedule: Schedule) -> Simulation
 
     stack.on_state = on_state
     require_possible(schedule.faults, stack.player.targets.inventory)
-    stack.up()
-    stack.player.play(schedule.faults, stack.world.time_s)
-    stack.run(SETTLED_S)
-    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))
-    stack.run(schedule.seconds)
+    with recorded(stack, record) if record else nullcontext():
+        jobs = _run(stack, settings, schedule)
     figures = stack.loop.figures
     return SimulationResult(
         jobs,
@@ -74,3 +75,12 @@ def simulate(files: Files, settings: Settings, schedule: Schedule) -> Simulation
         digest.of(stack.ports.values()),
         process_time() - begun_s,
     )
+
+
+def _run(stack: FaultyStack, settings: Settings, schedule: Schedule) -> tuple[JobRecord, ...]:
+    stack.up()
+    stack.player.play(schedule.faults, stack.world.time_s)
+    stack.run(SETTLED_S)
+    jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))
+    stack.run(schedule.seconds)
+    return jobs

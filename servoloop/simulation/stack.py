@@ -11,6 +11,7 @@ from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
+from drivers.port import Port
 from hal.component_lifecycle import configure_all
 from hal.component_set import ComponentSet
 from hal.description import Description
@@ -64,6 +65,8 @@ class SimulatedStack:
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()
         }
+        self.tap: Callable[[Port], Port] = lambda port: port
+        """What buses find at their ports may be put around them, until they are opened."""
         self.made: list[ServoHardware] = []
         """The components that have servos."""
         components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
@@ -141,7 +144,8 @@ class SimulatedStack:
         return made
 
     def _open_buses(self) -> dict[str, Bus]:
-        return {name: servo_bus(self.files.robot.file, port, self.clock, name) for name, port in self.ports.items()}
+        file, ports = self.files.robot.file, self.ports
+        return {name: servo_bus(file, self.tap(port), self.clock, name) for name, port in ports.items()}
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Cycles for so long, or until ``until``."""

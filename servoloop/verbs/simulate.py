@@ -7,6 +7,7 @@ import typer
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.recorder.record_option import RecordOption, check_path
 from servoloop.verbs.arm_options import ArmOption, RobotOption
 from servoloop.verbs.output import JsonOption, print_json
 
@@ -33,6 +34,7 @@ def simulate(
     schedule: Annotated[
         Path | None, typer.Option(help="All of these from one file, instead of the other options.")
     ] = None,
+    record: RecordOption = None,
     json: JsonOption = False,
 ) -> None:
     """Run controllers, loop, driver, bytes, servos and physics on simulated time: no ROS, no threads, no waiting.
@@ -48,6 +50,8 @@ def simulate(
     from servoloop.simulation.simulate import simulate as run
     from sim_backend.faults.script import read_script
 
+    if record is not None:
+        check_path(record)
     said = read_schedule(schedule) if schedule else None
     chosen = find_arm(said.arm if said else arm)
     poses = load_pick_place(chosen.pick_place)
@@ -61,7 +65,7 @@ def simulate(
             seconds=seconds or 0.0,
             faults=read_script(faults) if faults else (),
         )
-    result = run(read_arm_files(chosen, robot=robot), poses.settings(), said)
+    result = run(read_arm_files(chosen, robot=robot), poses.settings(), said, record)
     if json:
         print_json(_plain(result, poses.joints))
     else:

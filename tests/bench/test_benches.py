@@ -40,6 +40,7 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
     [
         (("bench.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
         (("bench.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
+        (("bench.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )

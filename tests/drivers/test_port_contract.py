@@ -16,6 +16,7 @@ from drivers.errors import PortLost
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.protocol import v1 as wire
+from servoloop.recorder.bus_tap import BusTaps
 from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.plant import BenchPlant
@@ -94,10 +95,16 @@ def _waiting(descriptor: int) -> int:
     return count
 
 
-@pytest.fixture(params=["virtual", "serial"])
+class TappedLine(VirtualLine):
+    def __init__(self) -> None:
+        super().__init__()
+        self.port = BusTaps().tap(self.port, self.clock)
+
+
+@pytest.fixture(params=["virtual", "tapped", "serial"])
 def line(request: pytest.FixtureRequest) -> Iterator[Line]:
-    if request.param == "virtual":
-        yield VirtualLine()
+    if request.param != "serial":
+        yield TappedLine() if request.param == "tapped" else VirtualLine()
         return
     terminal = TerminalLine()
     yield terminal

@@ -32,7 +32,7 @@ def of_hal(files: list[str]) -> list[str]:
     return [name for name in files if name.startswith("hal/")]
 
 
-@pytest.mark.parametrize(("goal", "files", "lines"), [(ONE_POINT, 9, 1402), (THREE_POINTS, 11, 1656)])
+@pytest.mark.parametrize(("goal", "files", "lines"), [(ONE_POINT, 9, 1410), (THREE_POINTS, 11, 1664)])
 def test_a_goal_passes_few_files_of_controller(goal: TrajectoryGoal, files: int, lines: int) -> None:
     trip = of_controller(goal_to_wire(up(), goal))
     assert trip[0] == "controller/trajectory/joint_trajectory_controller.py"
@@ -59,7 +59,7 @@ def test_both_ways_can_be_read_in_an_afternoon() -> None:
     """At most 24 files and 3,200 lines with those of nodes/, which a goal's way has three of."""
     down, rising = goal_to_wire(up()), reply_to_joint_states(up())
     assert len(down) <= 21 and len(rising) <= 13
-    assert lines_of(down) <= 2839 and lines_of(rising) <= 2300
+    assert lines_of(down) <= 2847 and lines_of(rising) <= 2300
 
 
 def test_a_reply_passes_few_files_of_controller() -> None:

@@ -1,0 +1,94 @@
+"""The diagnostics of a stack: the loop, each component, each servo and each serial line, as /diagnostics shows them."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from controller.loop import ControlLoop
+from hal.component import Component
+from hal.lifecycle import LifecycleState
+from hal.types import JointState
+
+
+class Level(IntEnum):
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(slots=True)
+class Status:
+    """One diagnostic status, field by field as diagnostic_msgs has it."""
+
+    level: Level
+    name: str
+    message: str
+    hardware_id: str
+    values: dict[str, str] = field(default_factory=dict)
+
+
+def statuses(
+    loop: ControlLoop, hardware_id: str, servo_ids: Mapping[str, str], state: JointState | None
+) -> Iterator[Status]:
+    """All statuses of a stack, for any thread.
+
+    ``hardware_id`` of the loop; ``servo_ids`` by joint, empty where there are no servos; ``state``: the newest
+    measurement, None before the first.
+    """
+    yield _loop_status(loop, hardware_id)
+    for component in loop.hardware.components:
+        yield _component_status(component)
+        for joint in component.hardware.joints:
+            if state is not None and joint in servo_ids:
+                yield _servo_status(state, joint, servo_ids[joint], component.name)
+    for port, counters in state.lines.items() if state is not None else ():
+        # What belongs to no servo; a lost line is in its component's status.
+        values = _texts(noise=counters.noise, strange=counters.strange)
+        yield Status(Level.OK, f"servoloop: {port}", "counted since it was opened", port, values)
+
+
+def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
+    figures = loop.figures
+    level = Level.WARN if figures.missed or figures.unmeasured else Level.OK
+    values = _texts(
+        rate_hz=f"{1.0 / loop.period_s:g}",
+        cycles=figures.cycles,
+        missed_cycles=figures.missed,
+        unmeasured_cycles=figures.unmeasured,
+        latest_wake_up_ms=f"{figures.latest_wake_up_s * 1e3:.3f}",
+        longest_cycle_ms=f"{figures.longest_cycle_s * 1e3:.3f}",
+        mean_cycle_ms=f"{figures.busy_s / max(1, figures.cycles) * 1e3:.3f}",
+    )
+    return Status(level, "servoloop: control loop", figures.summary, hardware_id, values)
+
+
+def _component_status(component: Component) -> Status:
+    name, error = component.name, component.error  # the loop's thread may take the error away meanwhile
+    if error is not None:
+        text = f"lost: {error}. Mend it, then activate it again"
+        return Status(Level.ERROR, f"servoloop: {name}", text, name)
+    level = Level.OK if component.state is LifecycleState.ACTIVE else Level.WARN
+    return Status(level, f"servoloop: {name}", component.state.name.lower(), name)
+
+
+def _servo_status(state: JointState, joint: str, servo_id: str, component: str) -> Status:
+    status = Status(Level.OK, f"servoloop: {joint} (servo {servo_id})", "ok", f"{component}/{servo_id}")
+    health = state.health.get(joint)
+    if health is not None:
+        status.values = _texts(voltage_v=f"{health.voltage_v:.1f}", temperature_c=f"{health.temperature_c:.0f}")
+        if not math.isnan(health.current_a):
+            status.values |= _texts(current_a=f"{health.current_a:.2f}")
+        if health.counters is not None:
+            status.values |= _texts(**health.counters.as_dict())
+        if health.alarms:
+            status.level, status.message = Level.WARN, f"alarm: {', '.join(health.alarms)}"
+    if joint in state.faults:
+        status.level, status.message = Level.ERROR, state.faults[joint].text
+    return status
+
+
+def _texts(**values: object) -> dict[str, str]:
+    return {key: str(value) for key, value in values.items()}

@@ -1,0 +1,51 @@
+"""The poses of a robot's links in their parents, for the transforms of a recording."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from hal.description import UrdfJoint, Vector
+from hal.kinematics import Quaternion, child_pose
+from hal.types import FloatArray
+
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+class LinkPose(NamedTuple):
+    """The pose of a link in its parent: metres and a unit quaternion (x, y, z, w)."""
+
+    parent: str
+    child: str
+    position_m: Vector
+    quaternion: Quaternion
+
+
+class LinkPoses:
+    """The links of a robot description; mimic joints follow theirs."""
+
+    def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:
+        """``measured``: the hardware's joints, in the order of its states."""
+        self.fixed = [_pose(joint, 0.0) for joint in joints.values() if joint.kind == "fixed"]
+        self._moving = list(_moving(joints, measured))
+
+    def moving(self, position: FloatArray) -> Iterator[LinkPose]:
+        """The links that move, at the positions (n,) of the joints in rad or m; NaN leaves a link out."""
+        values = position.tolist()
+        for joint, index, multiplier, offset in self._moving:
+            at = values[index] * multiplier + offset
+            if at == at:  # not NaN
+                yield _pose(joint, at)
+
+
+def _moving(joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> Iterator[tuple[UrdfJoint, int, float, float]]:
+    places = {name: index for index, name in enumerate(measured)}
+    for joint in joints.values():
+        if joint.kind not in MOVING:
+            continue
+        if joint.name in places:
+            yield joint, places[joint.name], 1.0, 0.0
+        elif joint.mimic is not None and joint.mimic.joint in places:
+            yield joint, places[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset
+
+
+def _pose(joint: UrdfJoint, position: float) -> LinkPose:
+    return LinkPose(joint.parent, joint.child, *child_pose(joint, position))

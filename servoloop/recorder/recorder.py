@@ -1,0 +1,99 @@
+"""The recorder's thread: the loop's thread hands it samples and never waits; it encodes and writes them."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from drivers.errors import DriverError
+from hal.types import JointState
+from servoloop.recorder.bus_tap import BusTaps, Transfer
+from servoloop.recorder.sampler import CycleSample, Sampler
+
+LOG = logging.getLogger("servoloop")
+
+FLUSH_S: Final = 0.5
+"""So much of a recording is lost at the most when the program is killed; woken less often, writing costs less."""
+END_S: Final = 10.0
+"""So long the end of the program waits for a disk that hangs."""
+WAITING: Final = 2_000
+"""So many cycles wait for a disk that is slow: 100 s at 20 Hz."""
+
+
+class Sink(Protocol):
+    """A place to which samples go. All calls come from the recorder's thread, ``close`` behind its end."""
+
+    def write(self, sample: CycleSample) -> None: ...
+    def flush(self) -> None:
+        """Some samples have been written, and there are no more for the moment."""
+        ...
+
+    def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
+        """End, with the bus traffic behind the last cycle. ``failed``: the loop has ended by an error."""
+        ...
+
+
+class Recorder:
+    """The recorder gives each cycle to all sinks. A sink that fails is given up, and the others go on."""
+
+    def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink]) -> None:
+        self.dropped = 0
+        """Cycles that are in no recording, because the disk was too slow."""
+        self._sampler, self._taps = sampler, taps
+        self._sinks = list(sinks)
+        self._waiting: deque[CycleSample] = deque()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+
+    def start(self) -> None:
+        """Begin to write."""
+        self._thread.start()
+
+    def post(self, state: JointState) -> None:
+        """Take the cycle that has measured this state. In the loop's thread; it never waits."""
+        sample = self._sampler.sample(state)
+        if len(self._waiting) >= WAITING:
+            self.dropped += 1
+        else:
+            self._waiting.append(sample)
+
+    def close(self, failed: bool) -> None:
+        """Write what is left, and end. ``failed``: the loop has ended by an error. Behind the loop's last cycle."""
+        self._ended.set()
+        self._thread.join(END_S)
+        if self._thread.is_alive():
+            LOG.error("recording: the disk has not answered for %.0f s, and the end is lost", END_S)
+            return
+        self.drain()
+        transfers = self._taps.take()
+        self._each(lambda sink: sink.close(transfers, failed))
+        if self.dropped:
+            LOG.warning("%d cycles are in no recording: the disk was too slow", self.dropped)
+
+    def drain(self) -> None:
+        """Give the sinks all that waits."""
+        samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+        def give(sink: Sink) -> None:
+            for sample in samples:
+                sink.write(sample)
+            sink.flush()
+
+        if samples:
+            self._each(give)
+
+    def _work(self) -> None:
+        while not self._ended.wait(FLUSH_S):
+            self.drain()
+
+    def _each(self, work: Callable[[Sink], None]) -> None:
+        for sink in list(self._sinks):
+            try:
+                work(sink)
+            except DriverError as error:
+                LOG.error("the recording ends here: %s", error)
+                self._sinks.remove(sink)
+            except Exception:  # a defect: the loop and the other sinks go on
+                LOG.exception("the recording ends here")
+                self._sinks.remove(sink)

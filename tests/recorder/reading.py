@@ -1,0 +1,37 @@
+"""Two readers of recordings that are not ours: rosbags, and the mcap library with its decoder of ROS 2 messages."""
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+Messages = dict[str, list[Any]]
+"""The messages by topic, in the order of the file."""
+
+
+def by_rosbags(path: Path) -> Messages:
+    """Read a file with rosbags, which learns types that Jazzy does not have from the file's own schemas."""
+    found: Messages = defaultdict(list)
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for connection, _, data in reader.messages():
+            found[connection.topic].append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+def by_mcap(path: Path) -> Messages:
+    """Read a file with the mcap library; messages are decoded by the schemas in the file alone."""
+    found: Messages = defaultdict(list)
+    with path.open("rb") as stream:
+        for decoded in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            found[decoded.channel.topic].append(decoded.decoded_message)
+    return found
+
+
+def stamp_s(message: Any) -> float:
+    """The time in a message's header (s)."""
+    stamp = message.header.stamp
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9

@@ -1,0 +1,35 @@
+"""A simulated stack with a sampler, and all that a recording is made of."""
+
+from collections.abc import Sequence
+
+from hal.types import JointState
+from servoloop.files import servo_ids
+from servoloop.recorder.bus_tap import BusTaps
+from servoloop.recorder.messages import Messages
+from servoloop.recorder.sampler import CycleSample, Sampler
+from servoloop.simulation.stack import SimulatedStack
+from tests.stack.rig import READY
+
+
+class Rig:
+    """A stack that is up and rests; ``samples`` has all its cycles."""
+
+    def __init__(self, start: Sequence[float] = READY) -> None:
+        self.stack = SimulatedStack(start=(*start, 0.0), keep_alive=True)
+        self.taps = BusTaps()
+        self.stack.tap = lambda port: self.taps.tap(port, self.stack.clock)
+        self.sampler = Sampler(self.stack.loop, "robot_arm", servo_ids(self.stack.files), self.taps)
+        self.samples: list[CycleSample] = []
+        self.stack.on_state = self._on_state
+        hardware, description = self.stack.loop.hardware, self.stack.files.description
+        self.messages = Messages(description, hardware.joints, hardware.command_interfaces, 0.0)
+        self.stack.up()
+
+    def run(self, seconds: float) -> list[CycleSample]:
+        """Run so long; returns the cycles of that time."""
+        begun = len(self.samples)
+        self.stack.run(seconds)
+        return self.samples[begun:]
+
+    def _on_state(self, state: JointState) -> None:
+        self.samples.append(self.sampler.sample(state))

@@ -1,0 +1,78 @@
+"""docs/recordings.md: its first command and its programs, run; tests/ros/test_recordings.py runs the other commands."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from nodes.pick_place.settings import Settings
+from servoloop.cli import app
+from servoloop.files import read_files
+from servoloop.recorder.fault_files import FILES, KEPT_S
+from servoloop.recorder.recorder import WAITING
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import simulate
+from tests.recorder.reading import by_mcap, by_rosbags
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "recordings.md").read_text()
+PROSE = " ".join(TEXT.split())
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+
+
+SIMULATE, *OTHERS = blocks("sh")[0].splitlines()
+READING, RECOVERING = blocks("python")
+
+
+def test_the_other_commands_are_those_of_the_tests_over_ros() -> None:
+    assert OTHERS == [
+        "servoloop demo --grades B --record demo.mcap",
+        "servoloop up --port ./bus --record run.mcap",
+    ]
+
+
+def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, shlex.split(SIMULATE)[1:])
+    assert result.exit_code == 0, result.output
+    done = subprocess.run([sys.executable, "-c", READING], capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == len(by_rosbags(tmp_path / "job.mcap")["/joint_states"])
+    assert "'joint3': " in done.stdout.splitlines()[-1]
+
+
+def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
+    simulate(read_files(), Settings(), Schedule(job=("B",)), tmp_path / "job.mcap")
+    found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}
+    first_cells = [row.split("|")[1] for row in TEXT.splitlines() if row.startswith("| `/")]
+    assert {name for cell in first_cells for name in re.findall("`(.*?)`", cell)} == found
+
+
+def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulate(read_files(), Settings(), Schedule(seconds=60.0), tmp_path / "all.mcap")
+    data = (tmp_path / "all.mcap").read_bytes()
+    Path("killed.mcap").write_bytes(data[: len(data) * 3 // 4])
+    exec(compile(RECOVERING, "recordings.md", "exec"), {})
+    assert "was not written" in capsys.readouterr().out
+    every, rest = by_rosbags(Path("all.mcap")), by_rosbags(Path("whole.mcap"))
+    assert set(rest) == set(every)
+    count = len(rest["/joint_states"])
+    assert 0.3 * len(every["/joint_states"]) < count < len(every["/joint_states"])
+    for one, other in zip(rest["/joint_states"], every["/joint_states"], strict=False):
+        assert (one.position == other.position).all()
+
+
+def test_the_figures_are_those_of_the_code() -> None:
+    assert f"keeps the last {KEPT_S:.0f} s in memory" in PROSE
+    assert f"The newest {FILES} files stay" in PROSE
+    assert f"that {WAITING:,} cycles wait" in PROSE

@@ -1,0 +1,146 @@
+"""Recordings of faults: what was before them is in a file, whoever is to blame, and there are never many files."""
+
+from datetime import datetime, timedelta
+from itertools import count
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from hal.lifecycle import LifecycleState
+from servoloop.recorder.fault_files import FILES, KEPT_S, FaultFiles
+from tests.recorder.reading import by_rosbags, stamp_s
+from tests.recorder.rig import Rig
+from tests.stack.rig import PICK, READY
+
+
+class Watched(Rig):
+    """A stack whose faults are written into a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+        numbers = count()
+        begin = datetime(2026, 1, 31, 12)
+        self.sink = FaultFiles(folder, self.messages, lambda: begin + timedelta(seconds=next(numbers)))
+
+    @property
+    def files(self) -> list[Path]:
+        return sorted(self.folder.glob("*"))
+
+    def pass_on(self, seconds: float) -> None:
+        """Run so long, as the recorder's thread sees it: some cycles at a time."""
+        for _ in range(round(seconds / 0.5)):
+            for sample in self.run(0.5):
+                self.sink.write(sample)
+            self.sink.flush()
+
+    def silence(self, servo_id: int) -> None:
+        self.stack.bus.faults.silence(servo_id)
+
+    def heal(self) -> None:
+        self.stack.bus.faults.mute.clear()
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Watched:
+    return Watched(tmp_path / "out" / "faults")
+
+
+def faults(path: Path) -> list[str]:
+    with path.open("rb") as stream:
+        return [text for record in make_reader(stream).iter_metadata() for text in record.metadata.values()]
+
+
+def test_while_all_is_well_nothing_is_written(rig: Watched) -> None:
+    rig.stack.go(PICK)
+    rig.pass_on(3.0)
+    rig.sink.close((), failed=False)
+    assert not rig.folder.exists()
+
+
+def test_a_servo_that_falls_silent_leaves_the_time_before(rig: Watched, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    rig.pass_on(40.0)
+    rig.silence(3)
+    rig.pass_on(1.0)
+    (path,) = rig.files
+    assert path.name == "2026-01-31_12-00-00.000_joint3_silent.mcap"
+    assert f"joint3: silent: the last 30 s are recorded in {path}" in caplog.text
+    assert faults(path) == ["joint3: silent"]
+    stamps = [stamp_s(message) for message in by_rosbags(path)["/joint_states"]]
+    assert stamps[-1] - stamps[0] == pytest.approx(KEPT_S, abs=0.1)
+    texts = [status.message for array in by_rosbags(path)["/diagnostics"] for status in array.status]
+    assert "joint3: servo 3 does not answer" in texts
+
+
+def test_what_goes_wrong_soon_afterwards_is_in_a_second_file_without_a_gap(rig: Watched) -> None:
+    rig.pass_on(5.0)
+    for servo_id in (3, 5, 6):  # each is well again before the next
+        rig.silence(servo_id)
+        rig.pass_on(1.0)
+        rig.heal()
+        rig.pass_on(3.0)
+    assert len(rig.files) == 1
+    rig.pass_on(40.0)
+    first, second = rig.files
+    assert faults(first) == ["joint3: silent"] and faults(second) == ["joint5: silent", "joint6: silent"]
+    end_s, begin_s = (stamp_s(by_rosbags(path)["/joint_states"][at]) for path, at in ((first, -1), (second, 0)))
+    assert begin_s <= end_s + 0.06
+
+
+def test_one_that_is_not_written_yet_is_written_in_the_end(rig: Watched) -> None:
+    rig.silence(3)
+    rig.pass_on(1.0)
+    rig.silence(4)
+    rig.pass_on(1.0)
+    rig.sink.close((), failed=True)
+    assert faults(rig.files[-1]) == ["joint4: silent", "loop: ended by an error"]
+
+
+def test_a_goal_whose_joints_leave_their_tolerances_is_a_fault(rig: Watched) -> None:
+    rig.stack.go(PICK)
+    rig.pass_on(0.5)
+    rig.silence(3)
+    rig.pass_on(0.5)
+    (path,) = rig.files
+    silent, goal = faults(path)
+    assert silent == "joint3: silent" and goal.startswith("arm_controller: ")
+    (result,) = by_rosbags(path)["/arm_controller/goal_result"]
+    assert (result.status, result.error_code) == ("aborted", -4) and f"arm_controller: {result.error_string}" == goal
+
+
+def test_a_goal_that_gives_way_to_another_is_none(rig: Watched) -> None:
+    rig.stack.go(PICK)
+    rig.pass_on(0.5)
+    rig.stack.go(READY)
+    rig.pass_on(3.0)
+    assert rig.files == []
+
+
+def test_a_lost_component_is_a_fault(rig: Watched) -> None:
+    rig.pass_on(1.0)
+    rig.stack.virtual_port.unplug()
+    rig.pass_on(1.0)
+    (path,) = rig.files
+    assert faults(path)[0] == "robot_arm: lost"
+
+
+def test_a_component_that_a_client_switches_off_is_none(rig: Watched) -> None:
+    rig.pass_on(1.0)
+    rig.stack.loop.component_transitions.ask("robot_arm", LifecycleState.UNCONFIGURED)
+    rig.pass_on(1.0)
+    assert {fault.kind for fault in rig.samples[-1].state.faults.values()} == {"component"}
+    assert rig.files == []
+
+
+def test_there_are_never_many_files_and_the_oldest_go(rig: Watched) -> None:
+    rig.folder.mkdir(parents=True)
+    (rig.folder / "notes.txt").touch()
+    old = [rig.folder / f"2025-12-{day:02d}_00-00-00.000_joint1_silent.mcap" for day in range(1, FILES + 1)]
+    for path in old:
+        path.touch()
+    rig.silence(3)
+    rig.pass_on(0.5)
+    assert not old[0].exists() and all(path.exists() for path in old[1:])
+    assert len(rig.files) == FILES + 1 and (rig.folder / "notes.txt").exists()

@@ -1,0 +1,128 @@
+"""The recorder: the loop's thread never waits for it, and what is dropped or fails is said."""
+
+import logging
+import threading
+from collections.abc import Sequence
+
+import pytest
+
+from servoloop.recorder import recorder as module
+from servoloop.recorder.bus_tap import Transfer
+from servoloop.recorder.record_option import RecordingError
+from servoloop.recorder.recorder import Recorder, Sink
+from servoloop.recorder.sampler import CycleSample
+from tests.recorder.rig import Rig
+
+
+class Kept:
+    """A sink that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.samples: list[CycleSample] = []
+        self.flushed = threading.Event()
+        self.closed: tuple[Sequence[Transfer], bool] | None = None
+
+    def write(self, sample: CycleSample) -> None:
+        self.samples.append(sample)
+
+    def flush(self) -> None:
+        self.flushed.set()
+
+    def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
+        self.closed = transfers, failed
+
+
+class Full(Kept):
+    """A sink on a disk that is full after one cycle."""
+
+    def write(self, sample: CycleSample) -> None:
+        if self.samples:
+            raise RecordingError("cannot record into x.mcap: No space left on device")
+        super().write(sample)
+
+
+def recording(*sinks: Sink) -> tuple[Rig, Recorder]:
+    rig = Rig()
+    recorder = Recorder(rig.sampler, rig.taps, sinks)
+    rig.stack.on_state = recorder.post
+    return rig, recorder
+
+
+def test_every_cycle_reaches_every_sink_in_its_order_and_the_rest_of_the_traffic_too() -> None:
+    one, other = Kept(), Kept()
+    rig, recorder = recording(one, other)
+    recorder.start()
+    rig.run(1.0)
+    rig.stack.loop.hardware.components[0].hardware.deactivate(relax=True)
+    recorder.close(failed=True)
+    stamps = [sample.state.stamp_s for sample in one.samples]
+    assert len(stamps) == rig.stack.loop.figures.cycles >= 20 and stamps == sorted(stamps)
+    assert one.samples == other.samples
+    assert one.closed is not None and one.closed == other.closed
+    transfers, failed = one.closed
+    assert failed and transfers[0].stamp_s >= stamps[-1] and transfers[-1].stamp_s > stamps[-1]
+    assert recorder.dropped == 0
+
+
+def test_the_thread_writes_while_the_loop_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "FLUSH_S", 0.001)
+    sink = Kept()
+    rig, recorder = recording(sink)
+    recorder.start()
+    rig.run(0.05)
+    assert sink.flushed.wait(20.0) and sink.samples
+    recorder.close(failed=False)
+
+
+def test_where_nobody_writes_the_loop_goes_on_and_what_is_dropped_is_counted(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "WAITING", 7)
+    monkeypatch.setattr(module, "FLUSH_S", 3600.0)  # as a thread that a disk holds up
+    sink = Kept()
+    rig, recorder = recording(sink)
+    recorder.start()
+    rig.run(1.0)
+    assert rig.stack.loop.figures.observer_errors == 0
+    recorder.close(failed=False)
+    assert len(sink.samples) == 7 and recorder.dropped == rig.stack.loop.figures.cycles - 7
+    assert f"{recorder.dropped} cycles are in no recording: the disk was too slow" in caplog.text
+
+
+def test_a_sink_that_fails_is_given_up_once_and_the_others_go_on(caplog: pytest.LogCaptureFixture) -> None:
+    full, other = Full(), Kept()
+    rig, recorder = recording(full, other)
+    rig.run(0.5)
+    recorder.drain()
+    rig.run(0.5)
+    recorder.drain()
+    assert len(other.samples) == rig.stack.loop.figures.cycles >= 20 and len(full.samples) == 1
+    errors = [record for record in caplog.records if record.levelno == logging.ERROR]
+    assert [record.getMessage() for record in errors] == [
+        "the recording ends here: cannot record into x.mcap: No space left on device"
+    ]
+
+
+class Hanging(Kept):
+    """A sink on a disk that does not answer until it is let go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.let_go = threading.Event()
+
+    def write(self, sample: CycleSample) -> None:
+        self.let_go.wait(60.0)
+
+
+def test_a_disk_that_hangs_does_not_hold_up_the_end(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "FLUSH_S", 0.001)
+    monkeypatch.setattr(module, "END_S", 0.05)
+    sink = Hanging()
+    rig, recorder = recording(sink)
+    recorder.start()
+    rig.run(0.5)
+    recorder.close(failed=False)
+    sink.let_go.set()
+    assert "the disk has not answered" in caplog.text and sink.closed is None

@@ -1,0 +1,168 @@
+"""A recording of a simulated job, read by others: every cycle and every byte are there, and the run is the same."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nodes.pick_place.settings import Settings
+from servoloop.files import read_files
+from servoloop.recorder.definitions import MSG, definition, typestore
+from servoloop.recorder.messages import Messages
+from servoloop.recorder.sampler import CycleSample
+from servoloop.simulation.file_recording import recorded
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import SimulationResult, simulate
+from servoloop.simulation.stack import SimulatedStack
+from sim_backend.faults.text import parse
+from tests.complaint import complaint
+from tests.recorder.reading import Messages as Read
+from tests.recorder.reading import by_mcap, by_rosbags, stamp_s
+from tests.recorder.rig import Rig
+
+ROOT = Path(__file__).parents[2]
+SCHEDULE = Schedule(seed=1, job=("B",), seconds=1.5, faults=(parse("silent id=3 at=13.1s for=1s"),))
+TOPICS = {
+    "/robot_description": "std_msgs/msg/String",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/arm_controller/controller_state": "control_msgs/msg/JointTrajectoryControllerState",
+    "/arm_controller/goal": "trajectory_msgs/msg/JointTrajectory",
+    "/arm_controller/goal_result": "servoloop_msgs/msg/GoalResult",
+    "/servoloop/commands": "sensor_msgs/msg/JointState",
+    "/servoloop/cycles": "servoloop_msgs/msg/Cycle",
+    "/servoloop/bus_traffic": "servoloop_msgs/msg/BusTraffic",
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[SimulationResult, Path]:
+    path = tmp_path_factory.mktemp("recording") / "job.mcap"
+    return simulate(read_files(), Settings(), SCHEDULE, path), path
+
+
+@pytest.fixture(scope="module", params=[by_rosbags, by_mcap])
+def read(request: pytest.FixtureRequest, run: tuple[SimulationResult, Path]) -> Iterator[Read]:
+    yield request.param(run[1])
+
+
+def test_the_digest_is_the_same_with_and_without_a_recording(run: tuple[SimulationResult, Path]) -> None:
+    assert simulate(read_files(), Settings(), SCHEDULE).digest == run[0].digest
+
+
+def test_both_readers_find_all_topics(read: Read, run: tuple[SimulationResult, Path]) -> None:
+    assert set(read) == set(TOPICS)
+    result = run[0]
+    assert result.faulty_cycles["joint3: silent"] >= 15, "the schedule's fault is in the recording"
+
+
+def test_every_cycle_is_there_at_its_simulated_time(read: Read, run: tuple[SimulationResult, Path]) -> None:
+    for topic in ("/joint_states", "/servoloop/commands", "/tf", "/arm_controller/controller_state"):
+        assert len(read[topic]) == run[0].cycles, topic
+    stamps = [stamp_s(message) for message in read["/joint_states"]]
+    steps = np.diff(stamps)
+    assert np.median(steps) == pytest.approx(0.05) and steps.min() > 0.0 and stamps[-1] < run[0].simulated_s
+    cycles = read["/servoloop/cycles"]
+    assert [cycle.number for cycle in cycles] == list(range(1, run[0].cycles))
+    assert [stamp_s(cycle) for cycle in cycles] == pytest.approx(stamps[:-1])
+    assert all(0.0 < cycle.busy_s < 0.05 for cycle in cycles)
+
+
+def test_goals_begin_and_end(read: Read) -> None:
+    goals, results = read["/arm_controller/goal"], read["/arm_controller/goal_result"]
+    assert len(goals) == len(results) > 0
+    assert {result.status for result in results} == {"succeeded"}
+    assert list(goals[0].joint_names) == [f"joint{number}" for number in range(1, 7)]
+    for goal, result in zip(goals, results, strict=True):
+        lasts = goal.points[-1].time_from_start
+        assert stamp_s(result) - stamp_s(goal) >= lasts.sec + lasts.nanosec * 1e-9 - 0.1
+
+
+def test_diagnostics_name_the_joint_that_was_silent(read: Read) -> None:
+    texts = [status.message for array in read["/diagnostics"] for status in array.status]
+    assert "joint3: servo 3 does not answer" in texts
+    names = [status.name for status in read["/diagnostics"][0].status]
+    assert "servoloop: control loop" in names and "servoloop: joint3 (servo 3)" in names
+
+
+def test_the_commands_are_what_the_controller_has_put_out(read: Read) -> None:
+    """The gate had nothing to object to in this job."""
+    commands, states = read["/servoloop/commands"], read["/arm_controller/controller_state"]
+    for command, state in zip(commands, states, strict=True):
+        assert list(command.position)[:6] == pytest.approx(list(state.output.positions))
+
+
+def test_the_bus_traffic_is_every_byte_on_the_wire_in_its_order(tmp_path: Path) -> None:
+    stack, path = SimulatedStack(), tmp_path / "bus.mcap"
+    with recorded(stack, path):
+        stack.up().run(0.5)
+        stack.manager.deactivate()
+        stack.loop.hardware.components[0].hardware.deactivate(relax=False)  # behind the last cycle
+    traffic = by_rosbags(path)["/servoloop/bus_traffic"]
+    (port,) = stack.ports.values()
+    for sent, transfers in ((True, port.sent), (False, port.received)):
+        mine = [message for message in traffic if message.sent is sent]
+        assert [bytes(message.data) for message in mine] == [data for _, data in transfers]
+        assert [stamp_s(message) for message in mine] == pytest.approx([time_s for time_s, _ in transfers])
+    assert {message.header.frame_id for message in traffic} == {port.name}
+    assert [stamp_s(message) for message in traffic] == sorted(stamp_s(message) for message in traffic)
+
+
+def test_links_and_description_are_the_robots(read: Read) -> None:
+    (description,) = read["/robot_description"]
+    assert description.data == read_files().description.xml
+    state, transforms = read["/joint_states"][-1], read["/tf"][-1].transforms
+    assert len(transforms) == 8, "six joints and both fingers"
+    joint1 = transforms[0]
+    assert (joint1.header.frame_id, joint1.child_frame_id) == ("base_link", "link1")
+    assert joint1.transform.rotation.z == pytest.approx(np.sin(state.position[0] / 2.0))
+
+
+@pytest.mark.parametrize("kind", sorted(set(TOPICS.values())))
+def test_the_schemas_have_all_types_in_them(kind: str) -> None:
+    text = definition(kind)
+    assert kind == "std_msgs/msg/String" or "MSG: " in text
+    assert kind in typestore().types
+
+
+def test_the_definition_is_that_of_the_message_package() -> None:
+    for path in MSG.glob("control_msgs/*.msg"):
+        assert path.read_text() == (ROOT / "interfaces" / "control_msgs" / "msg" / path.name).read_text()
+
+
+def test_what_a_sample_refers_to_is_never_changed_later() -> None:
+    """It is encoded in another thread, or half a minute later."""
+    rig = Rig()
+    (first, *_) = rig.run(0.05)
+    at_once = _encoded(rig.messages, first)
+    rig.run(2.0)
+    assert _encoded(rig.messages, first) == at_once
+
+
+def _encoded(messages: Messages, sample: CycleSample) -> list[bytes]:
+    return [bytes(typestore().serialize_cdr(one.message, one.kind)) for one in messages.of_cycle(sample)]
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("run.bag", "ends in .mcap"),
+        ("nowhere/run.mcap", "there is no folder"),
+        ("there.mcap", "is there already: name another file"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["simulate", "up", "demo"])
+def test_a_file_that_cannot_be_is_refused_before_anything_moves(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    path: str,
+    words: str,
+    verb: str,
+) -> None:
+    (tmp_path / "there.mcap").touch()
+    monkeypatch.chdir(tmp_path)
+    assert words in complaint(capsys, monkeypatch, verb, "--record", path)

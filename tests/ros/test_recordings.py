@@ -1,0 +1,126 @@
+"""Recordings of the stack as a user starts it, and the messages of a recording as rclpy reads them."""
+
+import importlib
+import json
+import shlex
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from mcap.reader import make_reader
+from rclpy.serialization import deserialize_message
+
+from nodes.pick_place.settings import Settings
+from servoloop.files import read_files
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import simulate
+from sim_backend.control import ask, control_path
+from tests.recorder.reading import Messages, by_mcap, by_rosbags, stamp_s
+from tests.ros.stack_process import PICK, StackProcess, arm_client, emulating, running, until
+
+pytestmark = pytest.mark.ros
+
+DEMO_S = 110.0
+OWN = "servoloop_msgs"
+"""No ROS package: rclpy cannot know it."""
+EVERY_CYCLE = ("/joint_states", "/servoloop/commands", "/arm_controller/controller_state", "/tf")
+_, DEMO, UP = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text().partition("```sh\n")[2].split("\n")[:3]
+"""The page's commands."""
+
+
+def check_cycles(recorded: Messages) -> int:
+    """Every cycle is in the recording, whatever the machine made of its timing; returns how many there are."""
+    cycles = recorded["/servoloop/cycles"]
+    assert [cycle.number for cycle in cycles] == list(range(1, len(cycles) + 1))
+    assert {topic: len(recorded[topic]) for topic in EVERY_CYCLE} == dict.fromkeys(EVERY_CYCLE, len(cycles) + 1)
+    return len(cycles) + 1
+
+
+class Recorded:
+    """A stack that moved while servo 3 fell silent, and has ended."""
+
+    def __init__(self, path: Path, words: str, begun_s: float) -> None:
+        self.path, self.words, self.begun_s = path, words, begun_s
+        self.messages = by_rosbags(path)
+        self.fault_files = sorted(path.parent.glob("out/faults/*.mcap"))
+
+
+@pytest.fixture(scope="module")
+def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
+    folder, begun_s = tmp_path_factory.mktemp("recorded"), time.time()
+    arguments = shlex.split(UP)[2:]  # behind "servoloop up"
+    with pytest.MonkeyPatch.context() as patch, emulating(folder) as link:
+        patch.chdir(folder)
+        with running(folder, *arguments) as stack:
+            with arm_client() as client:
+                result = client.send(PICK)
+                ask(control_path(link), {"do": "fault", "text": "silent id=3 for=2s"})
+                client.wait(result)
+            until(lambda: "are recorded in out/faults/" in stack.words)
+            assert stack.end() == 0
+    yield Recorded(folder / "run.mcap", stack.words, begun_s)
+
+
+def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded) -> None:
+    cycles = check_cycles(recorded.messages)
+    stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
+    assert stamps == sorted(stamps) and recorded.begun_s < stamps[0] < stamps[-1] < time.time()
+    assert len({*stamps}) == cycles > 20
+
+
+def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
+    (goal,), (result,) = (recorded.messages[f"/arm_controller/{name}"] for name in ("goal", "goal_result"))
+    assert list(goal.points[0].positions) == list(PICK)
+    assert result.status == "aborted" and "servo 3 does not answer" in result.error_string
+
+
+def test_the_bus_traffic_begins_with_the_first_byte(recorded: Recorded) -> None:
+    """Servos are asked who they are before the first cycle."""
+    traffic = recorded.messages["/servoloop/bus_traffic"]
+    assert traffic[0].sent and stamp_s(traffic[0]) < stamp_s(recorded.messages["/joint_states"][0])
+    assert {message.header.frame_id for message in traffic} == {"./bus"}
+    assert sum(not message.sent and len(message.data) > 0 for message in traffic) > 20
+
+
+def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded) -> None:
+    first = recorded.fault_files[0]
+    assert first.name.endswith("_joint3_silent.mcap")
+    assert f"joint3: silent: the last 30 s are recorded in out/faults/{first.name}" in recorded.words
+    texts = [status.message for array in by_mcap(first)["/diagnostics"] for status in array.status]
+    assert "joint3: servo 3 does not answer" in texts
+
+
+def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
+    path, read = tmp_path / "job.mcap", set()
+    simulate(read_files(), Settings(), Schedule(job=("B",)), path)
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            package, _, name = schema.name.split("/")
+            if package == OWN:
+                continue
+            kind = getattr(importlib.import_module(f"{package}.msg"), name)
+            decoded = deserialize_message(message.data, kind)
+            read.add(channel.topic)
+            if channel.topic == "/arm_controller/controller_state":
+                assert len(decoded.reference.positions) == 6 and decoded.speed_scaling_factor == 1.0
+    assert read == {*EVERY_CYCLE, "/arm_controller/goal", "/diagnostics", "/robot_description", "/tf_static"}
+
+
+@pytest.mark.slow
+def test_a_demo_is_recorded_from_its_first_cycle_to_its_last(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    demo = StackProcess(tmp_path / "demo.log", *shlex.split(DEMO)[1:])
+    assert demo.process.wait(DEMO_S) == 0, demo.words
+    by_others = by_mcap(tmp_path / "demo.mcap")
+    messages = by_rosbags(tmp_path / "demo.mcap")
+    assert {topic: len(found) for topic, found in by_others.items()} == {t: len(found) for t, found in messages.items()}
+    result = json.loads((tmp_path / "out" / "demo" / "result.json").read_text())
+    assert check_cycles(messages) >= result["loop"]["cycles"]
+    assert len(messages["/arm_controller/goal"]) == len(messages["/arm_controller/goal_result"]) >= 3
