@@ -27,6 +27,7 @@ from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.fault import fault
+from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
@@ -57,6 +58,7 @@ app.command()(hand)
 app.command()(fault)
 app.command()(simulate)
 app.command()(campaign)
+app.command()(plot)
 app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")

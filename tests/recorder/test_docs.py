@@ -27,6 +27,7 @@ def blocks(language: str) -> list[str]:
 
 
 SIMULATE, *OTHERS = blocks("sh")[0].splitlines()
+PLOT = blocks("sh")[1].strip()
 READING, RECOVERING = blocks("python")
 
 
@@ -46,6 +47,8 @@ def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     done = subprocess.run([sys.executable, "-c", READING], capture_output=True, text=True, check=True)
     assert len(done.stdout.splitlines()) == len(by_rosbags(tmp_path / "job.mcap")["/joint_states"])
     assert "'joint3': " in done.stdout.splitlines()[-1]
+    result = CliRunner().invoke(app, shlex.split(PLOT)[1:])
+    assert result.exit_code == 0 and result.output.startswith("job.html: "), result.output
 
 
 def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:

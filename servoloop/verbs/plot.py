@@ -1,0 +1,38 @@
+"""``servoloop plot``: a recording as one page."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.errors import DriverError
+from servoloop.verbs.output import JsonOption, print_json
+
+
+def plot(
+    recording: Annotated[Path, typer.Argument(help="FILE.mcap, as --record and out/faults/ have it.")],
+    out: Annotated[Path | None, typer.Option(help="The page; beside the recording without.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Draw a recording: commands and positions, their difference, velocities, efforts, the loop's timing, faults.
+
+    One page that opens without a network. A recording of a program that was killed is drawn as far as it goes.
+    Example: `servoloop plot out/run.mcap`
+    """
+    from servoloop.campaign.report import possible
+    from servoloop.recorder.reader import read_recording
+
+    if not possible():
+        raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
+    run = read_recording(recording)
+    from servoloop.recorder.page import write_page
+
+    path = out or recording.with_suffix(".html")
+    try:
+        write_page(path, run, recording.name)
+    except OSError as error:
+        raise DriverError(f"cannot write {path}: {error.strerror}") from error
+    if json:
+        print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})
+    else:
+        typer.echo(f"{path}: {len(run.time_s)} cycles, {run.missed} missed, {len(run.faults)} faults")

@@ -1,0 +1,84 @@
+"""``servoloop plot``: the numbers of a recording, and its page."""
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nodes.pick_place.settings import Settings
+from servoloop.cli import app
+from servoloop.files import read_files
+from servoloop.recorder.reader import RecordedRun, read_recording
+from servoloop.recorder.record_option import RecordingError
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import simulate
+from sim_backend.faults.text import parse
+from tests.complaint import complaint
+from tests.recorder.reading import by_rosbags
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A job in which a servo is silent for a while."""
+    path = tmp_path_factory.mktemp("recording") / "run.mcap"
+    schedule = Schedule(seed=1, job=("B",), faults=(parse("silent id=3 at=4s for=0.3s"),))
+    simulate(read_files(), Settings(), schedule, record=path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(recording: Path) -> RecordedRun:
+    return read_recording(recording)
+
+
+def test_it_has_every_cycle_as_another_reader_sees_it(recording: Path, run: RecordedRun) -> None:
+    states = by_rosbags(recording)["/joint_states"]
+    assert run.joints == tuple(states[0].name) and len(run.time_s) == len(states)
+    np.testing.assert_array_equal(run.position, [state.position for state in states])
+    assert run.time_s[0] == 0.0 and np.all(np.diff(run.time_s) > 0.0)
+    assert run.command.shape == run.position.shape and np.isfinite(run.command[-1]).all()
+    assert run.missed == 0 and len(run.late_s) == len(run.busy_s) == len(run.time_s) - 1
+
+
+def test_faults_and_the_ends_of_goals_have_their_times(run: RecordedRun) -> None:
+    ((name, begin_s, end_s),) = [fault for fault in run.faults if "joint3" in fault[0]]
+    assert name == "joint3 (servo 3)" and 0.2 < end_s - begin_s < 0.6
+    ((ended_s, text),) = run.results
+    assert begin_s < ended_s < end_s and text == "arm_controller: aborted joint3: servo 3 does not answer"
+
+
+def test_the_page_opens_without_a_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:
+    done = CliRunner().invoke(app, ["plot", str(recording), "--json"])
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    text = Path(said["page"]).read_text()
+    assert said["page"] == str(recording.with_suffix(".html")) and said["cycles"] == len(run.time_s)
+    assert not re.search(r"(src|href)=\"https?:", text) and "<script" not in text
+    for element in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
+        ElementTree.fromstring(element)
+    assert text.count("<svg") == 2 and all(joint in text for joint in run.joints) and "joint3 (servo 3)" in text
+
+
+def test_what_a_killed_program_left_is_read_as_far_as_it_goes(
+    recording: Path, run: RecordedRun, tmp_path: Path
+) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
+    left = read_recording(torn)
+    assert 0 < len(left.time_s) < len(run.time_s)
+    np.testing.assert_array_equal(left.position, run.position[: len(left.time_s)])
+
+
+def test_what_is_no_recording_is_refused_in_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "x.mcap").write_text("nothing of the kind")
+    assert "x.mcap" in complaint(capsys, monkeypatch, "plot", str(tmp_path / "x.mcap"))
+    assert "cannot read" in complaint(capsys, monkeypatch, "plot", str(tmp_path / "y.mcap"))
+    (tmp_path / "z.mcap").write_bytes(b"")
+    with pytest.raises(RecordingError):
+        read_recording(tmp_path / "z.mcap")
