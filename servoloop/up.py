@@ -154,23 +154,34 @@ def _run(
 ) -> int:
     from nodes.surface import Surface
 
-    loop = run.loop
     if simulated is None:  # nothing is late on simulated time, and the clients need the processor too
         claim_realtime_priority()
     surface = Surface(stack)
+    try:
+        _record_and_serve(run, surface, ready, activate, simulated, recording)
+    finally:
+        surface.close()
+    return 1 if run.failed else 0
+
+
+def _record_and_serve(
+    run: LoopThread,
+    surface: "Surface",
+    ready: Callable[[str], None],
+    activate: Callable[[], None],
+    simulated: "SimulatedTime | None",
+    recording: StackRecording,
+) -> None:
+    """Activate the hardware and serve until the end; the loop's cycles go to the ROS side and into the recordings."""
+    loop = run.loop
     loop.on_cycle = surface.post
     if simulated is not None:
         simulated.connect(loop, surface)
         run.before_cycle = simulated.before_cycle
     offset_s = 0.0 if simulated else wall_offset_s(loop.clock, time)
     with recording.of(loop, run.files, offset_s, lambda: run.failed):
-        try:
-            activate()
-        except BaseException:
-            surface.close()
-            raise
+        activate()
         _serve_clients(run, surface, ready, simulated)
-    return 1 if run.failed else 0
 
 
 def _serve_clients(
@@ -193,7 +204,6 @@ def _serve_clients(
             simulated.pace.end()
             LOG.info("%s", simulated.pace.summary)
         surface.finish()
-        surface.close()
         gc.unfreeze()
 
 

@@ -11,14 +11,21 @@ from controller.trajectory.goal import TrajectoryGoal
 from hal.description import Description
 from hal.types import FloatArray
 from servoloop.recorder.bus_tap import Transfer
-from servoloop.recorder.definitions import typestore
+from servoloop.recorder.definitions import (
+    BUS_TRAFFIC,
+    CONTROLLER_STATE,
+    CYCLE,
+    DIAGNOSTICS,
+    GOAL_RESULT,
+    JOINT_STATE,
+    STRING,
+    TF,
+    TRAJECTORY,
+    typestore,
+)
 from servoloop.recorder.link_poses import LinkPose, LinkPoses
 from servoloop.recorder.sampler import CycleSample, CycleTiming, GoalBegin, GoalEnd, Tracked
 
-JOINT_STATE, TF = "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
-CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-BUS_TRAFFIC, CYCLE = "servoloop_msgs/msg/BusTraffic", "servoloop_msgs/msg/Cycle"
-GOAL_RESULT, TRAJECTORY = "servoloop_msgs/msg/GoalResult", "trajectory_msgs/msg/JointTrajectory"
 KINDS = ("position", "velocity", "effort")
 NONE = np.empty(0)
 
@@ -52,7 +59,7 @@ class Messages:
 
     def latched(self, stamp_s: float) -> Iterator[Recorded]:
         """What does not change: the robot description and the links that never move."""
-        yield self._of("/robot_description", "std_msgs/msg/String", stamp_s, _STRING(self._description.xml))
+        yield self._of("/robot_description", STRING, stamp_s, _STRING(self._description.xml))
         yield self._of("/tf_static", TF, stamp_s, self._transforms(self._links.fixed, stamp_s))
 
     def of_cycle(self, sample: CycleSample) -> Iterator[Recorded]:
@@ -71,7 +78,7 @@ class Messages:
             yield self._goal_begin(goal, stamp_s) if isinstance(goal, GoalBegin) else self._goal_end(goal, stamp_s)
         yield self._of("/tf", TF, stamp_s, self._transforms(self._links.moving(state.position), stamp_s))
         if sample.diagnostics:
-            yield self._of("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", stamp_s, self._diagnostics(sample))
+            yield self._of("/diagnostics", DIAGNOSTICS, stamp_s, self._diagnostics(sample))
 
     def of_transfers(self, transfers: Iterable[Transfer]) -> Iterator[Recorded]:
         """Bus traffic behind the last cycle."""

@@ -15,8 +15,8 @@ LOG = logging.getLogger("servoloop")
 
 FLUSH_S: Final = 0.5
 """So much of a recording is lost at the most when the program is killed; woken less often, writing costs less."""
-END_S: Final = 10.0
-"""So long the end of the program waits for a disk that hangs."""
+CLOSE_S: Final = 5.0
+"""So long a program that ends waits for its disk."""
 WAITING: Final = 2_000
 """So many cycles wait for a disk that is slow: 100 s at 20 Hz."""
 
@@ -61,9 +61,9 @@ class Recorder:
     def close(self, failed: bool) -> None:
         """Write what is left, and end. ``failed``: the loop has ended by an error. Behind the loop's last cycle."""
         self._ended.set()
-        self._thread.join(END_S)
+        self._thread.join(CLOSE_S)
         if self._thread.is_alive():
-            LOG.error("recording: the disk has not answered for %.0f s, and the end is lost", END_S)
+            LOG.error("the disk has taken nothing for %.0f s: the end of the recordings is missing", CLOSE_S)
             return
         self.drain()
         transfers = self._taps.take()

@@ -10,6 +10,7 @@ from nodes.pick_place.settings import Settings
 from servoloop.files import read_files
 from servoloop.recorder.definitions import MSG, definition, typestore
 from servoloop.recorder.messages import Messages
+from servoloop.recorder.recording_file import RecordingFile
 from servoloop.recorder.sampler import CycleSample
 from servoloop.simulation.file_recording import recorded
 from servoloop.simulation.schedule import Schedule
@@ -20,6 +21,7 @@ from tests.complaint import complaint
 from tests.recorder.reading import Messages as Read
 from tests.recorder.reading import by_mcap, by_rosbags, stamp_s
 from tests.recorder.rig import Rig
+from tests.stack.rig import PICK
 
 ROOT = Path(__file__).parents[2]
 SCHEDULE = Schedule(seed=1, job=("B",), seconds=1.5, faults=(parse("silent id=3 at=13.1s for=1s"),))
@@ -119,6 +121,19 @@ def test_links_and_description_are_the_robots(read: Read) -> None:
     joint1 = transforms[0]
     assert (joint1.header.frame_id, joint1.child_frame_id) == ("base_link", "link1")
     assert joint1.transform.rotation.z == pytest.approx(np.sin(state.position[0] / 2.0))
+
+
+def test_nothing_is_compiled_any_more_while_a_loop_runs(tmp_path: Path) -> None:
+    """In the recorder's thread that kept the loop from its cycle for 33 ms."""
+    rig = Rig()
+    compiled = set(typestore().cache)
+    assert set(TOPICS.values()) <= compiled
+    rig.stack.go(PICK)
+    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
+    for sample in rig.run(3.0):
+        file.write(sample)
+    file.close()
+    assert set(typestore().cache) == compiled
 
 
 @pytest.mark.parametrize("kind", sorted(set(TOPICS.values())))

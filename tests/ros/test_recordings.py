@@ -94,6 +94,21 @@ def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded
     assert "joint3: servo 3 does not answer" in texts
 
 
+def test_simulated_time_is_in_the_recording_of_a_stack_that_runs_on_it(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with running(tmp_path, "--rtf", "5", "--record", "run.mcap") as stack, arm_client() as client:
+        client.wait(client.send(PICK))
+        assert stack.end() == 0
+    messages = by_rosbags(tmp_path / "run.mcap")
+    cycles = check_cycles(messages)
+    stamps = [stamp_s(message) for message in messages["/joint_states"]]
+    assert 0.0 <= stamps[0] < 1.0 and (stamps[-1] - stamps[0]) / (cycles - 1) == pytest.approx(0.05, rel=0.05)
+    assert len(messages["/servoloop/bus_traffic"]) > 2 * cycles
+    assert not (tmp_path / "out").exists(), "nothing went wrong"
+
+
 def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
     path, read = tmp_path / "job.mcap", set()
     simulate(read_files(), Settings(), Schedule(job=("B",)), path)
