@@ -69,7 +69,7 @@ def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded)
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
     assert stamps == sorted(stamps) and recorded.begun_s < stamps[0] < stamps[-1] < time.time()
-    assert len({*stamps}) == cycles > 20
+    assert len({*stamps}) == cycles > 7, "so long a servo is silent before its goal ends"
 
 
 def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
