@@ -40,9 +40,9 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
-# Two at a time: what runs here are whole demos in real time, which need a core each.
+# Two in real time, whole demos, which need a core each, and one that computes beside them.
 test-slow: setup
-	$(PYTEST) -n 2 -m slow $(PYTEST_ARGS)
+	$(PYTEST) -n 3 -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 

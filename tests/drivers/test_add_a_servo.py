@@ -63,7 +63,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("package")
     for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("pyproject.toml", "tests/conftest.py", "tests/ros_domain.py"):
+    for file in ("pyproject.toml", "tests/conftest.py", "tests/distribution.py", "tests/ros_domain.py"):
         shutil.copy(ROOT / file, copy / file)
     for block in PLACED:
         placed(block, copy)

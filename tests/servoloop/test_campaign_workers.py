@@ -181,4 +181,5 @@ def test_ctrl_c_ends_the_processes_and_reports_what_was_done(tmp_path: Path) -> 
     assert "Traceback" not in err and "of 100000 runs were done, and are reported" in err
     assert "Interrupted: " in (tmp_path / "out" / "campaign" / "report.html").read_text()
     assert "report: out/campaign/report.html" in out
-    assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+    _, left = psutil.wait_procs(children, timeout=20)
+    assert not [child for child in left if child.status() != psutil.STATUS_ZOMBIE]
