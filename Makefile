@@ -70,7 +70,8 @@ lock:
 	@"$$(cat build/python)" -m venv build/lock
 	@build/lock/bin/pip --disable-pip-version-check install --quiet uv==0.13.8
 	@build/lock/bin/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
-	  --extra ros --extra report --extra ray --group interfaces-build --group bench --group peers --group dev \
+	  --extra ros --extra report --extra ray --extra view --extra monitor \
+	  --group interfaces-build --group bench --group peers --group docs --group dev \
 	  --custom-compile-command 'make lock' --output-file requirements.lock $(LOCK_ARGS) > /dev/null
 	@echo 'requirements.lock is up to date'
 
