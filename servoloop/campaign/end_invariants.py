@@ -11,6 +11,7 @@ from hal.joint import Joint
 from hal.types import JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
+from sim_backend.faults.event import Event
 
 COMPLAINTS: Final = ("status", "hardware_error_status")
 """Registers that are 0 as long as a servo has nothing to complain of."""
@@ -39,7 +40,8 @@ class GoalsEnd(Invariant):
 class EndsAsChosen(Invariant):
     """At the end the arm is held, or parked and let go, as its robot file says, as far as its servos are reached.
 
-    A servo that holds may still let go by itself, to protect itself, and complains.
+    A servo that holds may still let go by itself, to protect itself, and complains. What happens to one behind the last
+    cycle, while the program ends, nobody could have seen.
     """
 
     name = "ends as chosen"
@@ -48,8 +50,11 @@ class EndsAsChosen(Invariant):
         super().__init__(stack, say)
         self._driven: set[str] = set()
         """Joints that were driven in the last cycle, and nothing wrong with them."""
+        self._begun = 0
+        """The faults that had begun by then."""
 
     def on_state(self, state: JointState) -> None:
+        self._begun = len(self.stack.player.begun)
         sound = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
         self._driven = sound if self.active else set()
 
@@ -57,6 +62,7 @@ class EndsAsChosen(Invariant):
         if self.stack.player.active:
             return
         on = {joint.name for joint in self.joints if self.torque(joint)}
+        self._driven -= self._hit_at_the_end()
         if self.stack.files.robot.file.on_exit.virtual != "relax":
             self._tell(
                 "let go", {joint.name for joint in self.joints if not self._complains(joint)} & self._driven - on
@@ -65,6 +71,11 @@ class EndsAsChosen(Invariant):
         self._tell("under torque", on)
         if len(self._driven) == len(self.joints):
             self._tell("not parked", self._not_parked())
+
+    def _hit_at_the_end(self) -> set[str]:
+        """The joints to which something has happened behind the last cycle."""
+        events = [event for _, event in self.stack.player.begun[self._begun :]]
+        return {joint.name for joint in self.joints if any(_hits(event, joint) for event in events)}
 
     def _complains(self, joint: Joint) -> bool:
         memory = self.servos[joint.name].memory
@@ -81,3 +92,9 @@ class EndsAsChosen(Invariant):
     def _tell(self, what: str, joints: set[str]) -> None:
         if joints:
             self.say(f"{what}: {', '.join(sorted(joints))}")
+
+
+def _hits(event: Event, joint: Joint) -> bool:
+    """Whether a fault is one of the joint's servo, or of all."""
+    servo_id, bus = getattr(event, "servo_id", None), getattr(event, "bus", None)
+    return servo_id in (None, joint.servo_id) and bus in (None, joint.bus)

@@ -1,7 +1,7 @@
 """What must hold of what the stack reports of its joints."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,6 @@ from drivers.servos import sts
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
-from sim_backend.faults.event import Event
 from sim_backend.servo import VirtualServo
 
 CYCLES_TO_NAME: Final = 2
@@ -31,18 +30,9 @@ class NamedAlone(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._unnamed, self._misnamed = Counter[str](), Counter[str]()
-        self._events: list[tuple[float, Any]] = []
-        play = stack.player.play
-
-        def noted(events: Iterable[Event], since_s: float = 0.0) -> None:
-            events = tuple(events)
-            play(events, since_s)
-            self._events += [(since_s + event.at_s, event) for event in events]
-
-        stack.player.play = noted  # type: ignore[method-assign]
 
     def on_state(self, state: JointState) -> None:
-        begun = [event for at_s, event in self._events if at_s <= self.stack.world.time_s]
+        begun = [event for _, event in self.stack.player.begun]
         if not self.active or any(event.kind not in UNHEARD for event in begun):
             return
         silent = {self._joint(one) for one in self.stack.player.active.values()}
