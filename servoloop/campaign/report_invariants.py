@@ -32,7 +32,7 @@ class NamedAlone(Invariant):
         self._unnamed, self._misnamed = Counter[str](), Counter[str]()
 
     def on_state(self, state: JointState) -> None:
-        begun = [event for _, event in self.stack.player.begun]
+        begun = self.stack.player.happened
         if not self.active or any(event.kind not in UNHEARD for event in begun):
             return
         silent = {self._joint(one) for one in self.stack.player.active.values()}
