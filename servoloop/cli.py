@@ -25,6 +25,7 @@ from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
+from servoloop.verbs.teleop import teleop
 from servoloop.verbs.up import up
 
 app = typer.Typer(
@@ -36,7 +37,7 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, pick, demo),
+    "Run an arm": (up, pick, demo, teleop),
     "Look at it": (plot,),
     "Get servos ready": (ports, scan, setup, calibrate, doctor),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),

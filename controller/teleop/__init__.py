@@ -1,0 +1,1 @@
+"""Teleoperation: a follower arm goes where a leader arm is."""

@@ -1,0 +1,1 @@
+"""``servoloop teleop``: a leader arm that is moved by hand, and a follower arm."""

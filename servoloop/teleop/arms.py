@@ -1,0 +1,125 @@
+"""Leader and follower under one loop: both are read in the same cycle."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
+from drivers.clock import Clock
+from drivers.port.serial_port import SerialPort
+from hal.component import Component
+from hal.component_set import ComponentSet
+from hal.hardware_info import HardwareInfo
+from hal.leader_arm import LEADER, LeaderArm, leader_joint
+from servoloop import hardware
+from servoloop.background_worker import BackgroundWorker
+from servoloop.files import Files
+from servoloop.hardware import HardwareKind, HardwareSetup, OpenPort, open_buses
+from servoloop.teleop.errors import TeleopError
+from servoloop.teleop.latency import Latency
+
+if TYPE_CHECKING:
+    from servoloop.simulation.virtual_lines import VirtualLines
+
+NAME: Final = "leader_follower_controller"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One of the two arms: its files, and its devices by bus. ``lines``: virtual ones in this process."""
+
+    files: Files
+    devices: Mapping[str, str]
+    lines: "VirtualLines | None" = None
+
+    @property
+    def open_port(self) -> OpenPort:
+        """Opens a device of this side."""
+        return self.lines.open if self.lines else SerialPort
+
+
+@dataclass(frozen=True, slots=True)
+class Teleop:
+    """Both arms, not yet configured."""
+
+    loop: ControlLoop
+    controller: LeaderFollowerController
+    setup: HardwareSetup
+    latency: Latency
+
+    @property
+    def leader(self) -> Component:
+        """The component of the leader."""
+        component = self.loop.hardware.component(LEADER)
+        assert component is not None
+        return component
+
+    @property
+    def lost(self) -> list[Component]:
+        """The follower's components that are lost."""
+        return [component for component in self.loop.hardware.lost if component is not self.leader]
+
+
+def build_teleop(
+    leader: Side, follower: Side, clock: Clock, worker: BackgroundWorker | Callable[[Callable[[], None]], None]
+) -> Teleop:
+    """Make both arms' hardware, the controller and the loop, at the rate of the follower's controllers file.
+
+    Raises TeleopError where a joint of the follower has none to follow.
+    """
+    files = follower.files
+    setup = hardware.build(HardwareKind.SERVOS, files, follower.devices, clock, follower.lines)
+    read = LeaderArm(
+        leader.files.robot.joints,
+        lambda: open_buses(leader.files.robot.file, leader.devices, clock, open_port=leader.open_port),
+        clock,
+    )
+    components = ComponentSet([*(one.hardware for one in setup.hardware.components), read], clock)
+    manager = ControllerManager(components, files.limits)
+    controller = LeaderFollowerController(NAME, followed_joints(leader.files, files, setup), components.joints)
+    manager.registry.add(controller)
+    period_s = 1.0 / files.controllers.update_rate_hz
+    loop = ControlLoop(components, manager, files.limits, clock, period_s, keep_alive=True, background_worker=worker)
+    latency = Latency(clock, lambda: read.measured_s)
+    loop.on_cycle = latency.on_cycle
+    return Teleop(loop, controller, replace(setup, hardware=components), latency)
+
+
+def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
+    """Each of the follower's joints with the leader's of the same name.
+
+    The hand opens by as large a share of its range as the leader's, for a trigger is no jaw; all others turn by the
+    same angle. Raises TeleopError.
+    """
+    theirs = {joint.name: joint for joint in leader.robot.joints}
+    if missing := [joint.name for joint in follower.robot.joints if joint.name not in theirs]:
+        raise TeleopError(
+            f"{leader.arm} has no {', '.join(missing)}, which {follower.arm} has: a leader has joints of the same names"
+        )
+    hands = _hands(follower, follower.description.components)
+    made = []
+    for joint in follower.robot.joints:
+        gain, offset, theirs_too = 1.0, 0.0, theirs[joint.name]
+        if joint.name in hands:
+            ours, its = joint.limits, theirs_too.limits
+            gain = (ours.upper - ours.lower) / (its.upper - its.lower)
+            offset = ours.lower - gain * its.lower
+        made.append(
+            FollowedJoint(
+                joint.name, leader_joint(joint.name), joint.limits, offset, gain, setup.compliances.get(joint.name)
+            )
+        )
+    return made
+
+
+def _hands(files: Files, components: Sequence[HardwareInfo]) -> set[str]:
+    """The joints of controllers that are no arm's: of grippers and forward commands."""
+    arm = {
+        joint
+        for spec in files.controllers.controllers
+        if spec.kind.endswith("JointTrajectoryController")
+        for joint in getattr(spec.parameters, "joints", ())
+    }
+    return {joint for component in components for joint in component.joints} - arm

@@ -1,0 +1,82 @@
+"""One teleoperation from start to end: the loop in its thread, the person at the terminal in this one."""
+
+import gc
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from drivers.clock import MonotonicClock
+from hal.component_lifecycle import clean_up_all, configure_all
+from hal.leader_arm import LEADER
+from hal.lifecycle import LifecycleState
+from servoloop.background_worker import BackgroundWorker
+from servoloop.line_rate import check_rates
+from servoloop.loop_thread import LEFT, LoopThread
+from servoloop.realtime import claim_realtime_priority
+from servoloop.signals import Signals
+from servoloop.teleop.arms import Side, Teleop, build_teleop
+from servoloop.teleop.dead_man import Permission
+
+LOOK_S: Final = 0.02
+"""So often the person is asked and shown what happens."""
+AGAIN_S: Final = 1.0
+"""So often a lost leader is looked for."""
+
+
+def teleop(
+    leader: Side,
+    follower: Side,
+    rate_hz: int,
+    permission: Permission,
+    show: Callable[[Teleop], None],
+) -> int:
+    """Let the follower follow until a signal, the person's word, or a fault; the exit status.
+
+    ``show`` is called many times a second. The follower ends held or parked, as its robot file says, and the leader
+    as it is, limp. Raises as bringing up an arm does, and TeleopError.
+    """
+    files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
+    clock, worker = MonotonicClock(), BackgroundWorker()
+    both = build_teleop(leader, replace(follower, files=files), clock, worker)
+    loop, exits = both.loop, files.robot.file.on_exit
+    relax = (exits.virtual if both.setup.virtual else exits.real) == "relax"
+    with Signals(LEFT) as signals:
+        run = LoopThread(loop, worker, relax, files, signals)
+        configure_all(loop.hardware)
+        try:
+            check_rates(both.setup.buses, both.setup.rates_hz, files.robot, files.controllers.path)
+            loop.activate(keep_inactive=[LEADER])
+            claim_realtime_priority()
+            _run(run, both, permission, show)
+        finally:
+            if not run.hangs():
+                clean_up_all(loop.hardware)
+    return 1 if run.failed or both.lost else 0
+
+
+def _run(run: LoopThread, both: Teleop, permission: Permission, show: Callable[[Teleop], None]) -> None:
+    """The loop runs in its thread until this one says that it is enough."""
+    sys.setswitchinterval(0.0001)  # so long the loop waits at most for this thread to let go
+    gc.collect()
+    gc.freeze()
+    thread = run.start()
+    looked_s = 0.0
+    try:
+        while not (run.done or run.hangs()):
+            now_s = time.monotonic()
+            both.controller.allowed = permission.allowed(now_s)
+            if permission.ended() or both.lost:
+                run.signals.ask()
+            if both.leader.error is not None and now_s - looked_s > AGAIN_S:
+                looked_s = now_s
+                both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
+            show(both)
+            time.sleep(LOOK_S)
+    finally:
+        both.controller.allowed = False
+        run.signals.ask()
+        while thread.is_alive() and not run.hangs():
+            thread.join(0.1)
+        gc.unfreeze()

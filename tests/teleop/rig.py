@@ -1,0 +1,119 @@
+"""Two virtual arms on simulated time: a leader in somebody's hand, and its follower."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from controller.component_transitions import run_at_once
+from drivers.clock import Clock
+from drivers.errors import PortMissing
+from drivers.port import Port
+from hal.component_lifecycle import configure_all
+from hal.types import FloatArray, JointState
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.files import Files
+from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.teleop.arms import Side, build_teleop
+from sim_backend.build import Build
+from sim_backend.clock import SimulatedClock
+from sim_backend.port import VirtualPort
+
+LEADER, FOLLOWER = read_arm_files(find_arm("so101_leader")), read_arm_files(find_arm("so101"))
+REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_flex": 0.6, "wrist_roll": 0.0}
+
+
+class Lines(VirtualLines):
+    """Virtual lines whose adapter can be pulled and plugged in again."""
+
+    def __init__(self, files: Files, pose: Mapping[str, float], on_step: Callable[[float], None]) -> None:
+        names = [joint.name for joint in files.robot.joints]
+        super().__init__(files, Build(), [pose.get(name, 0.0) for name in names], on_step)
+        self.plugged = True
+        self.port: VirtualPort | None = None
+
+    def open(self, device: str, baud: int, clock: Clock) -> Port:
+        if not self.plugged:
+            raise PortMissing(f"{device} is not there: plug it in")
+        port = super().open(device, baud, clock)
+        assert isinstance(port, VirtualPort)
+        self.port = port
+        return port
+
+    def unplug(self) -> None:
+        self.plugged = False
+        if self.port is not None:
+            self.port.unplug()
+
+
+class Rig:
+    """Both arms, configured and active. ``move`` says where the hand takes the leader's joints."""
+
+    def __init__(
+        self, rate_hz: int = 50, leader: Mapping[str, float] = REST, follower: Mapping[str, float] = REST
+    ) -> None:
+        self.clock = SimulatedClock()
+        self.hand: Callable[[float], Mapping[str, float]] = lambda time_s: leader
+        self.leader = Lines(LEADER, leader, self._take)
+        self.follower = Lines(FOLLOWER, follower, lambda time_s: None)
+        files = replace(FOLLOWER, controllers=replace(FOLLOWER.controllers, update_rate_hz=rate_hz))
+        sides = [Side(one, lines.devices, lines) for one, lines in ((LEADER, self.leader), (files, self.follower))]
+        self.teleop = build_teleop(sides[0], sides[1], self.clock, run_at_once)
+        self.loop, self.controller = self.teleop.loop, self.teleop.controller
+        self.names = [joint.name for joint in FOLLOWER.robot.joints]
+        self.times_s: list[float] = []
+        self.commands: list[FloatArray] = []
+        self.states: list[JointState] = []
+        count = self.loop.on_cycle
+
+        def on_cycle(state: JointState) -> None:
+            count(state)
+            self.times_s.append(self.clock.now())
+            self.commands.append(self.loop.command)
+            self.states.append(state)
+
+        self.loop.on_cycle = on_cycle
+        configure_all(self.loop.hardware)
+        self.loop.activate(keep_inactive=["leader"])
+
+    def run(self, seconds: float) -> None:
+        """Cycles for so long; both worlds go on."""
+        end_s = self.clock.now() + seconds - 1e-9
+        self.loop.run(lambda: self.clock.now() >= end_s)
+
+    def follow(self) -> "Rig":
+        """Let the follower join and follow."""
+        self.controller.allowed = True
+        for _ in range(100):
+            self.run(0.1)
+            if self.controller.phase == "following":
+                return self
+        raise AssertionError(self.controller.phase, self.controller.reason)
+
+    def joint(self, name: str) -> int:
+        """The joint's place among the follower's commands."""
+        return self.names.index(name)
+
+    def _take(self, time_s: float) -> None:
+        """A hand that is strong enough: the leader's joints are where it wants them."""
+        data = self.leader.world.data
+        for name, position in self.hand(time_s).items():
+            data.joint(name).qpos[0] = position
+            data.joint(name).qvel[0] = 0.0
+
+
+def sine(joint: str, size: float, hz: float) -> Callable[[float], Mapping[str, float]]:
+    """A hand that turns one joint to and fro, and holds the others."""
+
+    def hand(time_s: float) -> Mapping[str, float]:
+        return {**REST, joint: REST[joint] + size * math.sin(2.0 * math.pi * hz * time_s)}
+
+    return hand
+
+
+def delay_s(times_s: FloatArray, wanted: Callable[[float], float], measured: FloatArray) -> float:
+    """By how much a curve must be shifted to be nearest to the one that was wanted."""
+    shifts = np.arange(-0.05, 0.3, 0.001)
+    errors = [np.sum((measured - np.array([wanted(time_s - shift) for time_s in times_s])) ** 2) for shift in shifts]
+    return float(shifts[int(np.argmin(errors))])

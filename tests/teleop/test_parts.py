@@ -1,0 +1,71 @@
+"""The parts of teleoperation: the dead-man key, which joints belong together, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.teleop.ramp_in import SHARE, RampIn
+from drivers.clock import MonotonicClock
+from hal.errors import ActivationError
+from hal.leader_arm import LeaderArm
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.teleop.arms import followed_joints
+from servoloop.teleop.dead_man import FIRST_S, REPEAT_S, DeadMansKey, HandsFree
+from servoloop.teleop.errors import TeleopError
+from tests.teleop.rig import FOLLOWER, LEADER, Rig
+
+
+def test_a_key_counts_as_held_until_its_repeats_stay_out() -> None:
+    key = DeadMansKey()
+    assert not key.allowed(0.0)
+    key.typed(" ", 1.0)
+    assert key.allowed(1.0 + FIRST_S) and not key.allowed(1.0 + FIRST_S + 0.01), "a tap is no more than that"
+    for number in range(20):
+        key.typed("   ", 3.0 + 0.03 * number)
+    key.typed("", 3.6)
+    assert key.allowed(3.57 + REPEAT_S) and not key.allowed(3.58 + REPEAT_S)
+
+
+def test_q_ends_and_the_key_is_let_go_with_it() -> None:
+    key = DeadMansKey()
+    key.typed("xq", 1.0)
+    assert key.ended() and not key.allowed(1.0)
+    assert HandsFree().allowed(0.0) and not HandsFree().ended()
+
+
+def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
+    trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
+    pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))
+    robot = replace(LEADER.robot, joints=(*LEADER.robot.joints[:-1], pulled))
+    joints = {one.joint: one for one in followed_joints(replace(LEADER, robot=robot), FOLLOWER, Rig().teleop.setup)}
+    assert (joints["elbow_flex"].gain, joints["elbow_flex"].offset) == (1.0, 0.0)
+    jaw = joints["gripper"]
+    assert jaw.offset == pytest.approx(jaw.limits.lower)
+    assert jaw.offset + 0.5 * jaw.gain == pytest.approx(jaw.limits.upper)
+    assert all(one.compliance is not None for one in joints.values())
+
+
+def test_a_follower_with_other_joints_is_refused() -> None:
+    with pytest.raises(TeleopError, match="so101_leader has no joint1, joint2"):
+        followed_joints(LEADER, read_arm_files(find_arm("robot_arm")), Rig().teleop.setup)
+
+
+def test_a_leader_is_never_driven() -> None:
+    leader = LeaderArm(LEADER.robot.joints, lambda: {}, MonotonicClock())
+    assert not leader.command_interfaces
+    with pytest.raises(ActivationError, match="moved by hand"):
+        leader.activate()
+
+
+@given(st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=6))
+def test_a_ramp_is_never_faster_than_its_share_wherever_the_leader_goes(targets: list[float]) -> None:
+    limits = [joint.limits for joint in FOLLOWER.robot.joints[:1]]
+    ramp = RampIn(np.array([0.0]), limits, 0.02)
+    for target in targets:
+        for _ in range(7):
+            before = ramp.command
+            ramp.step(np.array([target]))
+            assert abs(ramp.command - before)[0] <= SHARE * limits[0].velocity * 0.02 + 1e-9
