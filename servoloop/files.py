@@ -41,6 +41,8 @@ class Files:
     """By component; one that needs no robot file has none."""
     scene: Path = SCENE
     """The simulated world."""
+    arm: str = "robot_arm"
+    """The arm's name, under which the running stack can be found."""
 
     @property
     def robot_path(self) -> Path:

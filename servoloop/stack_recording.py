@@ -1,5 +1,7 @@
-"""The recordings of ``servoloop up``: a file from start to end where it is asked for, and always those of faults."""
+"""The recordings of ``servoloop up``: a file where it is asked for, those of faults, and the feed of who looks on."""
 
+import logging
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,12 +11,17 @@ from drivers.clock import Clock
 from drivers.port import Port
 from hal.types import JointState
 from servoloop.files import Files, servo_ids
+from servoloop.live.errors import LiveError
+from servoloop.live.feed import LiveFeed
+from servoloop.live.folder import make_live_folder, socket_path
 from servoloop.recorder.bus_tap import BusTaps
 from servoloop.recorder.fault_files import FOLDER, FaultFiles
 from servoloop.recorder.messages import Messages
 from servoloop.recorder.recorder import Recorder, Sink
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.recorder.sampler import Sampler
+
+LOG = logging.getLogger("servoloop")
 
 
 class StackRecording:
@@ -40,6 +47,7 @@ class StackRecording:
         sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
         if self._path is not None:
             sinks.append(RecordingFile(self._path, messages))
+        sinks += _live_feed(files.arm, messages)
         sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
         recorder = Recorder(sampler, self._taps, sinks)
 
@@ -53,3 +61,13 @@ class StackRecording:
             yield
         finally:
             recorder.close(failed())
+
+
+def _live_feed(arm: str, messages: Messages) -> list[Sink]:
+    """The feed of those who look on; an arm without one works as well."""
+    try:
+        make_live_folder()
+        return [LiveFeed(socket_path(arm, os.getpid()), messages)]
+    except LiveError as error:
+        LOG.warning("%s", error)
+        return []

@@ -1,6 +1,6 @@
 """The folder of an arm: ``config/arms/NAME/arm.yaml`` says what the arm is and where its files are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Self
 
@@ -122,4 +122,5 @@ def read_arm_files(
     With another URDF it is that one which names the robot file, unless it is said.
     """
     own = None if urdf else arm.robot
-    return read_files(urdf or arm.urdf, controllers or arm.controllers, robot or own, arm.scene)
+    files = read_files(urdf or arm.urdf, controllers or arm.controllers, robot or own, arm.scene)
+    return replace(files, arm=arm.name)

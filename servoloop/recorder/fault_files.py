@@ -34,6 +34,8 @@ class FaultFiles:
     tolerances, and a loop that ends by an error. A component that a client switches off is none.
     """
 
+    eager = False
+
     def __init__(self, folder: Path, messages: Messages, now: Callable[[], datetime] = datetime.now) -> None:
         """``now`` is the time of day, for the files' names."""
         self._folder, self._messages, self._now = folder, messages, now

@@ -4,6 +4,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from time import monotonic
 from typing import Final, Protocol
 
 from drivers.errors import DriverError
@@ -24,6 +25,11 @@ WAITING: Final = 2_000
 class Sink(Protocol):
     """A place to which samples go. All calls come from the recorder's thread, ``close`` behind its end."""
 
+    @property
+    def eager(self) -> bool:
+        """Whether it is to be given each cycle at once, and flushed with it."""
+        ...
+
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
         """Some samples have been written, and there are no more for the moment."""
@@ -43,7 +49,10 @@ class Recorder:
         self._sampler, self._taps = sampler, taps
         self._sinks = list(sinks)
         self._waiting: deque[CycleSample] = deque()
-        self._ended = threading.Event()
+        self._ended = False
+        self._wake = threading.Event()
+        self._eager = False
+        self._flushed_s = 0.0
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
 
     def start(self) -> None:
@@ -57,10 +66,13 @@ class Recorder:
             self.dropped += 1
         else:
             self._waiting.append(sample)
+            if self._eager:  # now there is time until the next cycle
+                self._wake.set()
 
     def close(self, failed: bool) -> None:
         """Write what is left, and end. ``failed``: the loop has ended by an error. Behind the loop's last cycle."""
-        self._ended.set()
+        self._ended = True
+        self._wake.set()
         self._thread.join(CLOSE_S)
         if self._thread.is_alive():
             LOG.error("the disk has taken nothing for %.0f s: the end of the recordings is missing", CLOSE_S)
@@ -75,16 +87,25 @@ class Recorder:
         """Give the sinks all that waits."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
 
+        now_s = monotonic()
+        due = now_s - self._flushed_s >= FLUSH_S
+        if due:
+            self._flushed_s = now_s
+
         def give(sink: Sink) -> None:
             for sample in samples:
                 sink.write(sample)
-            sink.flush()
+            if due or sink.eager:
+                sink.flush()
 
         if samples:
             self._each(give)
+        self._eager = any(sink.eager for sink in self._sinks)
 
     def _work(self) -> None:
-        while not self._ended.wait(FLUSH_S):
+        while not self._ended:
+            self._wake.wait(FLUSH_S)
+            self._wake.clear()
             self.drain()
 
     def _each(self, work: Callable[[Sink], None]) -> None:

@@ -17,6 +17,8 @@ from tests.recorder.rig import Rig
 class Kept:
     """A sink that keeps what it is given."""
 
+    eager = False
+
     def __init__(self) -> None:
         self.samples: list[CycleSample] = []
         self.flushed = threading.Event()

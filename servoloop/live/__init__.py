@@ -1,0 +1,1 @@
+"""Looking on at a running stack, or at a recording of one."""

@@ -1,0 +1,91 @@
+"""The live feed of a stack: what a recording has, to whoever looks on, while it happens."""
+
+import socket
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from servoloop.live.errors import LiveError
+from servoloop.live.viewer import Viewer
+from servoloop.recorder.bus_tap import Transfer
+from servoloop.recorder.definitions import definition, typestore
+from servoloop.recorder.messages import Messages, Recorded
+from servoloop.recorder.sampler import CycleSample, GoalBegin
+
+WAITING: Final = 8
+"""So many who want to look on wait until the next cycle takes them in."""
+
+
+class LiveFeed:
+    """A sink that gives each cycle to the programs that are connected to a Unix socket, as a stream of MCAP.
+
+    One that reads too slowly loses whole cycles, which it can count; nobody waits for it.
+    """
+
+    def __init__(self, path: Path, messages: Messages) -> None:
+        """``path``: of the socket. Raises LiveError where there cannot be one."""
+        self._path, self._messages = path, messages
+        self._encode = typestore().serialize_cdr
+        self._viewers: list[Viewer] = []
+        self._cycles = 0
+        self._goals: dict[str, Recorded] = {}
+        """The newest goal of each controller, for those who come while it is under way."""
+        self._server = socket.socket(socket.AF_UNIX)
+        self._server.setblocking(False)
+        try:
+            self._server.bind(str(path))
+            self._server.listen(WAITING)
+        except OSError as error:
+            self._server.close()
+            raise LiveError(f"nobody can look on, {path} cannot be made: {error.strerror or error}") from error
+
+    @property
+    def eager(self) -> bool:
+        """Whether somebody looks on, who wants each cycle as it comes."""
+        return bool(self._viewers)
+
+    def write(self, sample: CycleSample) -> None:
+        """Give a cycle to all who look on."""
+        self._cycles += 1
+        new = self._accept()
+        if new:
+            self._send(new, [*self._messages.latched(sample.state.stamp_s), *self._goals.values()])
+            self._viewers += new
+        if any(isinstance(goal, GoalBegin) for goal in sample.goals) or self._viewers:
+            messages = list(self._messages.of_cycle(sample))
+            self._goals |= {one.topic: one for one in messages if one.topic.endswith("/goal")}
+            self._send(self._viewers, messages)
+
+    def flush(self) -> None:
+        """Hand over what the sockets take, and forget those who have gone."""
+        for viewer in self._viewers:
+            viewer.send()
+        self._viewers = [viewer for viewer in self._viewers if not viewer.gone]
+
+    def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
+        """End. Who looks on is told by the end of the stream."""
+        self._path.unlink(missing_ok=True)
+        self._server.close()
+        for viewer in self._viewers:
+            viewer.send()
+            viewer.close()
+
+    def _accept(self) -> list[Viewer]:
+        new = []
+        with suppress(BlockingIOError):
+            while True:
+                new.append(Viewer(self._server.accept()[0]))
+        return new
+
+    def _send(self, viewers: Sequence[Viewer], messages: Iterable[Recorded]) -> None:
+        """Encode once, for all who can take it."""
+        ready = [viewer for viewer in viewers if viewer.ready]
+        if not ready:
+            return
+        for topic, kind, stamp_ns, message in messages:
+            data = bytes(self._encode(message, kind))
+            for viewer in ready:
+                if not viewer.knows(topic):
+                    viewer.add_channel(topic, kind, definition(kind))
+                viewer.add_message(topic, stamp_ns, data, self._cycles)

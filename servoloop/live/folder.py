@@ -1,0 +1,80 @@
+"""The folder in which running stacks can be found: each has a socket there, named by its arm and its process."""
+
+import os
+import re
+import socket
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from servoloop.live.errors import LiveError
+
+SUFFIX: Final = ".sock"
+_NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
+
+
+class RunningStack(NamedTuple):
+    """A stack of this user that can be looked at."""
+
+    arm: str
+    pid: int
+    socket: Path
+
+
+def live_folder() -> Path:
+    """This user's folder: below ``XDG_RUNTIME_DIR``, or where that is not set in the folder of temporary files."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    return Path(runtime) / "servoloop" if runtime else Path(tempfile.gettempdir()) / f"servoloop-{os.getuid()}"
+
+
+def make_live_folder() -> Path:
+    """Make this user's folder, for nobody else to read. Raises LiveError where it is somebody else's."""
+    folder = live_folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise LiveError(f"cannot make {folder}: {error.strerror}") from error
+    if found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise LiveError(f"{folder} is not this user's alone: delete it, or set XDG_RUNTIME_DIR to another folder")
+    return folder
+
+
+def socket_path(arm: str, pid: int) -> Path:
+    """Where a stack is to be found. The folder may not be there yet."""
+    return live_folder() / f"{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
+
+
+def running_stacks() -> list[RunningStack]:
+    """The stacks that run now, by arm and process."""
+    return sorted(_answering())
+
+
+def find_stack(arm: str | None = None) -> RunningStack:
+    """The stack that runs, of this arm where one is named. Raises LiveError, which says what to do."""
+    running = running_stacks()
+    found = [stack for stack in running if arm in (None, stack.arm)]
+    if len(found) == 1:
+        return found[0]
+    if not running:
+        raise LiveError("no stack is running: start one with `servoloop up`, with virtual servos if no --port is given")
+    names = ", ".join(f"{stack.arm} (process {stack.pid})" for stack in running)
+    if not found:
+        raise LiveError(f"no stack of {arm} is running, but of {names}")
+    raise LiveError(f"several stacks are running: {names}; name one with --arm, or end the others")
+
+
+def _answering() -> Iterator[RunningStack]:
+    for path in live_folder().glob(f"*{SUFFIX}"):
+        parts = _NAME.fullmatch(path.name)
+        if parts is None:
+            continue
+        with socket.socket(socket.AF_UNIX) as probe:
+            probe.settimeout(1.0)
+            try:
+                probe.connect(str(path))
+            except OSError:
+                path.unlink(missing_ok=True)  # of a program that was killed
+                continue
+        yield RunningStack(parts["arm"], int(parts["pid"]), path)

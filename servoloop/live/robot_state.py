@@ -1,0 +1,189 @@
+"""The newest state of a robot, put together from the messages of a live stream or a recording."""
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from servoloop.live.history import Curves, History, Row
+from servoloop.live.stream import Received
+
+RESULTS: Final = 50
+"""So many ends of goals are kept."""
+GOAL, RESULT = "/goal", "/goal_result"
+NOBODY: Final = np.empty(0)
+
+
+@dataclass(frozen=True, slots=True)
+class StatusNow:
+    """One entry of /diagnostics, as the stack has said it last; level 0 is well, 1 a warning, 2 an error."""
+
+    level: int
+    message: str
+    hardware_id: str
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class GoalPath:
+    """The newest goal of a controller: (k, joints) positions in rad or m and their times (k,) in s from its start."""
+
+    joints: tuple[str, ...]
+    time_s: FloatArray
+    positions: FloatArray
+    begun_s: float
+    ended: str = ""
+    """How it ended; empty while it is under way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A robot at one moment. Arrays (n,) in the order of ``joints``, rad or m; a snapshot never changes."""
+
+    description_xml: str = ""
+    """The URDF; empty until it has come."""
+    joints: tuple[str, ...] = ()
+    stamp_s: float = 0.0
+    """ROS time of the measurement; 0 before the first."""
+    position: FloatArray = field(default_factory=lambda: NOBODY)
+    velocity: FloatArray = field(default_factory=lambda: NOBODY)
+    effort: FloatArray = field(default_factory=lambda: NOBODY)
+    command: FloatArray = field(default_factory=lambda: NOBODY)
+    """As the safety gate let it pass; NaN where none is commanded."""
+    late_s: float = 0.0
+    busy_s: float = 0.0
+    cycles: int = 0
+    missed: int = 0
+    statuses: Mapping[str, StatusNow] = field(default_factory=dict)
+    """By name, as ``servoloop: joint1 (servo 1)``."""
+    goals: Mapping[str, GoalPath] = field(default_factory=dict)
+    """By controller."""
+    results: tuple[tuple[float, str], ...] = ()
+    """The ends of goals: ROS time and text, the newest last."""
+    lost_cycles: int = 0
+    """Cycles that this program was too slow to take."""
+
+    @property
+    def error(self) -> FloatArray:
+        """Command less position, (n,)."""
+        return self.command - self.position
+
+    @property
+    def faults(self) -> dict[str, str]:
+        """What is wrong, by the status's name."""
+        return {name: status.message for name, status in self.statuses.items() if status.level >= 2}
+
+
+class RobotState:
+    """One thread gives it messages; any thread takes snapshots."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._now = Snapshot()
+        self._history = History()
+        self._results: deque[tuple[float, str]] = deque(maxlen=RESULTS)
+        self._sequence: int | None = None
+
+    def take(self, received: Received) -> None:
+        """Take one message; topics that are not of a robot's state are left alone."""
+        with self._lock:
+            self._take(received)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The robot as it is now."""
+        with self._lock:
+            return self._now
+
+    def curves(self) -> Curves:
+        """The last minute."""
+        with self._lock:
+            return self._history.curves()
+
+    def _take(self, received: Received) -> None:
+        topic, message = received.topic, received.message
+        if topic == "/joint_states":
+            self._count(received.sequence)
+            self._measured(message)
+        elif topic == "/servoloop/commands":
+            self._commanded(message)
+        elif topic == "/servoloop/cycles":
+            self._now = replace(
+                self._now,
+                late_s=message.late_s,
+                busy_s=message.busy_s,
+                cycles=message.number,
+                missed=message.missed,
+            )
+        elif topic == "/diagnostics":
+            self._now = replace(self._now, statuses={one.name: _status(one) for one in message.status})
+        elif topic == "/robot_description":
+            self._now = replace(self._now, description_xml=message.data)
+        elif topic.endswith(GOAL):
+            self._goal(topic.removesuffix(GOAL).strip("/"), message)
+        elif topic.endswith(RESULT):
+            self._result(topic.removesuffix(RESULT).strip("/"), message)
+
+    def _count(self, sequence: int) -> None:
+        if self._sequence is not None and sequence > self._sequence + 1:
+            lost = self._now.lost_cycles + sequence - self._sequence - 1
+            self._now = replace(self._now, lost_cycles=lost)
+        self._sequence = sequence
+
+    def _measured(self, message: Any) -> None:
+        joints = tuple(message.name)
+        command = self._now.command if joints == self._now.joints else np.full(len(joints), np.nan)
+        self._now = replace(
+            self._now,
+            joints=joints,
+            stamp_s=_stamp_s(message),
+            position=message.position,
+            velocity=message.velocity,
+            effort=message.effort,
+            command=command,
+        )
+
+    def _commanded(self, message: Any) -> None:
+        """The commands of the cycle that was measured just before: with them its row is whole."""
+        now = self._now
+        said = dict(zip(message.name, message.position, strict=False))
+        command = np.array([said.get(joint, np.nan) for joint in now.joints])
+        self._now = now = replace(now, command=command)
+        self._history.add(Row(now.stamp_s, now.position, command, now.velocity, now.effort))
+
+    def _goal(self, controller: str, message: Any) -> None:
+        begun_s = _stamp_s(message)
+        if hasattr(message, "points"):
+            times = np.array([_seconds(point.time_from_start) for point in message.points])
+            path = GoalPath(
+                tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
+            )
+        else:
+            path = GoalPath(tuple(message.name), np.zeros(1), np.array([message.position]), begun_s)
+        self._now = replace(self._now, goals={**self._now.goals, controller: path})
+
+    def _result(self, controller: str, message: Any) -> None:
+        text = f"{message.status} {message.error_string}".strip()
+        self._results.append((_stamp_s(message), f"{controller}: {text}"))
+        goals = dict(self._now.goals)
+        if controller in goals:
+            goals[controller] = replace(goals[controller], ended=text)
+        self._now = replace(self._now, goals=goals, results=tuple(self._results))
+
+
+def _status(one: Any) -> StatusNow:
+    level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
+    return StatusNow(level, one.message, one.hardware_id, {pair.key: pair.value for pair in one.values})
+
+
+def _stamp_s(message: Any) -> float:
+    return _seconds(message.header.stamp)
+
+
+def _seconds(time: Any) -> float:
+    """Of builtin_interfaces/Time and Duration."""
+    return float(time.sec) + float(time.nanosec) * 1e-9

@@ -1,0 +1,60 @@
+"""A live feed on a socket, with a simulated stack behind it and programs that look on."""
+
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pytest import MonkeyPatch
+
+from servoloop.live.feed import LiveFeed
+from servoloop.live.folder import make_live_folder, socket_path
+from servoloop.live.robot_state import RobotState
+from servoloop.live.stream import MessageStream
+from tests.recorder.rig import Rig
+
+
+@contextmanager
+def runtime_folder(monkeypatch: MonkeyPatch) -> Iterator[Path]:
+    """A folder of running stacks of its own; a socket's path may not be long."""
+    with tempfile.TemporaryDirectory(prefix="live") as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        yield Path(folder)
+
+
+class LiveRig(Rig):
+    """A stack that is up, and its feed; ``play`` gives its cycles to the feed."""
+
+    def __init__(self, arm: str = "robot_arm", pid: int = 1) -> None:
+        super().__init__()
+        make_live_folder()
+        self.feed = LiveFeed(socket_path(arm, pid), self.messages)
+
+    def play(self, seconds: float) -> int:
+        """Run so long; the number of cycles."""
+        samples = self.run(seconds)
+        for sample in samples:
+            self.feed.write(sample)
+            self.feed.flush()
+        return len(samples)
+
+
+class Onlooker:
+    """A program that looks on, in a thread of its own."""
+
+    def __init__(self, stream: MessageStream) -> None:
+        self.state = RobotState()
+        self._stream = stream
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def _look(self) -> None:
+        for received in self._stream:
+            self.state.take(received)
+
+    def to_its_end(self) -> RobotState:
+        """All that came until the stream ended."""
+        self._thread.join(30.0)
+        assert not self._thread.is_alive()
+        return self.state

@@ -1,0 +1,127 @@
+"""The live feed: who looks on sees what a recording has, and nobody waits for who is slow."""
+
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servoloop.live import viewer
+from servoloop.live.errors import LiveError
+from servoloop.live.folder import RunningStack, find_stack, live_folder, make_live_folder, running_stacks, socket_path
+from servoloop.live.stream import open_live, open_recording
+from tests.live.rig import LiveRig, Onlooker, runtime_folder
+from tests.stack.rig import READY
+
+
+@pytest.fixture(autouse=True)
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with runtime_folder(monkeypatch):
+        yield
+
+
+def test_who_looks_on_sees_every_cycle_from_then_on() -> None:
+    rig = LiveRig()
+    rig.play(0.5)
+    assert not rig.feed.eager
+    onlooker = Onlooker(open_live(find_stack()))
+    goal = rig.stack.go([*READY[:5], READY[5] + 0.2], 1.0)
+    cycles = rig.play(1.5)
+    assert rig.feed.eager and goal.done
+    rig.feed.close((), failed=False)
+    state = onlooker.to_its_end()
+    now, last = state.snapshot, rig.samples[-1]
+    assert now.joints == tuple(rig.stack.loop.hardware.joints)
+    np.testing.assert_array_equal(now.position, last.state.position)
+    assert now.stamp_s == pytest.approx(last.state.stamp_s) and now.lost_cycles == 0
+    curves = state.curves()
+    assert len(curves.time_s) == cycles and curves.position.shape == (cycles, len(now.joints))
+    np.testing.assert_array_equal(curves.command[-1][: len(last.command)], last.command)
+    assert now.description_xml == rig.stack.files.description.xml
+    ended = "succeeded Goal successfully reached!"
+    assert now.goals["arm_controller"].ended == ended and now.results[-1][1] == f"arm_controller: {ended}"
+    np.testing.assert_allclose(now.goals["arm_controller"].positions, [[*READY[:5], READY[5] + 0.2]])
+    assert now.statuses["servoloop: control loop"].level == 0 and now.cycles > cycles
+    assert float(now.statuses["servoloop: joint1 (servo 1)"].values["voltage_v"]) > 5.0
+
+
+def test_who_comes_while_a_goal_is_under_way_sees_it() -> None:
+    rig = LiveRig()
+    rig.stack.go([*READY[:5], READY[5] + 0.2], 1.0)
+    rig.play(0.5)
+    onlooker = Onlooker(open_live(find_stack()))
+    rig.play(0.1)
+    rig.feed.close((), failed=False)
+    assert onlooker.to_its_end().snapshot.goals["arm_controller"].ended == ""
+
+
+def test_one_who_is_too_slow_loses_whole_cycles_and_knows_how_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer, "BEHIND", 20_000)
+    rig = LiveRig()
+    stream = open_live(find_stack())
+    cycles = rig.play(20.0)  # more than the socket takes
+    onlooker = Onlooker(stream)
+    while rig.feed._viewers[0]._waiting:
+        rig.feed.flush()
+    cycles += rig.play(0.2)
+    rig.feed.close((), failed=False)
+    state = onlooker.to_its_end()
+    seen = len(state.curves().time_s)
+    assert 4 <= seen < cycles and state.snapshot.lost_cycles == cycles - seen
+
+
+def test_one_who_goes_away_in_the_middle_is_forgotten_and_the_others_see_on() -> None:
+    rig = LiveRig()
+    gone, there = socket.socket(socket.AF_UNIX), Onlooker(open_live(find_stack()))
+    gone.connect(str(find_stack().socket))
+    rig.play(0.2)
+    gone.close()
+    cycles = rig.play(0.5)
+    assert len(rig.feed._viewers) == 1
+    rig.feed.close((), failed=False)
+    assert len(there.to_its_end().curves().time_s) >= cycles
+
+
+def test_a_stream_is_closed_from_another_thread() -> None:
+    rig = LiveRig()
+    stream = open_live(find_stack())
+    onlooker = Onlooker(stream)
+    rig.play(0.2)
+    stream.close()
+    onlooker.to_its_end()
+
+
+def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
+    with pytest.raises(LiveError, match="no stack is running: start one with"):
+        find_stack()
+    make_live_folder()
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(socket_path("koch", 7)))
+    one, other = LiveRig("so101", 11), LiveRig("robot_arm", 12)
+    found = [RunningStack("robot_arm", 12, socket_path("robot_arm", 12)), find_stack("so101")]
+    assert running_stacks() == found and not socket_path("koch", 7).exists()
+    with pytest.raises(LiveError, match=r"several stacks are running: robot_arm \(process 12\), so101 \(process 11\)"):
+        find_stack()
+    with pytest.raises(LiveError, match="no stack of koch is running, but of robot_arm"):
+        find_stack("koch")
+    one.feed.close((), failed=False)
+    assert find_stack() == found[0]
+    other.feed.close((), failed=False)
+    assert not list(live_folder().iterdir())
+    with pytest.raises(LiveError, match="has just ended"):
+        open_live(found[0])
+
+
+def test_the_folder_is_its_users_alone() -> None:
+    make_live_folder()
+    assert os.stat(live_folder()).st_mode & 0o777 == 0o700
+    live_folder().chmod(0o755)
+    with pytest.raises(LiveError, match="is not this user's alone"):
+        make_live_folder()
+
+
+def test_a_recording_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(LiveError, match="cannot read"):
+        open_recording(tmp_path / "none.mcap")
