@@ -32,6 +32,7 @@ from servoloop.verbs.ports import ports
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
+from servoloop.verbs.view import view
 
 if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime
@@ -59,6 +60,7 @@ app.command()(fault)
 app.command()(simulate)
 app.command()(campaign)
 app.command()(plot)
+app.command()(view)
 app.add_typer(arms_app, name="arms")
 app.add_typer(calibration.app, name="calibration")
 app.add_typer(passport.app, name="passport")

@@ -72,15 +72,19 @@ class ArmModel:
             x, y, z, turn = x + a, y + b, z + c, multiply(turn, turned)
         return x, y, z
 
-    def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray) -> FloatArray:
+    def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:
         """The way (m, 3) of the tool in metres through a goal's points (k, joints), from the positions ``start`` (n,).
+
+        Without ``start`` it begins at the goal's first point.
 
         Between two points the joints go in proportion to each other. The real motion differs from that a little: it
         keeps within the limits of each joint's acceleration and jerk.
         """
         columns = [self.measured.index(name) for name in joints]
-        rows = np.tile(np.where(np.isnan(start), 0.0, start), (len(points) + 1, 1))
+        rows = np.tile(np.zeros(len(self.measured)) if start is None else np.nan_to_num(start), (len(points) + 1, 1))
         rows[1:, columns] = points
+        if start is None:
+            rows = rows[1:]
         share = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)[:, None]
         pieces = [first + share * (second - first) for first, second in pairwise(rows)]
         tool = self.tool_link(joints)

@@ -46,16 +46,14 @@ class Guard:
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if self._local and urlsplit(f"//{host}").hostname not in NAMES:
-            return _answer(http.HTTPStatus.FORBIDDEN, "ask by localhost")
+            return _answer(http.HTTPStatus.FORBIDDEN, "ask for localhost")
         if origin is not None and urlsplit(origin).netloc != host:
             return _answer(http.HTTPStatus.FORBIDDEN, "another site may not use this page")
         if self._token is None or self._same(self._cookie(request, host)):
             return None
         path = urlsplit(request.path)
         if not self._same(parse_qs(path.query).get(TOKEN, [""])[0]):
-            return _answer(
-                http.HTTPStatus.FORBIDDEN, "the token is missing: open the address that servoloop view printed"
-            )
+            return _answer(http.HTTPStatus.FORBIDDEN, "the token is missing: open the address that was printed")
         cookie = f"{_name(host)}={self._token}; HttpOnly; SameSite=Strict; Path=/"
         return _answer(http.HTTPStatus.SEE_OTHER, "", ("Location", path.path or "/"), ("Set-Cookie", cookie))
 
@@ -67,7 +65,7 @@ class Guard:
         return next((one.value for one in found if one is not None), "")
 
 
-class PageServer(viser.ViserServer):  # type: ignore[misc]
+class PageServer(viser.ViserServer):
     """Viser's server, which only answers what its guard lets pass, and only at the address that it was given."""
 
     def __init__(self, host: str = LOCALHOST, port: int = PORT) -> None:
@@ -105,7 +103,7 @@ class PageServer(viser.ViserServer):  # type: ignore[misc]
 
 @contextlib.contextmanager
 def _guarded(guard: Guard) -> Iterator[list[bool]]:
-    """Whatever websockets serves within this context asks the guard first; the list is empty where nothing was served."""
+    """All that websockets serves in this context asks the guard first; the list stays empty where nothing is served."""
     serve, served = websockets.asyncio.server.serve, []
 
     @functools.wraps(serve)

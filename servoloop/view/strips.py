@@ -1,5 +1,6 @@
 """Strips: the numbers of one joint over the last minute."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -8,39 +9,61 @@ import viser
 import viser.uplot as uplot
 
 from hal.types import FloatArray
-from servoloop.view.state import HISTORY_S, Sample, column
+from servoloop.live.history import KEPT_S
+from servoloop.view.watched import Health, Watched, health_column
 
-HEIGHT_PX: Final = 110
+HEIGHT_PX: Final = 150
 MOST: Final = 600
 """Points in a strip; of more every so many-th is shown."""
 
 
 class Strip(NamedTuple):
-    """A plot: its title, and the numbers of a sample in it."""
+    """A plot: its title, and the numbers in it."""
 
     title: str
     columns: tuple[str, ...]
+    least: float
+    """The smallest range of its axis: what is less is noise."""
 
 
 STRIPS: Final = (
-    Strip("position, command (rad, m)", ("position", "command")),
-    Strip("error (rad, m)", ("error",)),
-    Strip("velocity (1/s)", ("velocity",)),
-    Strip("load (N m, N)", ("effort",)),
-    Strip("voltage (V)", ("voltage_v",)),
-    Strip("temperature (°C)", ("temperature_c",)),
+    Strip("position, command (rad, m)", ("position", "command"), 0.02),
+    Strip("error (rad, m)", ("error",), 0.002),
+    Strip("velocity (1/s)", ("velocity",), 0.1),
+    Strip("load (N m, N)", ("effort",), 0.5),
+    Strip("voltage (V)", ("voltage_v",), 2.0),
+    Strip("temperature (°C)", ("temperature_c",), 10.0),
 )
 COLOURS: Final = ("#d2522d", "#4682dc")
 
 
-def strip_data(samples: Sequence[Sample], columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
-    """Seconds before the newest sample, and for each column its numbers of the joint at ``place``."""
-    if not samples:
+def strip_data(watched: Watched, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
+    """Seconds before the newest cycle, and for each column its numbers of the joint at ``place``."""
+    curves, rows = watched.state.curves(), watched.health()
+    if columns[0] in Health._fields:
+        times = np.array([row.stamp_s for row in rows])
+        values = [health_column(rows, name, place) for name in columns]
+    else:
+        times, values = curves.time_s, [_column(getattr(curves, name), place) for name in columns]
+    if not len(times):
         return tuple(np.zeros(1) for _ in range(len(columns) + 1))
-    step = max(1, -(-len(samples) // MOST))
-    chosen = samples[::-step][::-1]
-    times = np.array([sample.time_s for sample in chosen]) - samples[-1].time_s
-    return times, *(column(chosen, name, place) for name in columns)
+    step = -(-len(times) // MOST)
+    now = max([*curves.time_s[-1:], times[-1]])
+    return times[::step] - now, *(column[::step] for column in values)
+
+
+def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, float]:
+    """The range of an axis: all numbers that are there, at least ``least``, in steps so that it seldom changes."""
+    values = np.concatenate(columns)
+    values = values[np.isfinite(values)]
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    step = 2.0 ** math.ceil(math.log2(max(high - low, least) / 4.0))
+    return math.floor(low / step - 0.25) * step, math.ceil(high / step + 0.25) * step
+
+
+def _column(values: FloatArray, place: int) -> FloatArray:
+    """A column of (m, n), none where nothing has been measured."""
+    return values[:, place] if values.size else np.empty(0)
 
 
 class Strips:
@@ -49,15 +72,19 @@ class Strips:
     def __init__(self, server: viser.ViserServer) -> None:
         self._plots = [self._add(server, strip) for strip in STRIPS]
 
-    def show(self, samples: Sequence[Sample], place: int) -> None:
+    def show(self, watched: Watched, place: int) -> None:
         """Draw the joint at ``place``."""
         for strip, plot in zip(STRIPS, self._plots, strict=True):
-            plot.data = strip_data(samples, strip.columns, place)
+            data = strip_data(watched, strip.columns, place)
+            scales = _scales(axis_range(data[1:], strip.least))
+            if scales != plot.scales:  # the plot is made anew
+                plot.scales = scales
+            plot.data = data
 
     def _add(self, server: viser.ViserServer, strip: Strip) -> viser.GuiUplotHandle:
-        axes: Any = (uplot.Axis(size=22), uplot.Axis(size=52))
+        axes: Any = (uplot.Axis(size=30), uplot.Axis(size=52))
         return server.gui.add_uplot(
-            strip_data((), strip.columns, 0),
+            strip_data(Watched(), strip.columns, 0),
             (
                 uplot.Series(label="s"),
                 *(
@@ -66,8 +93,12 @@ class Strips:
                 ),
             ),
             title=strip.title,
-            scales={"x": uplot.Scale(time=False, auto=False, min=-HISTORY_S, max=0.0)},
+            scales=_scales((0.0, strip.least)),
             axes=axes,
             legend=uplot.Legend(show=False),
             height=HEIGHT_PX,
         )
+
+
+def _scales(range_y: tuple[float, float]) -> dict[str, uplot.Scale]:
+    return {"x": uplot.Scale(time=False, range=(-KEPT_S, 0.0)), "y": uplot.Scale(range=range_y)}

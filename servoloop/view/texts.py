@@ -6,71 +6,72 @@ from html import escape
 from typing import Final
 
 from hal.description import UrdfJoint
-from servoloop.view.state import OWN, Diagnostic, RobotState
+from servoloop.live.robot_state import Snapshot, StatusNow
+from servoloop.view.watched import OF_SERVO, OWN, health, servo_status
 
 LOOP: Final = "control loop"
-CONTROLLER: Final = "controller "
+PORT: Final = "noise"
+"""A counter that only ports have."""
 STYLE: Final = 'style="width:100%;font-size:0.78em;border-collapse:collapse;text-align:left"'
 ROW: Final = 'style="border-bottom:1px solid #8884"'
-HEALTH: Final = ("voltage_v", "temperature_c", "current_a", "replies")
+HEALTH: Final = ("voltage_v", "temperature_c", "current_a", "replies", "alarms")
 """Values of a servo that are no counters of what goes wrong."""
 
 
-def servo_table(state: RobotState, joints: Mapping[str, UrdfJoint]) -> str:
+def servo_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint]) -> str:
     """A row for each joint: position, error, temperature, voltage, and what is wrong with it."""
-    newest = state.newest
-    if newest is None:
-        return "nothing measured yet"
     rows = []
-    for place, name in enumerate(state.joints):
+    said = health(snapshot)
+    for place, name in enumerate(snapshot.joints):
         linear = name in joints and joints[name].kind == "prismatic"
         scale, unit = (1e3, "mm") if linear else (math.degrees(1.0), "°")
-        one = state.of_joint(name)
         rows.append(
             (
-                name,
-                number(newest.position[place] * scale, 1, unit),
-                number(newest.error[place] * scale, 2, unit),
-                number(newest.temperature_c[place], 0, "°C"),
-                number(newest.voltage_v[place], 1, "V"),
-                "" if one is None else f"<b>{escape(one.message)}</b>" if one.level else escape(one.message),
+                escape(name),
+                number(snapshot.position[place] * scale, 1, unit),
+                number(snapshot.error[place] * scale, 2, unit),
+                number(said.temperature_c[place], 0, "°C"),
+                number(said.voltage_v[place], 1, "V"),
+                _message(servo_status(snapshot, name)),
             )
         )
     return table(("joint", "position", "error", "temp.", "supply", "state"), rows)
 
 
-def faults(state: RobotState) -> str:
-    """What is wrong, by name; empty where nothing is."""
-    wrong = [one for one in state.diagnostics if one.level >= 1]
-    return "".join(f"<p><b>{escape(_name(one))}</b>: {escape(one.message)}</p>" for one in wrong)
+def faults(snapshot: Snapshot) -> str:
+    """What is wrong or gives a warning, by name; empty where all is well."""
+    wrong = [(name, one) for name, one in snapshot.statuses.items() if one.level >= 1]
+    return "".join(f"<p>{escape(name.removeprefix(OWN))}: {_message(one)}</p>" for name, one in wrong)
 
 
-def loop_text(state: RobotState) -> str:
+def loop_table(snapshot: Snapshot) -> str:
     """The loop's timing: the newest cycle, and what its diagnostics have counted."""
     rows = [
-        ("woke up late by", number(state.late_s * 1e3, 2, "ms")),
-        ("busy for", number(state.busy_s * 1e3, 2, "ms")),
-        ("missed cycles", str(state.missed)),
+        ("woke up late by", number(snapshot.late_s * 1e3, 2, "ms")),
+        ("busy for", number(snapshot.busy_s * 1e3, 2, "ms")),
+        ("missed cycles", str(snapshot.missed)),
     ]
-    loop = next((one for one in state.diagnostics if _name(one) == LOOP), None)
+    loop = snapshot.statuses.get(OWN + LOOP)
     if loop is not None:
-        rows += [(key.replace("_", " "), value) for key, value in loop.values.items() if key != "missed_cycles"]
+        counted = {key: value for key, value in loop.values.items() if key != "missed_cycles"}
+        rows += [(escape(key.replace("_", " ")), escape(value)) for key, value in counted.items()]
     return table(("control loop", ""), rows)
 
 
-def counters(state: RobotState) -> str:
-    """What went wrong on the line, counted by servo and by port; zeros are left out."""
-    return table(("servo or port", "counted"), list(_counted(state)))
+def counter_table(snapshot: Snapshot) -> str:
+    """What went wrong on the line, counted by servo and by port."""
+    return table(("servo or port", "counted"), list(_counted(snapshot)))
 
 
-def controllers(state: RobotState) -> str:
-    """Components and controllers with their states, and each trajectory controller's newest goal."""
-    rows = []
-    for one in state.diagnostics:
-        name = _name(one)
-        if one.joint is None and name != LOOP and not one.values:
-            rows.append((escape(name.removeprefix(CONTROLLER)), escape(one.message)))
-    rows += [(f"{escape(name)}: newest goal", escape(goal.end or "under way")) for name, goal in state.goals.items()]
+def controller_table(snapshot: Snapshot) -> str:
+    """Components and controllers with their states, and each controller's newest goal."""
+    rows = [
+        (escape(name.removeprefix(OWN)), _message(one))
+        for name, one in snapshot.statuses.items()
+        if OF_SERVO not in name and name != OWN + LOOP and PORT not in one.values
+    ]
+    for name, goal in snapshot.goals.items():
+        rows.append((f"{escape(name)}: newest goal", escape(goal.ended or "under way")))
     return table(("component or controller", "state"), rows)
 
 
@@ -85,15 +86,16 @@ def number(value: float, places: int, unit: str) -> str:
     return "–" if math.isnan(value) else f"{value:.{places}f} {unit}"
 
 
-def _counted(state: RobotState) -> Iterator[tuple[str, str]]:
-    for one in state.diagnostics:
-        if one.joint is None and "noise" not in one.values:
-            continue
-        found = [
-            f"{key} {value}" for key, value in one.values.items() if key not in HEALTH and value not in ("0", "0.0")
-        ]
-        yield escape(_name(one)), escape(", ".join(found)) or "nothing"
+def _counted(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
+    for name, one in snapshot.statuses.items():
+        if OF_SERVO in name or PORT in one.values:
+            counted = {key: value for key, value in one.values.items() if key not in HEALTH and value != "0"}
+            text = ", ".join(f"{key} {value}" for key, value in counted.items())
+            yield escape(name.removeprefix(OWN)), escape(text or "nothing")
 
 
-def _name(one: Diagnostic) -> str:
-    return one.name.removeprefix(OWN)
+def _message(status: StatusNow | None) -> str:
+    if status is None:
+        return ""
+    text = escape(status.message)
+    return f'<b style="color:#d2322d">{text}</b>' if status.level else text
