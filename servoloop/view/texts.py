@@ -83,7 +83,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def number(value: float, places: int, unit: str) -> str:
     """A number with its unit, a dash for NaN."""
-    return "–" if math.isnan(value) else f"{value:.{places}f} {unit}"
+    return "–" if math.isnan(value) else f"{value:.{places}f}\u00a0{unit}"
 
 
 def _counted(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
