@@ -46,10 +46,16 @@ class LiveSource:
             except LiveError:
                 self._ended.wait(AGAIN_S)
                 continue
-            watched = Watched()
-            with self._stream as stream:
-                for received in stream:
-                    watched.take(received)
-                    if not self.connected and watched.state.snapshot.joints:
-                        self.watched, self.connected = watched, True
-            self.connected = False
+            try:
+                self._follow(self._stream)
+            finally:
+                self.connected = False
+
+    def _follow(self, stream: MessageStream) -> None:
+        """Take all that a stack says until it ends."""
+        watched = Watched()
+        with stream:
+            for received in stream:
+                watched.take(received)
+                if not self.connected and watched.state.snapshot.joints:
+                    self.watched, self.connected = watched, True

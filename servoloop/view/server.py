@@ -87,6 +87,11 @@ class PageServer(viser.ViserServer):
         token = "" if self.token is None else f"?{TOKEN}={self.token}"
         return f"http://{self.get_host()}:{self.get_port()}/{token}"
 
+    def stop(self) -> None:
+        """End, without viser's words about it."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Viser's tunnel through a server on the internet, which any open page may ask for: never."""
         return None

@@ -1,7 +1,5 @@
 """The page in a browser, of a stack as a user starts it: the arm moves, the numbers follow, faults have names."""
 
-import re
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -13,8 +11,9 @@ pytest.importorskip("rclpy")
 
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
-from tests.ros.stack_process import PICK, StackProcess, arm_client, emulating, running, until
+from tests.ros.stack_process import PICK, arm_client, emulating, running, until
 from tests.view.chromium import OpenPage, changed, find_chromium, open_page
+from tests.view.view_process import viewing
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -31,35 +30,9 @@ def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
         yield link
 
 
-@pytest.fixture
-def view(tmp_path: Path) -> Iterator["View"]:
-    view = View(tmp_path / "view.log")
-    yield view
-    view.end()
-
-
-class View:
-    """``servoloop view`` as a process."""
-
-    def __init__(self, log: Path) -> None:
-        self._log = log
-        self._process: StackProcess | None = None
-
-    def begin(self, *arguments: str) -> str:
-        """Start it; the address that it prints."""
-        process = self._process = StackProcess(self._log, "view", "--no-browser", "--port", "0", *arguments)
-        until(lambda: "the page is at" in process.words, lambda: process.process.poll() is not None and process.words)
-        address = re.search(r"the page is at (\S+)", process.words)
-        assert address is not None
-        return address[1]
-
-    def end(self) -> int:
-        return 0 if self._process is None else self._process.end(signal.SIGINT)
-
-
-def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path, view: View, tmp_path: Path) -> None:
+def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path, tmp_path: Path) -> None:
     (tmp_path / "again").mkdir()
-    with running(tmp_path, "--port", str(link)) as stack, open_page(view.begin()) as shown:
+    with running(tmp_path, "--port", str(link)) as stack, viewing() as address, open_page(address) as shown:
         shown.wait_for_text("robot_arm: live", "joint1 (servo 1)")
         check_motion(shown)
         check_fault(shown, link)
@@ -69,7 +42,6 @@ def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path,
             shown.wait_for_text("robot_arm: live")
             until(lambda: "does not answer" not in shown.page.inner_text("body"))
         check_requests(shown)
-    assert view.end() == 0
 
 
 def check_motion(shown: OpenPage) -> None:
