@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple, Self
 
 from drivers.bus.types import ServoGoal
 from hal.joint import Joint
@@ -16,6 +16,8 @@ CATCH_UP_S: Final = 0.5
 """In about this time a servo that lies behind its goal is to be there."""
 BLOCKED_CYCLES: Final = 2
 """So many cycles in a row a joint is further behind than its servo can pull: one false measurement moves no goal."""
+GAINED_S: Final = 0.1
+"""A joint's speed is known from the way between two measurements: by now it may be faster by what it gains in this."""
 UNKNOWN_LEAD_TURNS: Final = 0.12
 """Turns of the shaft by which a servo of unknown stiffness and lag may be behind."""
 
@@ -27,14 +29,16 @@ class ServoGoals:
 
     def __init__(self, joints: Sequence[Joint]) -> None:
         self._joints = tuple(joints)
-        self._leads = {joint.name: _lead_counts(joint) for joint in joints}
-        self._behind = dict.fromkeys(self._leads, 0)
+        self._leads = {joint.name: _Lead.of(joint) for joint in joints}
+        self._behind = {joint.name: 0 for joint in joints}
         self._goals: dict[str, ServoGoal] = {}
+        self._measured: dict[str, int] = {}
+        """Where the joints were in the cycle before."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
         """Begin with these goals, which are held, by joint name."""
         self._goals = {name: ServoGoal(count) for name, count in counts.items()}
-        self._behind = dict.fromkeys(self._leads, 0)
+        self._behind = dict.fromkeys(self._behind, 0)
 
     def towards(
         self, positions: Iterable[float], period_s: float, measured: Mapping[str, int], withheld: Collection[str]
@@ -49,18 +53,22 @@ class ServoGoals:
                 continue
             reach = math.ceil(joint.limits.velocity * period_s / abs(joint.units_per_count))
             held, here = self._goals[joint.name].position_counts, measured.get(joint.name)
-            wanted = self._within_pull(joint, joint.counts(position), here, reach)
+            wanted = self._within_pull(joint, joint.counts(position), here, reach, period_s)
             # A joint that began outside its limits has a goal there, and must not leap back in.
             counts = min(max(wanted, held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
         self._goals |= goals
+        self._measured |= measured
         return goals
 
-    def _within_pull(self, joint: Joint, wanted: int, measured: int | None, reach: int) -> int:
-        """A blocked joint's goal no further ahead than a free one's can be: more pulls no harder, and all of it would
-        be one leap when the joint comes free.
+    def _within_pull(self, joint: Joint, wanted: int, measured: int | None, reach: int, period_s: float) -> int:
+        """The goal of a joint that is blocked or overloaded, no further ahead than a free one's can be that turns as
+        fast: more pulls no harder, and all of it would be one leap when the joint comes free.
         """
-        turn, lead = joint.model.counts_per_turn, self._leads[joint.name] + reach
+        turn = joint.model.counts_per_turn
+        way = measured - self._measured.get(joint.name, measured) if measured is not None else 0
+        way -= round(way / turn) * turn
+        lead = self._leads[joint.name].counts(abs(way) / period_s) + reach
         ahead = wanted - measured if measured is not None else 0
         ahead -= round(ahead / turn) * turn  # some report the place within a turn alone
         excess = max(abs(ahead) - lead, 0)
@@ -85,10 +93,31 @@ class ServoGoals:
         return min(round(speed), 32767)
 
 
-def _lead_counts(joint: Joint) -> int:
-    """How far behind its goal a joint may be that nothing holds back: at its velocity limit, at full drive."""
-    compliance, speed = joint.compliance, joint.limits.velocity
-    if compliance is None:
-        return math.ceil(UNKNOWN_LEAD_TURNS * joint.model.counts_per_turn)
-    lag = compliance.lag_s * speed + speed**2 / (2.0 * compliance.profile_acceleration)
-    return math.ceil((joint.full_effort / compliance.stiffness + lag) / abs(joint.units_per_count))
+class _Lead(NamedTuple):
+    """How far behind its goal a joint may be that nothing holds back, in counts of its servo."""
+
+    at_rest: float
+    """At full drive, by the servo's stiffness."""
+    lag_s: float = 0.0
+    profile_acceleration: float = math.inf
+    gained: float = 0.0
+    """Counts/s by which it may be faster than it was between the last measurements."""
+    fastest: float = math.inf
+
+    @classmethod
+    def of(cls, joint: Joint) -> Self:
+        compliance, unit = joint.compliance, abs(joint.units_per_count)
+        if compliance is None:
+            return cls(UNKNOWN_LEAD_TURNS * joint.model.counts_per_turn)
+        return cls(
+            joint.full_effort / compliance.stiffness / unit,
+            compliance.lag_s,
+            compliance.profile_acceleration / unit,
+            joint.limits.acceleration * GAINED_S / unit,
+            joint.limits.velocity / unit,
+        )
+
+    def counts(self, speed: float) -> int:
+        """At this speed, in counts/s."""
+        speed = min(speed + self.gained, self.fastest)
+        return math.ceil(self.at_rest + self.lag_s * speed + speed**2 / (2.0 * self.profile_acceleration))

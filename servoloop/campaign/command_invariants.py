@@ -21,7 +21,8 @@ class SafeWire(Invariant):
     """No goal outside the limits, none that leaps, and torque only with the goal at the measured position.
 
     Read along on the wire, whatever the layers above believe to have sent. A servo that has been limp for longer than
-    a restart stays unnoticed gets a goal only where it stands: to an STS servo a goal is the order to switch on.
+    a restart stays unnoticed gets a goal only where it stands: to an STS servo a goal is the order to switch on. Two
+    servos with one ID are left out: which of them says that it has torque nobody can know.
     """
 
     name = "safe wire"
@@ -43,7 +44,7 @@ class SafeWire(Invariant):
             self.say(text)
 
     def on_state(self, state: JointState) -> None:
-        off = [joint.name for joint in self.joints if not self.torque(joint)]
+        off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []
         self._cycles_off = Counter({name: self._cycles_off[name] + 1 for name in off})
         self._limp.clear()
         self._limp.update(name for name, cycles in self._cycles_off.items() if cycles > OFF_CYCLES)

@@ -50,11 +50,11 @@ class EndsAsChosen(Invariant):
         super().__init__(stack, say)
         self._driven: set[str] = set()
         """Joints that were driven in the last cycle, and nothing wrong with them."""
-        self._begun = 0
-        """The faults that had begun by then."""
+        self._happened = 0
+        """So many faults had begun or ended by then."""
 
     def on_state(self, state: JointState) -> None:
-        self._begun = len(self.stack.player.begun)
+        self._happened = len(self.stack.player.happened)
         sound = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
         self._driven = sound if self.active else set()
 
@@ -74,7 +74,7 @@ class EndsAsChosen(Invariant):
 
     def _hit_at_the_end(self) -> set[str]:
         """The joints to which something has happened behind the last cycle."""
-        events = [event for _, event in self.stack.player.begun[self._begun :]]
+        events = self.stack.player.happened[self._happened :]
         return {joint.name for joint in self.joints if any(_hits(event, joint) for event in events)}
 
     def _complains(self, joint: Joint) -> bool:

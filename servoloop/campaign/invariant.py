@@ -38,6 +38,13 @@ class Invariant:
         """Whether the hardware drives its joints."""
         return self.stack.loop.hardware.state is LifecycleState.ACTIVE
 
+    @property
+    def shared_id(self) -> bool:
+        """Whether two servos answer to one ID: one of them was given another's, or its EEPROM forgot its own."""
+        if any(one.kind == "collision" for one in self.stack.player.active.values()):
+            return True
+        return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
+
     def torque(self, joint: Joint) -> bool:
         """Whether the joint's servo drives its motor, as it is and not as the stack knows it."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)

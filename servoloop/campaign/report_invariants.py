@@ -32,7 +32,7 @@ class NamedAlone(Invariant):
         self._unnamed, self._misnamed = Counter[str](), Counter[str]()
 
     def on_state(self, state: JointState) -> None:
-        begun = [event for _, event in self.stack.player.begun]
+        begun = self.stack.player.happened
         if not self.active or any(event.kind not in UNHEARD for event in begun):
             return
         silent = {self._joint(one) for one in self.stack.player.active.values()}
@@ -69,7 +69,7 @@ class MeasuredNow(Invariant):
         self._highest = np.maximum(self._highest, self._now)
 
     def on_state(self, state: JointState) -> None:
-        shared = self._shared_id()
+        shared = self.shared_id
         for place, joint in enumerate(self.joints):
             if joint.name in state.faults or shared or self._shared_before:
                 continue
@@ -78,12 +78,6 @@ class MeasuredNow(Invariant):
             if not lowest - SAMPLED_COUNTS <= counts <= highest + SAMPLED_COUNTS:
                 self.say(f"{joint.name} is reported at {counts:.0f}; it was between {lowest:.0f} and {highest:.0f}")
         self._lowest, self._highest, self._shared_before = self._now, self._now, shared
-
-    def _shared_id(self) -> bool:
-        """Whether two servos answer to one ID: one of them was given another's, or its EEPROM forgot its own."""
-        if any(one.kind == "collision" for one in self.stack.player.active.values()):
-            return True
-        return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
 
     def _counts(self) -> FloatArray:
         return np.array([_own_count(self.servos[joint.name]) for joint in self.joints], dtype=np.float64)

@@ -16,6 +16,16 @@ ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `ser
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
 UrdfOption = Annotated[Path | None, typer.Option("--urdf", help="Robot description instead of the arm's.")]
 
+BacklashOption = Annotated[
+    float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each virtual servo's shaft is free.")
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, help="A virtual arm of its own: friction, motors, masses and supply differ by 10 %."),
+]
+BACKLASH_DEG = 1.0
+"""What owners measure at the shaft of an STS3215."""
+
 
 @dataclass(frozen=True, slots=True)
 class KnownArm:

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 NameArgument = Annotated[str, typer.Argument(help="Register, such as present_voltage.")]
 
-register_app = typer.Typer(no_args_is_help=True, help="Registers of one servo by name, with units.")
+app = typer.Typer(no_args_is_help=True, help="Registers of one servo by name, with units.")
 
 
-@register_app.command("list")
+@app.command("list")
 def list_registers(
     servo_id: IdOption, port: PortOption = None, baud: BaudOption = None, json: JsonOption = False
 ) -> None:
@@ -40,7 +40,7 @@ def list_registers(
     Console().print(table)
 
 
-@register_app.command()
+@app.command()
 def read(
     name: NameArgument,
     servo_id: IdOption,
@@ -62,7 +62,7 @@ def read(
         typer.echo(_text(value))
 
 
-@register_app.command()
+@app.command()
 def write(
     name: NameArgument,
     value: Annotated[str, typer.Argument(help="As the servo counts (120), or a quantity with its unit (12.0V).")],

@@ -21,8 +21,8 @@ class FaultPlayer:
     def __init__(self, targets: Targets) -> None:
         self.active: dict[int, Event] = {}
         """The faults that last now, in the order in which they began."""
-        self.begun: list[tuple[float, Event]] = []
-        """All faults that have begun so far, with the world's time at which they were due."""
+        self.happened: list[Event] = []
+        """The faults that have begun or ended so far, once for each."""
         self.targets = targets
         """What the faults are done to."""
         self._due: list[tuple[float, int, int, Event]] = []
@@ -70,12 +70,12 @@ class FaultPlayer:
         self._running[number] = running = ExitStack()
         running.enter_context(event.acting(self.targets))
         self.active[number] = event
-        self.begun.append((at_s, event))
+        self.happened.append(event)
         if event.lasts_s is not None:
             heappush(self._due, (at_s + event.lasts_s, ENDS, number, event))
 
     def _end(self, number: int) -> None:
-        del self.active[number]
+        self.happened.append(self.active.pop(number))
         self._running.pop(number).close()
 
 

@@ -11,6 +11,7 @@ from drivers.errors import PortLost
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.servo_faults import RESET_S
+from hal.servo_goals import GAINED_S
 from hal.types import FloatArray, JointCommand
 from sim_backend.gears import Gears
 from sim_backend.sts.firmware import StsVariant
@@ -104,9 +105,9 @@ def test_a_blocked_joints_goal_is_no_further_ahead_than_its_servo_can_pull() -> 
     wanted = at(-1.5, 1.0, 0.05)
     stuck = JOINTS[0]
     assert stuck.compliance is not None
-    speed, gives = stuck.limits.velocity, stuck.compliance
+    gives, speed = stuck.compliance, stuck.limits.acceleration * GAINED_S  # it stands still
     lags = gives.lag_s * speed + speed**2 / (2.0 * gives.profile_acceleration)
-    lead = stuck.full_effort / gives.stiffness + lags + speed * PERIOD_S
+    lead = stuck.full_effort / gives.stiffness + lags + stuck.limits.velocity * PERIOD_S
     free = Gears(0.02, 0.1, 0.05, 0.0)
     bench.plant.fit([replace(free, coulomb_nm=100.0), None, None])
     for _ in range(40):

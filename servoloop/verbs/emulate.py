@@ -1,0 +1,75 @@
+"""``servoloop emulate``: the virtual servos on a pseudo-terminal, for any program."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.errors import DriverError
+from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.files import Files, make_folder
+from servoloop.ports import device_paths
+from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption, UrdfOption
+from servoloop.verbs.ros_options import log_to_terminal
+
+
+def emulate(
+    link: Annotated[Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")],
+    arm: ArmOption = OWN,
+    urdf: UrdfOption = None,
+    robot: RobotOption = None,
+    backlash_deg: BacklashOption = BACKLASH_DEG,
+    seed: SeedOption = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`.",
+        ),
+    ] = None,
+    box: Annotated[
+        bool,
+        typer.Option(
+            "--box",
+            help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
+        ),
+    ] = False,
+    eeprom: Annotated[
+        Path | None, typer.Option(help="File that keeps the servos' EEPROM: read if it is there, renewed as they save.")
+    ] = None,
+    faults: Annotated[
+        Path | None,
+        typer.Option(help="YAML file with what is to go wrong, in times since ready: see `servoloop fault --list`."),
+    ] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
+) -> None:
+    """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
+
+    Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
+    """
+    from servoloop.emulator import emulate as run
+    from servoloop.realtime import claim_realtime_priority
+    from servoloop.signals import Signals
+    from sim_backend.build import Build
+    from sim_backend.faults.script import read_script
+
+    log_to_terminal()
+    if not link.name:
+        raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
+    if pictures is not None:
+        make_folder(pictures)
+    files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
+    events = read_script(faults) if faults is not None else ()
+    claim_realtime_priority()
+    places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
+    with Signals() as signals:
+        run(
+            files,
+            link,
+            pictures,
+            Build(backlash_deg, seed, 0 if box and practice is None else practice, box),
+            eeprom,
+            events,
+            stop=lambda: signals.count > 0,
+            on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
+        )
