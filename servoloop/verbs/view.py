@@ -7,6 +7,7 @@ from typing import Annotated, Final
 
 import typer
 
+from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -42,15 +43,16 @@ def view(
     from servoloop.view.view import show
 
     found = LiveSource(arm) if recording is None else Recording(recording)
+    clock = MonotonicClock()
     with Signals() as signals:
         server = PageServer(host, port)
         page = Page(server)
-        source = found if isinstance(found, LiveSource) else Player(server, found)
+        source = found if isinstance(found, LiveSource) else Player(server, found, clock)
         typer.echo(f"the page is at {server.url}")
         if browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
         try:
-            show(page, source, lambda: signals.count > 0)
+            show(page, source, clock, lambda: signals.count > 0)
         finally:
             source.close()
             server.stop()

@@ -1,10 +1,10 @@
 """A recording as the source of a page: a time slider, pause and speed."""
 
-import time
 from typing import Final
 
 import viser
 
+from drivers.clock import Clock
 from servoloop.view.recording import Recording
 from servoloop.view.watched import Watched
 
@@ -15,13 +15,13 @@ PAUSE, PLAY = "Pause", "Play"
 class Player:
     """Plays a recording over and over; browsers say where and how fast."""
 
-    def __init__(self, server: viser.ViserServer, recording: Recording) -> None:
-        self._recording = recording
+    def __init__(self, server: viser.ViserServer, recording: Recording, clock: Clock) -> None:
+        self._recording, self._clock = recording, clock
         self._length_s = self._recording.length_s
         self.status = f"recording: {recording.name}"
         self._time_s = 0.0
         self._asked_s: float | None = None
-        self._last_s = time.monotonic()
+        self._last_s = clock.now()
         gui = server.gui
         with gui.add_folder("Recording", order=0.0):
             self._slider = gui.add_slider(
@@ -43,7 +43,7 @@ class Player:
         """Nothing is open."""
 
     def _advance(self) -> None:
-        now_s = time.monotonic()
+        now_s = self._clock.now()
         passed_s, self._last_s = now_s - self._last_s, now_s
         asked_s, self._asked_s = self._asked_s, None
         if asked_s is not None:

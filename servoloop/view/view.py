@@ -1,9 +1,9 @@
 """The view's loop: from a source into the page, until it is told to end."""
 
-import threading
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from drivers.clock import Clock
 from servoloop.view.page import Page
 from servoloop.view.watched import Watched
 
@@ -23,9 +23,8 @@ class Source(Protocol):
     def close(self) -> None: ...
 
 
-def show(page: Page, source: Source, stop: Callable[[], bool]) -> None:
-    """Show the source until ``stop`` says so; it waits between, on the wall clock."""
-    pause = threading.Event()
+def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool]) -> None:
+    """Show the source until ``stop`` says so."""
     turn = 0
     while not stop():
         watched = source.watched
@@ -34,4 +33,4 @@ def show(page: Page, source: Source, stop: Callable[[], bool]) -> None:
         if turn % NUMBERS == 0:
             page.show_numbers(watched)
         turn += 1
-        pause.wait(ARM_S)
+        clock.sleep_until(clock.now() + ARM_S)
