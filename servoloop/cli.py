@@ -27,6 +27,7 @@ from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
 from servoloop.verbs.teleop import teleop
 from servoloop.verbs.up import up
+from servoloop.verbs.view import view
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,7 +39,7 @@ app = typer.Typer(
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo, teleop),
-    "Look at it": (plot,),
+    "Look at it": (view, plot),
     "Get servos ready": (ports, scan, setup, calibrate, doctor),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),

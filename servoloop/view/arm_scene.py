@@ -1,0 +1,139 @@
+"""The arm in 3-D: measured solid, commanded as a ghost, the newest goal's path, what stands around it."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+import viser
+
+from hal.kinematics import Quaternion
+from hal.types import FloatArray
+from servoloop.recorder.link_poses import LinkPose
+from servoloop.view.arm_model import ArmModel
+from servoloop.view.colours import colour
+from servoloop.view.shapes import Rgb, Shape
+
+MEASURED, COMMANDED, PATH, CELL = "/measured", "/commanded", "/path", "/cell"
+GHOST: Final[Rgb] = (70, 130, 220)
+GHOST_OPACITY: Final = 0.3
+PATH_RGB: Final[Rgb] = (220, 40, 140)
+AXES_M: Final = 0.05
+
+
+def add_ground(server: viser.ViserServer) -> None:
+    """Put the grid and the first camera in place: they suit an arm of half a metre."""
+    server.scene.add_grid("/ground", width=2.0, height=2.0, cell_size=0.05, section_size=0.25)
+    server.initial_camera.position = (0.75, -0.6, 0.55)
+    server.initial_camera.look_at = (0.12, 0.0, 0.17)
+
+
+class ArmScene:
+    """The arm of one robot description in the page."""
+
+    def __init__(
+        self, server: viser.ViserServer, model: ArmModel, visuals: Iterable[Shape], around: Iterable[Shape]
+    ) -> None:
+        self._server, self._model = server, model
+        visuals = list(visuals)
+        self._solid = _Robot(server, model, MEASURED, visuals)
+        self._ghost = _Robot(server, model, COMMANDED, visuals, ghost=True)
+        self._path: viser.LineSegmentsHandle | None = None
+        for number, shape in enumerate(around):
+            _add(server, f"{CELL}/{number}", shape)
+
+    def show(self, position: FloatArray, command: FloatArray) -> None:
+        """Move the arm and its ghost to joint positions (n,); what is not commanded stands where it is measured."""
+        with self._server.atomic():
+            self._solid.move(self._model.moving(position))
+            self._ghost.move(self._model.moving(np.where(np.isnan(command), position, command)))
+
+    def colour(self, shares: FloatArray) -> None:
+        """Colour each joint's link by its share (n,) of the scale; NaN: as the robot description says."""
+        self._solid.colour(shares)
+
+    def show_path(self, points_m: FloatArray | None) -> None:
+        """Draw a path (m, 3) in the root link, or none."""
+        if self._path is not None:
+            self._path.remove()
+            self._path = None
+        if points_m is not None and len(points_m) > 1:
+            pairs = np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
+            self._path = self._server.scene.add_line_segments(PATH, pairs, PATH_RGB, thickness=0.003)
+
+    def show_frames(self, shown: bool) -> None:
+        """Show or hide the links' frames."""
+        self._solid.show_frames(shown)
+
+    def show_ghost(self, shown: bool) -> None:
+        """Show or hide what is commanded."""
+        self._ghost.show(shown)
+
+    def remove(self) -> None:
+        """Take the arm and what stands around it out of the page."""
+        self.show_path(None)
+        for name in (MEASURED, COMMANDED, CELL):
+            self._server.scene.remove_by_name(name)
+
+
+class _Robot:
+    """One drawing of the arm: a frame for each link, its shapes below."""
+
+    def __init__(
+        self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[Shape], ghost: bool = False
+    ) -> None:
+        self._model = model
+        self._top = server.scene.add_frame(root, show_axes=False)
+        self._frames = {
+            link: server.scene.add_frame(
+                root + model.branch(link), show_axes=False, axes_length=AXES_M, axes_radius=AXES_M / 20
+            )
+            for link in sorted(model.links, key=model.branch)
+        }
+        self._meshes = [
+            (shape, _add(server, f"{root}{model.branch(shape.link)}/shape{number}", shape, ghost))
+            for number, shape in enumerate(visuals)
+        ]
+        self._colours: list[Rgb | None] = [None] * len(self._meshes)
+        self.move(model.fixed())
+
+    def move(self, poses: Iterable[LinkPose]) -> None:
+        for pose in poses:
+            frame = self._frames[pose.child]
+            frame.position, frame.wxyz = pose.position_m, _wxyz(pose.quaternion)
+
+    def colour(self, shares: FloatArray) -> None:
+        places = {joint: place for place, joint in enumerate(self._model.measured)}
+        for number, (shape, mesh) in enumerate(self._meshes):
+            joint = self._model.joint_of(shape.link)
+            wanted = None if joint is None else colour(float(shares[places[joint]]))
+            if wanted != self._colours[number]:  # each one is a message
+                mesh.color = shape.rgb if wanted is None else wanted
+                self._colours[number] = wanted
+
+    def show_frames(self, shown: bool) -> None:
+        for frame in self._frames.values():
+            frame.show_axes = shown
+
+    def show(self, shown: bool) -> None:
+        self._top.visible = shown
+
+
+def _add(server: viser.ViserServer, name: str, shape: Shape, ghost: bool = False) -> viser.MeshHandle:
+    return server.scene.add_mesh_simple(
+        name,
+        shape.vertices.astype(np.float32),
+        shape.faces.astype(np.uint32),
+        color=GHOST if ghost else shape.rgb,
+        opacity=GHOST_OPACITY if ghost else None,
+        flat_shading=shape.flat,
+        cast_shadow=not ghost,
+        receive_shadow=not ghost,
+        position=shape.position_m,
+        wxyz=_wxyz(shape.quaternion),
+    )
+
+
+def _wxyz(quaternion: Quaternion) -> Quaternion:
+    """Viser has w first."""
+    x, y, z, w = quaternion
+    return w, x, y, z

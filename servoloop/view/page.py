@@ -1,0 +1,136 @@
+"""The page: the arm in 3-D, what is shown of it, strips of one joint, tables of servos and of the loop."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import viser
+
+from hal.description import Description, parse_urdf
+from hal.types import FloatArray
+from servoloop.arms.folder import Arm, arms
+from servoloop.live.robot_state import GoalPath, Snapshot
+from servoloop.view.arm_model import ArmModel
+from servoloop.view.arm_scene import ArmScene, add_ground
+from servoloop.view.colours import CHOICES, PLAIN, shares
+from servoloop.view.shapes import scene_shapes, shapes
+from servoloop.view.strips import Strips
+from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
+from servoloop.view.watched import Watched, health
+
+NO_JOINTS: Final = ("–",)
+
+
+def known_arm(xml: str) -> Arm | None:
+    """The arm in config/arms with this robot description; None where there is none."""
+    return next((arm for arm in arms() if arm.urdf.read_text() == xml), None)
+
+
+class Page:
+    """What all browsers see that have the page open."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._arm: ArmScene | None = None
+        self._description: Description | None = None
+        self._model: ArmModel | None = None
+        self._joints: tuple[str, ...] = ()
+        self._xml = ""
+        self._goal: GoalPath | None = None
+        add_ground(server)
+        gui = server.gui
+        self._status = gui.add_html("")
+        self.controls = gui.add_folder("Arm")
+        with self.controls:
+            self._colours = gui.add_dropdown("Colour", CHOICES, initial_value=PLAIN)
+            self._frames = gui.add_checkbox("Frames", initial_value=False)
+            self._ghost = gui.add_checkbox("Commanded (ghost)", initial_value=True)
+        with gui.add_folder("Last minute"):
+            self._joint = gui.add_dropdown("Joint", NO_JOINTS)
+            self._strips = Strips(server)
+        self._faults, self._servos, self._counters, self._loop, self._controllers = self._tables(gui)
+        self._frames.on_update(self._chosen)
+        self._ghost.on_update(self._chosen)
+
+    def status(self, text: str) -> None:
+        """Say what is shown: a running stack, a recording, or that the stack has ended."""
+        content = f"<p style='margin:0.5em 1em'><b>{escape(text)}</b></p>"
+        if content != self._status.content:
+            self._status.content = content
+
+    def show_arm(self, watched: Watched) -> None:
+        """Move the arm; cheap enough for every cycle."""
+        snapshot = watched.state.snapshot
+        if not snapshot.joints or not snapshot.description_xml:
+            return
+        if (snapshot.description_xml, snapshot.joints) != (self._xml, self._joints):
+            self._build(snapshot)
+        if self._arm is None:
+            return
+        self._arm.show(snapshot.position, snapshot.command)
+        self._show_goal(watched, snapshot)
+
+    def show_numbers(self, watched: Watched) -> None:
+        """Renew texts, colours and strips; a few times a second."""
+        snapshot = watched.state.snapshot
+        if self._arm is None or self._description is None or snapshot.joints != self._joints:
+            return
+        said = health(snapshot)
+        self._arm.colour(shares(self._colours.value, said.temperature_c, snapshot.effort, self._limits(snapshot)))
+        self._faults.content = faults(snapshot)
+        self._servos.content = servo_table(snapshot, self._description.joints)
+        self._counters.content = counter_table(snapshot)
+        self._loop.content = loop_table(snapshot)
+        self._controllers.content = controller_table(snapshot)
+        self._strips.show(watched, self._joints.index(self._joint.value))
+
+    def _tables(self, gui: viser.GuiApi) -> Sequence[viser.GuiHtmlHandle]:
+        panel = gui.add_panel()
+        with panel.add_tab("Servos"):
+            servos = [gui.add_html("") for _ in range(3)]
+        with panel.add_tab("Loop"):
+            loop = [gui.add_html("") for _ in range(2)]
+        panel.dock_left()
+        gui.main_panel.dock_right()
+        return [*servos, *loop]
+
+    def _build(self, snapshot: Snapshot) -> None:
+        """Draw the arm anew: the first time, and when another one has come."""
+        if self._arm is not None:
+            self._arm.remove()
+        self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
+        self._description = parse_urdf(snapshot.description_xml)
+        self._model = ArmModel(self._description.joints, snapshot.joints)
+        known = known_arm(snapshot.description_xml)
+        folder: Path | None = known.urdf.parent if known else None
+        visuals, missing = shapes(snapshot.description_xml, folder)
+        around = scene_shapes(known.scene) if known and known.scene.is_file() else ()
+        self._arm = ArmScene(self._server, self._model, visuals, around)
+        self._chosen()
+        self._joint.options = snapshot.joints
+        if missing:
+            names = ", ".join(missing)
+            self._server.gui.add_html(f"<p style='margin:0.5em 1em'>not drawn, cannot be read: {escape(names)}</p>")
+
+    def _chosen(self, _: object = None) -> None:
+        """Show what the check boxes say."""
+        if self._arm is not None:
+            self._arm.show_frames(self._frames.value)
+            self._arm.show_ghost(self._ghost.value)
+
+    def _show_goal(self, watched: Watched, snapshot: Snapshot) -> None:
+        """Draw the path of the newest goal while it is under way."""
+        going = [goal for goal in snapshot.goals.values() if not goal.ended and len(goal.joints) > 1]
+        goal = max(going, key=lambda goal: goal.begun_s, default=None)
+        if goal is self._goal or self._arm is None or self._model is None:
+            return
+        self._goal = goal
+        points = None if goal is None else self._model.path(goal.joints, goal.positions, watched.start(goal))
+        self._arm.show_path(points)
+
+    def _limits(self, snapshot: Snapshot) -> FloatArray:
+        """The largest efforts (n,) of the robot description, N m or N."""
+        joints = self._description.joints if self._description else {}
+        return np.array([joints[name].effort if name in joints else np.inf for name in snapshot.joints])

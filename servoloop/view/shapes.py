@@ -1,0 +1,132 @@
+"""The shapes of a robot description's links as triangles."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import trimesh
+
+from hal.description import Vector
+from hal.kinematics import Quaternion, from_rpy
+from hal.types import FloatArray
+
+Rgb = tuple[int, int, int]
+GREY: Rgb = (150, 152, 156)
+ORIGIN = Element("origin")
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One visual of a link: triangles, and their pose in the link in metres."""
+
+    link: str
+    vertices: FloatArray
+    faces: "np.ndarray[Any, np.dtype[np.int64]]"
+    position_m: Vector
+    quaternion: Quaternion
+    rgb: Rgb
+    flat: bool
+    """Whether its faces are plane and its edges sharp."""
+
+
+def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]]:
+    """The visuals of all links of a URDF, and the names of the meshes that cannot be read.
+
+    ``folder``: that of the URDF, for meshes that it names relative to itself.
+    """
+    robot = ElementTree.fromstring(xml)
+    colours = {name: rgb for one in robot.iter("material") if (name := one.get("name")) and (rgb := _colour(one))}
+    found: list[Shape] = []
+    missing: list[str] = []
+    for link in robot.findall("link"):
+        for visual in link.findall("visual"):
+            geometry = next(iter(visual.find("geometry") or ()), None)
+            if geometry is None:
+                continue
+            try:
+                mesh = _mesh(geometry, folder)
+            except (OSError, ValueError, NotImplementedError):
+                missing.append(geometry.get("filename", geometry.tag))
+                continue
+            origin = visual.find("origin")
+            place = ORIGIN if origin is None else origin
+            found.append(
+                Shape(
+                    link.get("name", ""),
+                    np.asarray(mesh.vertices, np.float64),
+                    np.asarray(mesh.faces, np.int64),
+                    _vector(place.get("xyz", "0 0 0")),
+                    from_rpy(_vector(place.get("rpy", "0 0 0"))),
+                    _rgb(visual, colours),
+                    geometry.tag == "box",
+                )
+            )
+    return found, missing
+
+
+def scene_shapes(path: Path) -> Iterator[Shape]:
+    """The boxes that stand around the arm in a MuJoCo scene, in the world: bins and stand. The link is the body's name.
+
+    The cube is none of them: it moves, and nobody measures where it is.
+    """
+    import mujoco
+
+    model: Any = mujoco.MjModel.from_xml_path(str(path))
+    data: Any = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for geom in range(model.ngeom):
+        name = model.body(model.geom_bodyid[geom]).name
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX or not name.startswith(("bin_", "stand")):
+            continue
+        box = trimesh.creation.box(extents=2.0 * model.geom_size[geom])
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
+        w, x, y, z = turn.tolist()
+        place: Vector = tuple(data.geom_xpos[geom].tolist())
+        rgb: Rgb = tuple(round(255 * part) for part in model.geom_rgba[geom][:3].tolist())
+        yield Shape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
+
+
+def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:
+    mesh: trimesh.Trimesh
+    if geometry.tag == "box":
+        mesh = trimesh.creation.box(extents=_vector(geometry.get("size", "")))
+    elif geometry.tag == "cylinder":
+        mesh = trimesh.creation.cylinder(float(geometry.get("radius", "")), float(geometry.get("length", "")))
+    elif geometry.tag == "sphere":
+        mesh = trimesh.creation.icosphere(subdivisions=3, radius=float(geometry.get("radius", "")))
+    else:
+        mesh = trimesh.load_mesh(_path(geometry.get("filename", ""), folder))
+        mesh.vertices = mesh.vertices * _vector(geometry.get("scale", "1 1 1"))
+    return mesh
+
+
+def _path(name: str, folder: Path | None) -> Path:
+    """The file of a mesh; those of ROS packages are looked for beside the URDF."""
+    if name.startswith("file://"):
+        return Path(name.removeprefix("file://"))
+    return (folder or Path()) / name.removeprefix("package://")
+
+
+def _rgb(visual: Element, colours: Mapping[str, Rgb]) -> Rgb:
+    material = visual.find("material")
+    if material is None:
+        return GREY
+    return _colour(material) or colours.get(material.get("name", ""), GREY)
+
+
+def _colour(material: Element) -> Rgb | None:
+    colour = material.find("color")
+    if colour is None:
+        return None
+    red, green, blue = (round(255 * float(part)) for part in colour.get("rgba", "").split()[:3])
+    return red, green, blue
+
+
+def _vector(text: str) -> Vector:
+    x, y, z = (float(part) for part in text.split())
+    return x, y, z

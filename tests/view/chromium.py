@@ -1,0 +1,72 @@
+"""A browser without a screen, and the page as a person sees it."""
+
+import io
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from PIL import Image, ImageChops
+from playwright.sync_api import Page, sync_playwright
+
+PATIENCE_MS = 60_000.0
+WITHOUT_GPU = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+VIEWPORT = {"width": 1100, "height": 700}
+
+
+def find_chromium() -> str:
+    """The path of this machine's Chromium; without one the test is skipped, and fails where a CI must have it."""
+    path = shutil.which("chromium")
+    if path is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("there is no chromium on PATH: apt-get install chromium")
+    return str(path)
+
+
+class OpenPage:
+    """A page in a browser; ``requests`` are all that it has asked for."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.requests: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+
+    def wait_for_text(self, *texts: str) -> None:
+        """Wait until the page has all of these texts."""
+        script = "texts => texts.every(text => document.body.innerText.includes(text))"
+        self.page.wait_for_function(script, arg=list(texts), timeout=PATIENCE_MS)
+
+    def cells(self, first: str) -> list[str]:
+        """The row of a table that begins so."""
+        script = (
+            "first => [...document.querySelectorAll('tr')].map(row => [...row.cells].map(cell => cell.innerText))"
+            ".find(row => row[0] === first)"
+        )
+        found: list[str] = self.page.evaluate(script, first)
+        return found
+
+    def canvas(self) -> Image.Image:
+        """What is drawn in 3-D, between the panels."""
+        clip = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
+        return Image.open(io.BytesIO(self.page.screenshot(clip=clip))).convert("RGB")  # type: ignore[arg-type]
+
+
+def changed(before: Image.Image, after: Image.Image) -> float:
+    """The share of pixels that are clearly different."""
+    difference = np.asarray(ImageChops.difference(before, after)).max(axis=2)
+    return float((difference > 40).mean())
+
+
+@contextmanager
+def open_page(url: str) -> Iterator[OpenPage]:
+    """The page in a browser without a screen and without a graphics card."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=WITHOUT_GPU)
+        try:
+            shown = OpenPage(browser.new_page(viewport=VIEWPORT))  # type: ignore[arg-type]
+            shown.page.goto(url)
+            shown.page.wait_for_selector("canvas", timeout=PATIENCE_MS)
+            yield shown
+        finally:
+            browser.close()

@@ -1,0 +1,25 @@
+"""A simulated arm that is looked at, without a file, a socket or a browser."""
+
+from collections.abc import Iterator, Sequence
+
+from servoloop.live.stream import Received
+from servoloop.recorder.sampler import CycleSample
+from servoloop.view.watched import Watched
+from tests.recorder.rig import Rig
+
+
+def received(rig: Rig, samples: Sequence[CycleSample]) -> Iterator[Received]:
+    """What a feed has of these cycles."""
+    for number, sample in enumerate(samples):
+        for one in rig.messages.of_cycle(sample):
+            yield Received(one.topic, one.stamp_ns, one.message, number)
+
+
+def watched(rig: Rig) -> Watched:
+    """All that the stack has done so far, looked at."""
+    found = Watched()
+    for one in rig.messages.latched(0.0):
+        found.take(Received(one.topic, one.stamp_ns, one.message, 0))
+    for message in received(rig, rig.samples):
+        found.take(message)
+    return found

@@ -1,0 +1,105 @@
+"""The arm's tree of links, its shapes and the path of its tool."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from hal.description import parse_urdf
+from servoloop.arms.folder import arms, find_arm
+from servoloop.view.arm_model import ArmModel
+from servoloop.view.colours import LOAD, PLAIN, TEMPERATURE, colour, shares
+from servoloop.view.page import known_arm
+from servoloop.view.shapes import GREY, scene_shapes, shapes
+from tests.stack.rig import PICK, READY
+
+XML = find_arm().urdf.read_text()
+MEASURED = (*(f"joint{number}" for number in range(1, 7)), "hand_right_joint")
+ARM = MEASURED[:6]
+
+
+@pytest.fixture
+def model() -> ArmModel:
+    return ArmModel(parse_urdf(XML).joints, MEASURED)
+
+
+@pytest.mark.parametrize("pose", [(0.0,) * 7, (*READY, 0.01), (*PICK, 0.05)])
+def test_the_links_are_where_mujoco_has_them(model: ArmModel, pose: tuple[float, ...]) -> None:
+    scene = mujoco.MjModel.from_xml_path(str(find_arm().scene))
+    data = mujoco.MjData(scene)
+    for joint, position in zip((*MEASURED, "hand_left_joint"), (*pose, pose[-1]), strict=True):
+        data.joint(joint).qpos[0] = position
+    mujoco.mj_kinematics(scene, data)
+    for link in model.links:
+        np.testing.assert_allclose(model.place(link, np.array(pose)), data.body(link).xpos, atol=1e-9)
+
+
+def test_a_link_stands_below_its_parents_and_has_the_joint_that_moves_it(model: ArmModel) -> None:
+    assert model.branch("link2") == "/base_link/link1/link2"
+    joints = [model.joint_of(link) for link in ("base_link", "link2", "hand_left_link")]
+    assert joints == [None, "joint2", "hand_right_joint"], "the left finger follows the right one"
+
+
+def test_the_path_leads_the_tool_from_where_the_arm_was_through_all_points(model: ArmModel) -> None:
+    start, points = np.array([*READY, 0.0]), np.array([PICK, [0.4, *PICK[1:]]])
+    path = model.path(ARM, points, start)
+    places = [model.place("gripper_base_link", np.array([*pose, 0.0])) for pose in (READY, *points)]
+    np.testing.assert_allclose(path[[0, len(path) // 2, -1]], places)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.05, "it is a line, not two jumps"
+    np.testing.assert_allclose(model.path(ARM, points, None)[[0, -1]], places[1:])
+
+
+def test_a_goal_of_some_joints_in_another_order_leaves_the_others_where_they_were(model: ArmModel) -> None:
+    path = model.path(("joint3", "joint1"), np.array([[-0.5, 0.3]]), np.array([*READY, 0.0]))
+    expected = np.array([0.3, READY[1], -0.5, *READY[3:], 0.0])
+    np.testing.assert_allclose(path[-1], model.place("link3", expected))
+
+
+def test_the_tool_is_what_is_fixed_to_the_last_link() -> None:
+    so101 = parse_urdf(find_arm("so101").urdf.read_text())
+    joints = [name for name, joint in so101.joints.items() if joint.kind == "revolute"]
+    model = ArmModel(so101.joints, joints)
+    tool = model.tool_link(joints[:-1])
+    assert model.joint_of(tool) == joints[-2] and not any(
+        joint.parent == tool and joint.kind == "fixed" for joint in so101.joints.values()
+    )
+
+
+@pytest.mark.parametrize("arm", arms(), ids=lambda arm: str(arm.name))
+def test_every_arm_that_is_ready_has_shapes_and_a_scene(arm: object) -> None:
+    found = find_arm(arm.name)  # type: ignore[attr-defined]
+    visuals, missing = shapes(found.urdf.read_text(), found.urdf.parent)
+    assert visuals and not missing
+    assert {shape.link for shape in scene_shapes(found.scene)} == {"bin_A", "bin_B", "bin_C", "stand"}
+    assert known_arm(found.urdf.read_text())
+
+
+def test_shapes_have_the_size_place_and_colour_of_the_description() -> None:
+    first, second, *_ = shapes(XML)[0]
+    assert first.link == "base_link" and first.rgb == (41, 43, 51) and first.position_m == (0.0, 0.0, 0.01)
+    np.testing.assert_allclose(np.ptp(first.vertices, axis=0), (0.12, 0.12, 0.02), atol=1e-6)
+    assert not first.flat and second.rgb == (230, 230, 224)
+
+
+def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_path: Path) -> None:
+    import trimesh
+
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box(extents=(1.0, 2.0, 3.0)).export(tmp_path / "meshes" / "part.stl")
+    visual = '<visual><geometry><mesh filename="{}" scale="0.1 0.1 0.1"/></geometry></visual>'
+    names = ("meshes/part.stl", "package://meshes/part.stl", f"file://{tmp_path}/meshes/part.stl", "meshes/none.stl")
+    links = "".join(f"<link name='l'>{visual.format(name)}</link>" for name in names)
+    found, missing = shapes(f"<robot name='r'>{links}</robot>", tmp_path)
+    assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GREY}
+    for shape in found:
+        np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
+
+
+def test_joints_are_coloured_from_blue_to_red_and_not_where_nothing_is_known() -> None:
+    temperature, effort, limit = np.array([25.0, 70.0, np.nan]), np.array([0.0, -1.5, 9.0]), np.array([3.0, 3.0, 3.0])
+    assert shares(TEMPERATURE, temperature, effort, limit)[:2].tolist() == [0.0, 1.0]
+    assert shares(LOAD, temperature, effort, limit).tolist() == [0.0, 0.5, 3.0]
+    assert np.isnan(shares(PLAIN, temperature, effort, limit)).all()
+    assert colour(0.0) == (62, 121, 214) and colour(1.0) == colour(3.0) == (214, 48, 40)
+    assert colour(float("nan")) is None

@@ -1,0 +1,117 @@
+"""What the page is told, without a browser: arm, ghost, path and colours, and a stack that ends and comes back."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from servoloop.live.folder import socket_path
+from servoloop.view import live_source
+from servoloop.view.arm_model import ArmModel
+from servoloop.view.arm_scene import CELL, COMMANDED, MEASURED, PATH
+from servoloop.view.colours import HOT_C, TEMPERATURE, colour
+from servoloop.view.live_source import LiveSource
+from servoloop.view.page import Page
+from servoloop.view.server import PageServer
+from servoloop.view.watched import health
+from tests.live.rig import LiveRig, runtime_folder
+from tests.recorder.rig import Rig
+from tests.servoloop.served import eventually
+from tests.stack.rig import READY
+from tests.view.rig import watched
+
+HAND = "/base_link/link1/link2/link3/link4/link5/gripper_base_link"
+
+
+@pytest.fixture
+def server() -> Iterator[PageServer]:
+    server = PageServer(port=0)
+    yield server
+    server.stop()
+
+
+def node(server: PageServer, name: str) -> Any:
+    return server.scene.get_handle_by_name(name)
+
+
+def test_the_arm_stands_where_it_is_measured_and_the_ghost_where_it_is_commanded(server: PageServer) -> None:
+    rig, page = Rig(), Page(server)
+    rig.stack.go([*READY[:5], READY[5] + 1.0], 1.0)
+    rig.run(0.5)
+    looked_at = watched(rig)
+    page.show_arm(looked_at)
+    snapshot = looked_at.state.snapshot
+    turn, command = snapshot.position[5], snapshot.command[5]
+    assert abs(command - turn) > 0.01, "it is on its way"
+    for root, angle in ((MEASURED, turn), (COMMANDED, command)):
+        w, *_, z = node(server, root + HAND).wxyz
+        assert 2.0 * np.arctan2(z, w) == pytest.approx(angle, abs=1e-6)
+    assert node(server, f"{COMMANDED}{HAND}/shape15").opacity < 1.0 and node(server, f"{CELL}/0") is not None
+
+
+def test_the_path_is_there_while_its_goal_is_under_way(server: PageServer) -> None:
+    rig, page = Rig(), Page(server)
+    rig.stack.go([0.4, *READY[1:]], 1.0)
+    rig.run(0.5)
+    looked_at = watched(rig)
+    page.show_arm(looked_at)
+    points, snapshot = node(server, PATH).points, looked_at.state.snapshot
+    model = ArmModel(rig.stack.files.description.joints, snapshot.joints)
+    end = model.place("gripper_base_link", np.array([0.4, *READY[1:], 0.0]))
+    np.testing.assert_allclose(points[-1, 1], end, atol=1e-3)
+    rig.run(3.0)
+    page.show_arm(watched(rig))
+    assert node(server, PATH) is None
+
+
+def test_the_hottest_joint_is_red_and_the_others_are_as_described(
+    server: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, page = Rig(), Page(server)
+    rig.run(0.2)
+    looked_at = watched(rig)
+    page.show_arm(looked_at)
+    said = health(looked_at.state.snapshot)
+    hot = np.where(np.arange(len(said.temperature_c)) == 2, HOT_C, np.nan)
+    monkeypatch.setattr("servoloop.view.page.health", lambda _: said._replace(temperature_c=hot))
+    page._colours.value = TEMPERATURE
+    page.show_numbers(looked_at)
+    link3, link2 = "/base_link/link1/link2/link3/shape8", "/base_link/link1/link2/shape6"
+    assert tuple(node(server, MEASURED + link3).color) == colour(1.0)
+    assert tuple(node(server, MEASURED + link2).color) != colour(1.0)
+    assert tuple(node(server, COMMANDED + link3).color) != colour(1.0), "the ghost stays a ghost"
+    assert "27" in page._servos.content and "control loop" in page._loop.content
+
+
+def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, page = Rig(), Page(server)
+    rig.run(0.2)
+    page.show_arm(watched(rig))
+    looked_at = watched(rig)
+    xml = looked_at.state.snapshot.description_xml.replace("link3", "forearm")
+    monkeypatch.setattr(looked_at.state, "_now", replace(looked_at.state.snapshot, description_xml=xml))
+    page.show_arm(looked_at)
+    assert node(server, f"{MEASURED}/base_link/link1/link2/link3") is None
+    assert node(server, f"{MEASURED}/base_link/link1/link2/forearm") is not None
+    assert node(server, f"{CELL}/0") is None, "nothing is known of what stands around it"
+
+
+def test_a_stack_that_ends_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_source, "AGAIN_S", 0.01)
+    with runtime_folder(monkeypatch):
+        rig = LiveRig()
+        source = LiveSource(None)
+        eventually(lambda: rig.play(0.05) and source.connected)
+        assert source.status == "robot_arm: live"
+        before = source.watched
+        rig.feed.close((), failed=False)
+        eventually(lambda: not source.connected)
+        assert "has ended" in source.status and source.watched is before, "the last state stays"
+        assert not socket_path("robot_arm", 1).exists()
+        again = LiveRig(pid=2)
+        eventually(lambda: again.play(0.05) and source.connected)
+        assert source.watched is not before
+        source.close()
+        again.feed.close((), failed=False)

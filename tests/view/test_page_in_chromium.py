@@ -1,0 +1,76 @@
+"""The page in a browser, of a stack as a user starts it: the arm moves, the numbers follow, faults have names."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sim_backend.control import ask, control_path
+from tests.live.rig import runtime_folder
+from tests.ros.stack_process import PICK, arm_client, emulating, running, until
+from tests.view.chromium import OpenPage, changed, find_chromium, open_page
+from tests.view.view_process import viewing
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+
+MOVED = 0.02
+"""Of the picture; the arm and its shadow fill more than a tenth of it."""
+
+
+@pytest.fixture
+def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
+    """Virtual servos on a port, and a folder of running stacks that is this test's own."""
+    find_chromium()
+    with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(tmp_path) as link:
+        patch.chdir(tmp_path)
+        yield link
+
+
+def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path, tmp_path: Path) -> None:
+    (tmp_path / "again").mkdir()
+    with running(tmp_path, "--port", str(link)) as stack, viewing() as address, open_page(address) as shown:
+        shown.wait_for_text("robot_arm: live", "joint1 (servo 1)")
+        check_motion(shown)
+        check_fault(shown, link)
+        stack.end()
+        shown.wait_for_text("the stack has ended. Waiting for it to come back")
+        with emulating(tmp_path / "again"), running(tmp_path / "again", "--port", str(tmp_path / "again" / "bus")):
+            shown.wait_for_text("robot_arm: live")
+            until(lambda: "does not answer" not in shown.page.inner_text("body"))
+        check_requests(shown)
+
+
+def check_motion(shown: OpenPage) -> None:
+    """The picture changes when the arm moves and only then; the numbers are where the goal was."""
+    shown.page.wait_for_timeout(2000)  # until the notices and the camera are at rest
+    before, still = shown.canvas(), shown.canvas()
+    assert changed(before, still) < MOVED / 4
+    goal_deg = np.degrees(PICK[5])
+    assert abs(degrees(shown, "joint6") - goal_deg) > 90.0
+    with arm_client() as client:
+        client.wait(client.send(PICK))
+    until(lambda: abs(degrees(shown, "joint6") - goal_deg) < 1.0)
+    assert changed(before, shown.canvas()) > MOVED
+
+
+def check_fault(shown: OpenPage, link: Path) -> None:
+    """A servo that falls silent is named, with what was counted."""
+    assert "does not answer" not in shown.page.inner_text("body")
+    ask(control_path(link), {"do": "fault", "text": "silent id=3"})
+    shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
+    until(lambda: "silent" in shown.cells("joint3 (servo 3)")[1])
+    assert "does not answer" in shown.cells("joint3")[5]
+
+
+def check_requests(shown: OpenPage) -> None:
+    """Nothing was asked of another machine."""
+    hosts = {urlsplit(url.removeprefix("blob:")).hostname for url in shown.requests}
+    assert hosts == {"127.0.0.1"}, shown.requests
+
+
+def degrees(shown: OpenPage, joint: str) -> float:
+    return float(shown.cells(joint)[1].removesuffix("\u00a0°"))

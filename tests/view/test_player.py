@@ -1,0 +1,77 @@
+"""How a recording is played: as fast as the speed says, paused, from where the slider is put."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from servoloop.recorder.recording_file import RecordingFile
+from servoloop.view.player import Player
+from servoloop.view.recording import Recording
+from servoloop.view.server import PageServer
+from sim_backend.clock import SimulatedClock
+from tests.recorder.rig import Rig
+
+
+class Playing:
+    """A recording of four seconds that is played on a simulated clock."""
+
+    def __init__(self, server: PageServer, path: Path) -> None:
+        self.recording, self.clock = Recording(path), SimulatedClock()
+        self.player = Player(server, self.recording, self.clock)
+        self.begin_s = self.recording.watched.state.snapshot.stamp_s
+
+    def after(self, seconds: float) -> float:
+        """The moment (s since the first cycle) that is shown after so long."""
+        self.clock.sleep_until(self.clock.now() + seconds)
+        return self.player.watched.state.snapshot.stamp_s - self.begin_s
+
+    def slide(self, time_s: float) -> None:
+        """Move the slider as a browser does."""
+        event: Any = SimpleNamespace(client=object(), target=SimpleNamespace(value=time_s))
+        self.player._moved(event)
+
+
+@pytest.fixture
+def playing(tmp_path: Path) -> Iterator[Playing]:
+    rig = Rig()
+    rig.run(4.0)
+    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
+    for sample in rig.samples:
+        file.write(sample)
+    file.close((), failed=False)
+    server = PageServer(port=0)
+    yield Playing(server, tmp_path / "run.mcap")
+    server.stop()
+
+
+def cycle(seconds: float) -> Any:
+    return pytest.approx(seconds, abs=0.051)
+
+
+def test_it_goes_at_the_speed_that_is_chosen_and_begins_again_at_its_end(playing: Playing) -> None:
+    assert [playing.after(0.5), playing.after(1.0)] == [cycle(0.5), cycle(1.5)]
+    assert playing.player._slider.value == cycle(1.5)
+    playing.player._speed.value = "0.1"
+    assert playing.after(5.0) == cycle(2.0)
+    playing.player._speed.value = "10"
+    assert playing.after(1.0) == 0.0
+
+
+def test_paused_it_stays_where_it_is_and_goes_on_from_there(playing: Playing) -> None:
+    playing.after(1.0)
+    playing.player._toggle()
+    assert playing.player._button.label == "Play" and playing.after(60.0) == cycle(1.0)
+    playing.player._toggle()
+    assert playing.player._button.label == "Pause" and playing.after(0.5) == cycle(1.5)
+
+
+def test_the_slider_leads_to_any_moment_also_while_paused(playing: Playing) -> None:
+    playing.after(1.0)
+    playing.slide(3.0)
+    assert playing.after(0.0) == cycle(3.0)
+    playing.player._toggle()
+    playing.slide(0.5)
+    assert playing.after(9.0) == cycle(0.5) and playing.after(9.0) == cycle(0.5)

@@ -1,0 +1,60 @@
+"""A recording that is played: forward, back, and from one moment to another far away."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servoloop.live.errors import LiveError
+from servoloop.recorder.record_option import RecordingError
+from servoloop.recorder.recording_file import RecordingFile
+from servoloop.view.recording import Recording
+from tests.recorder.rig import Rig
+from tests.stack.rig import READY
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
+    """Nearly two and a half minutes, with a goal at the beginning and one at the end."""
+    path, rig = tmp_path_factory.mktemp("run") / "run.mcap", Rig()
+    file = RecordingFile(path, rig.messages)
+    for seconds, joint1 in ((1.0, 0.2), (140.0, 0.0)):
+        rig.stack.go([joint1, *READY[1:]], 1.0)
+        rig.run(seconds)
+    for sample in rig.samples:
+        file.write(sample)
+    file.close((), failed=False)
+    return rig, path
+
+
+def test_every_moment_is_what_was_measured_then_wherever_one_comes_from(run: tuple[Rig, Path]) -> None:
+    rig, path = run
+    recording = Recording(path)
+    stamps = np.array([sample.state.stamp_s for sample in rig.samples]) - rig.samples[0].state.stamp_s
+    assert recording.length_s == pytest.approx(stamps[-1])
+    for at_s in (0.0, 0.5, 0.7, 130.0, 3.0, 2.0, 139.0, 0.0):
+        place = int(np.searchsorted(stamps, at_s + 1e-6, side="right")) - 1
+        snapshot = recording.play_to(at_s).state.snapshot
+        np.testing.assert_array_equal(snapshot.position, rig.samples[place].state.position, err_msg=str(at_s))
+        time_s = recording.watched.state.curves().time_s
+        assert time_s[-1] - time_s[0] == pytest.approx(min(60.0, stamps[place]), abs=0.11)
+
+
+def test_after_a_jump_all_that_was_said_long_before_still_holds(run: tuple[Rig, Path]) -> None:
+    recording = Recording(run[1])
+    snapshot = recording.play_to(130.0).state.snapshot
+    assert snapshot.description_xml.startswith("<?xml") and snapshot.statuses
+    goal = snapshot.goals["arm_controller"]
+    assert goal.ended.startswith("succeeded") and goal.positions[0, 0] == 0.0
+    back = recording.play_to(0.5)
+    assert back.state.snapshot.goals["arm_controller"].positions[0, 0] == 0.2
+    start = back.start(back.state.snapshot.goals["arm_controller"])
+    assert start is not None and abs(start[0]) < 0.01
+
+
+def test_what_is_no_recording_of_a_run_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"nothing")
+    with pytest.raises(RecordingError, match="it is no recording of a run"):
+        Recording(tmp_path / "x.mcap")
+    with pytest.raises(LiveError, match="cannot read"):
+        Recording(tmp_path / "none.mcap")

@@ -1,0 +1,63 @@
+"""The picture of docs/view.md: a simulated job as `servoloop view` shows it. Needs chromium on PATH.
+
+Example: `python tools/view_picture.py docs/view.png`
+"""
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from nodes.pick_place.settings import Settings
+from servoloop.files import read_files
+from servoloop.recorder.reader import read_recording
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import simulate
+from servoloop.view.page import Page
+from servoloop.view.recording import Recording
+from servoloop.view.server import PageServer
+
+SIZE = {"width": 1400, "height": 820}
+WITHOUT_GPU = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+DRAWN_MS = 4000.0
+NOTICE = "Software WebGL rendering detected"
+
+
+def main(picture: Path) -> None:
+    """Record a job, show the moment in which the arm turns fastest, and take its picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "job.mcap"
+        simulate(read_files(), Settings(), Schedule(job=("A",)), path)
+        run, recording = read_recording(path), Recording(path)
+    server = PageServer(port=0)
+    try:
+        page, moment_s = Page(server), run.time_s[int(np.abs(run.velocity[:, 0]).argmax())]
+        watched = recording.play_to(float(moment_s))
+        page.status(f"recording: {path.name}")
+        page.show_arm(watched)
+        page.show_numbers(watched)
+        photograph(server.url, picture)
+    finally:
+        server.stop()
+
+
+def photograph(url: str, picture: Path) -> None:
+    """Open the page in a browser without a screen; what it says of a machine without a graphics card is closed."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=WITHOUT_GPU)
+        page = browser.new_page(viewport=SIZE)
+        page.goto(url)
+        page.wait_for_selector("canvas")
+        page.wait_for_timeout(DRAWN_MS)
+        if page.get_by_text(NOTICE).count():
+            page.locator(f"[role=alert]:has-text('{NOTICE}') button").click()
+            page.wait_for_timeout(DRAWN_MS / 4)
+        page.screenshot(path=picture)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
