@@ -1,0 +1,65 @@
+"""docs/teleop.md: its commands between two virtual arms on pseudo-terminals, in real time."""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.servoloop.served import eventually
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "teleop.md").read_text()
+REAL, VIRTUAL = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
+LEADER, FOLLOWER, TELEOP, HAND = VIRTUAL.splitlines()
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+
+
+@contextmanager
+def started(command: str, folder: Path, word: str) -> Iterator["subprocess.Popen[str]"]:
+    """The command as a process that has said the word; it is ended with the block."""
+    words = [sys.executable, "-m", *shlex.split(command)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, cwd=folder) as process:
+        try:
+            assert process.stdout is not None
+            assert any(word in line for line in process.stdout)
+            yield process
+        finally:
+            process.terminate()
+
+
+def run(command: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    words = [sys.executable, "-m", *shlex.split(command)]
+    return subprocess.run(words, capture_output=True, text=True, cwd=folder, stdin=subprocess.DEVNULL, timeout=60.0)
+
+
+def pan(arm: str, folder: Path) -> float:
+    """Where an arm's first joint is."""
+    return float(json.loads(run(f"servoloop hand ./{arm} look --json", folder).stdout)["shoulder_pan"]["position"])
+
+
+def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: Path) -> None:
+    with started(LEADER, tmp_path, "ready"), started(FOLLOWER, tmp_path, "ready"):
+        assert run("servoloop hand ./leader hold", tmp_path).returncode == 0
+        with started(TELEOP, tmp_path, "following") as teleop:
+            assert run(HAND, tmp_path).returncode == 0
+            eventually(lambda: pan("follower", tmp_path) > 0.3)
+            eventually(lambda: abs(pan("follower", tmp_path) - pan("leader", tmp_path)) < 0.03)
+            teleop.send_signal(signal.SIGINT)
+            assert teleop.stdout is not None
+            said = teleop.stdout.read()
+            assert "from the leader's angles to the follower's goals: median" in said.replace("\n", " ")
+            assert teleop.wait(30.0) == 0
+        refused = run(REAL.replace("/dev/ttyACM0", "./leader").replace("/dev/ttyACM1", "./follower"), tmp_path)
+        assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr
+
+
+def test_two_arms_need_two_ports(tmp_path: Path) -> None:
+    refused = run("servoloop teleop ./bus ./bus --hands-free", tmp_path)
+    assert refused.returncode == 1 and "cannot share a port" in refused.stderr
