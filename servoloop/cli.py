@@ -12,13 +12,14 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError
-from servoloop.verbs import arms, bench, calibration, passport, register, servo
+from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
 from servoloop.verbs.demo import demo
 from servoloop.verbs.doctor import doctor
 from servoloop.verbs.emulate import emulate
 from servoloop.verbs.fault import fault
+from servoloop.verbs.jog import jog
 from servoloop.verbs.pick import pick
 from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
@@ -38,8 +39,9 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, pick, demo, teleop),
+    "Run an arm": (up, pick, demo),
     "Look at it": (view, plot),
+    "Move it by hand": (jog, teleop),
     "Get servos ready": (ports, scan, setup, calibrate, doctor),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),
@@ -56,6 +58,7 @@ for group, name in (
     (bench, "bench"),
     (calibration, "calibration"),
     (passport, "passport"),
+    (pose, "pose"),
     (register, "register"),
 ):
     app.add_typer(group.app, name=name)

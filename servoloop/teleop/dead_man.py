@@ -1,18 +1,9 @@
-"""The dead-man key: the follower moves only while a key is held. Terminals tell presses, and no releases."""
+"""The dead-man key: the follower moves only while a key is held."""
 
-import os
-import select
-import sys
-import termios
-import tty
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final, Protocol
 
-FIRST_S: Final = 0.7
-"""A key that is held repeats after so long at first: half a second in most terminals."""
-REPEAT_S: Final = 0.25
-"""And then many times in this; the arm holds so long after the key is let go."""
+from servoloop.handling.keys import FIRST_S, HeldKey, typed
+
 QUIT: Final = "q"
 
 
@@ -36,54 +27,26 @@ class HandsFree:
 
 
 class DeadMansKey:
-    """A key that is held: any but q, which ends. Fed with what was typed, so that it needs no terminal itself."""
+    """Any key of the terminal that is held, but q, which ends."""
 
     def __init__(self) -> None:
-        self._until_s = -1.0
+        self._key = HeldKey(FIRST_S)
         self._ended = False
 
-    def typed(self, keys: str, now_s: float) -> None:
-        """Take what was typed since the last time."""
-        if QUIT in keys:
+    def press(self, key: str, now_s: float) -> None:
+        """A key was pressed, or repeats."""
+        if key == QUIT:
             self._ended = True
-        elif keys:
-            repeats = now_s <= self._until_s
-            self._until_s = now_s + (REPEAT_S if repeats else FIRST_S)
+            self._key.release()
+        elif not self._ended:
+            self._key.press(key, now_s)
 
     def allowed(self, now_s: float) -> bool:
-        """Whether the key is held, as far as a terminal can tell."""
-        return not self._ended and now_s <= self._until_s
+        """Whether a key is held, as far as a terminal can tell; never waits."""
+        for key in typed(0.0):
+            self.press(key, now_s)
+        return bool(self._key.held(now_s))
 
     def ended(self) -> bool:
         """Whether q was pressed."""
         return self._ended
-
-
-class TerminalKey(DeadMansKey):
-    """The dead-man key of the terminal on stdin. A terminal that is gone has no key that is held, and ends."""
-
-    def allowed(self, now_s: float) -> bool:
-        """Whether the key is held; never waits."""
-        self.typed(self._waiting(), now_s)
-        return super().allowed(now_s)
-
-    def _waiting(self) -> str:
-        descriptor = sys.stdin.fileno()
-        if not select.select([descriptor], [], [], 0.0)[0]:
-            return ""
-        try:
-            return os.read(descriptor, 1024).decode(errors="replace") or QUIT
-        except OSError:
-            return QUIT
-
-
-@contextmanager
-def terminal_key() -> Iterator[TerminalKey]:
-    """The terminal gives each key as it is pressed, without showing it; at the end all is as it was."""
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
-    try:
-        yield TerminalKey()
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -68,10 +68,11 @@ def _side(arm: str, port: str) -> "Side":
 
 @contextmanager
 def _permission(hands_free: bool) -> "Iterator[Permission]":
-    from servoloop.teleop.dead_man import HandsFree, terminal_key
+    from servoloop.handling.keys import raw_keys
+    from servoloop.teleop.dead_man import DeadMansKey, HandsFree
 
     if hands_free:
         yield HandsFree()
     else:
-        with terminal_key() as key:
-            yield key
+        with raw_keys():
+            yield DeadMansKey()

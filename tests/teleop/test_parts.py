@@ -12,26 +12,33 @@ from drivers.clock import MonotonicClock
 from hal.errors import ActivationError
 from hal.leader_arm import LeaderArm
 from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.handling.keys import FIRST_S, REPEAT_S
+from servoloop.teleop import dead_man
 from servoloop.teleop.arms import followed_joints
-from servoloop.teleop.dead_man import FIRST_S, REPEAT_S, DeadMansKey, HandsFree
+from servoloop.teleop.dead_man import DeadMansKey, HandsFree
 from servoloop.teleop.errors import TeleopError
 from tests.teleop.rig import FOLLOWER, LEADER, Rig
 
 
-def test_a_key_counts_as_held_until_its_repeats_stay_out() -> None:
-    key = DeadMansKey()
+@pytest.fixture
+def key(monkeypatch: pytest.MonkeyPatch) -> DeadMansKey:
+    """A key on a terminal on which nobody types."""
+    monkeypatch.setattr(dead_man, "typed", lambda wait_s: [])
+    return DeadMansKey()
+
+
+def test_a_key_counts_as_held_until_its_repeats_stay_out(key: DeadMansKey) -> None:
     assert not key.allowed(0.0)
-    key.typed(" ", 1.0)
+    key.press("space", 1.0)
     assert key.allowed(1.0 + FIRST_S) and not key.allowed(1.0 + FIRST_S + 0.01), "a tap is no more than that"
     for number in range(20):
-        key.typed("   ", 3.0 + 0.03 * number)
-    key.typed("", 3.6)
+        key.press("space", 3.0 + 0.03 * number)
     assert key.allowed(3.57 + REPEAT_S) and not key.allowed(3.58 + REPEAT_S)
 
 
-def test_q_ends_and_the_key_is_let_go_with_it() -> None:
-    key = DeadMansKey()
-    key.typed("xq", 1.0)
+def test_q_ends_and_the_key_is_let_go_with_it(key: DeadMansKey) -> None:
+    key.press("x", 1.0)
+    key.press("q", 1.0)
     assert key.ended() and not key.allowed(1.0)
     assert HandsFree().allowed(0.0) and not HandsFree().ended()
 

@@ -1,0 +1,30 @@
+"""What is known of a robot that is to be moved. No ROS."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.errors import DriverError
+from hal.types import JointLimits
+
+
+class HandlingError(DriverError):
+    """The arm cannot be moved now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Where the joints stand: rad or m by joint name, and how old that is."""
+
+    position: Mapping[str, float]
+    age_s: float
+
+
+class Robot(Protocol):
+    """What is known of the robot without asking it."""
+
+    @property
+    def limits(self) -> Mapping[str, JointLimits]: ...
+    def standing(self) -> Standing:
+        """Where the joints are commanded to be, or else where they are."""
+        ...

@@ -1,0 +1,1 @@
+"""Moving a running arm from a terminal: jogging, and poses with names."""

@@ -1,0 +1,77 @@
+"""Keys of a terminal that are held. Terminals tell presses and repeats, and no releases: no repeat is a release."""
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+FIRST_S: Final = 0.7
+"""A key that is held repeats after so long at first: half a second in most terminals."""
+REPEAT_S: Final = 0.25
+"""And then many times in this; so long after the key is let go it still counts as held."""
+NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
+
+
+class HeldKey:
+    """The key that is held, fed with what was typed; times in s."""
+
+    def __init__(self, tap_s: float) -> None:
+        """``tap_s``: so long a key counts as held that was pressed once, until repeats come."""
+        self._tap_s = tap_s
+        self._key = ""
+        self._pressed_s = self._until_s = -1.0
+
+    def press(self, key: str, now_s: float) -> None:
+        """A key was pressed, or repeats."""
+        repeats = key == self._key and now_s - self._pressed_s <= FIRST_S
+        self._key, self._pressed_s = key, now_s
+        self._until_s = now_s + (REPEAT_S if repeats else self._tap_s)
+
+    def release(self) -> None:
+        """The key is held no more."""
+        self._until_s = -1.0
+
+    def held(self, now_s: float) -> str:
+        """The key; empty where none is held."""
+        return self._key if now_s <= self._until_s else ""
+
+
+def split_keys(text: str) -> Iterator[str]:
+    """The names of keys in what a terminal has sent; arrows are up, down, right and left."""
+    while text:
+        for code, name in NAMES.items():
+            if text.startswith(code):
+                text = text[len(code) :]
+                yield name
+                break
+        else:
+            yield text[0]
+            text = text[1:]
+
+
+def typed(wait_s: float) -> list[str]:
+    """What was typed at this terminal; waits so long for it. A terminal that is gone says q, to quit."""
+    descriptor = sys.stdin.fileno()
+    if not select.select([descriptor], [], [], wait_s)[0]:
+        return []
+    try:
+        text = os.read(descriptor, 1024).decode(errors="replace")
+    except OSError:
+        text = ""
+    return list(split_keys(text)) if text else ["q"]
+
+
+@contextmanager
+def raw_keys() -> Iterator[None]:
+    """The terminal gives each key as it is pressed, without showing it; at the end all is as it was."""
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

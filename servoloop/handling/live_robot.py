@@ -1,0 +1,88 @@
+"""What a running stack's live feed says of its robot, for who moves it."""
+
+import threading
+from collections.abc import Mapping
+from time import monotonic
+from typing import Final, Self
+
+import numpy as np
+
+from hal.description import parse_urdf
+from hal.types import JointLimits
+from nodes.handling.robot import HandlingError, Standing
+from servoloop.live.folder import find_stack
+from servoloop.live.robot_state import RobotState, Snapshot
+from servoloop.live.stream import open_live
+
+ANSWER_S: Final = 5.0
+
+
+def standing_of(snapshot: Snapshot, age_s: float) -> Standing:
+    """Where the joints are commanded to be, or else where they are."""
+    at = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
+    return Standing(dict(zip(snapshot.joints, at.tolist(), strict=True)), age_s)
+
+
+def limits_of(snapshot: Snapshot) -> dict[str, JointLimits]:
+    """The limits of the robot description, by joint."""
+    if not snapshot.description_xml:
+        return {}
+    joints = parse_urdf(snapshot.description_xml).joints
+    return {
+        name: JointLimits(joint.lower, joint.upper, joint.velocity, np.inf, np.inf)
+        for name, joint in joints.items()
+        if name in snapshot.joints
+    }
+
+
+class LiveRobot:
+    """A robot whose stack runs on this machine; a thread reads its feed."""
+
+    def __init__(self, arm: str | None = None) -> None:
+        """``arm``: which one, where several run. Raises LiveError where none does."""
+        found = find_stack(arm)
+        self.arm = found.arm
+        self._state = RobotState()
+        self._heard_s = -np.inf
+        self._complete = threading.Event()
+        self._limits: dict[str, JointLimits] | None = None
+        self._stream = open_live(found)
+        threading.Thread(target=self._read, name="live feed", daemon=True).start()
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The robot as it is now."""
+        return self._state.snapshot
+
+    @property
+    def limits(self) -> Mapping[str, JointLimits]:
+        """By joint, as the robot description says."""
+        if self._limits is None:
+            self._limits = limits_of(self.snapshot)
+        return self._limits
+
+    def standing(self) -> Standing:
+        """Where the joints are commanded to be, or else where they are."""
+        return standing_of(self.snapshot, monotonic() - self._heard_s)
+
+    def wait(self) -> None:
+        """Wait for the first measurement. Raises HandlingError where none comes."""
+        if not self._complete.wait(ANSWER_S):
+            raise HandlingError(f"the stack of {self.arm} has measured nothing for {ANSWER_S:.0f} s")
+
+    def close(self) -> None:
+        """End."""
+        self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _read(self) -> None:
+        for received in self._stream:
+            self._state.take(received)
+            if received.topic == "/servoloop/commands":
+                self._heard_s = monotonic()
+                self._complete.set()

@@ -1,0 +1,73 @@
+"""Poses with names: a YAML file beside the arm's other files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from commissioning.whole_file import write_whole
+from drivers.errors import DriverError
+from hal.types import JointLimits
+from hal.yaml_file import load
+
+FILE: Final = "poses.yaml"
+
+
+class PoseError(DriverError):
+    """A pose is not there, or not one of this arm."""
+
+
+class PosesFile(BaseModel):
+    """The whole file: joint positions in rad or m, by the pose's name and the joint's."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    poses: dict[str, dict[str, float]] = Field(default_factory=dict)
+
+
+class Poses:
+    """The poses of one arm. Raises PoseError where the file is wrong, or cannot be read or written."""
+
+    def __init__(self, folder: Path) -> None:
+        """``folder``: the arm's."""
+        self._path = folder / FILE
+
+    def all(self) -> dict[str, dict[str, float]]:
+        """All poses by name."""
+        return load(self._path, PosesFile, PoseError).poses if self._path.exists() else {}
+
+    def get(self, name: str) -> dict[str, float]:
+        """One pose."""
+        poses = self.all()
+        if name not in poses:
+            known = ", ".join(poses) or "none yet"
+            raise PoseError(f"there is no pose {name} in {self._path}, but: {known}")
+        return poses[name]
+
+    def save(self, name: str, pose: Mapping[str, float]) -> None:
+        """Keep a pose; one of the same name is replaced."""
+        self._write(self.all() | {name: {joint: round(at, 4) for joint, at in pose.items()}})
+
+    def remove(self, name: str) -> None:
+        """Forget a pose."""
+        self.get(name)
+        self._write({other: pose for other, pose in self.all().items() if other != name})
+
+    def _write(self, poses: Mapping[str, Mapping[str, float]]) -> None:
+        try:
+            write_whole(self._path, yaml.safe_dump({"poses": dict(poses)}, sort_keys=False))
+        except OSError as error:
+            raise PoseError(f"cannot write {self._path}: {error.strerror}") from error
+
+
+def check(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> None:
+    """Check that a robot with these limits has the pose. Raises PoseError with all that is wrong."""
+    wrong = [f"the arm has no {joint}" for joint in pose if joint not in limits]
+    for joint, at in pose.items():
+        limit = limits.get(joint)
+        if limit is not None and not limit.lower <= at <= limit.upper:
+            wrong.append(f"{joint} would go to {at:.4f}, its limits are {limit.lower:.4f} to {limit.upper:.4f}")
+    if wrong:
+        raise PoseError("; ".join(wrong))

@@ -1,0 +1,119 @@
+"""``servoloop jog``: keys that turn joints of a running arm."""
+
+import sys
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from servoloop.ros import require_ros
+from servoloop.verbs.ros_options import NetworkOption, set_network
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from nodes.handling.robot_client import RobotClient
+    from servoloop.handling.live_robot import LiveRobot
+
+TICK_S: Final = 0.04
+TAP_S: Final = 0.1
+"""A tap turns a joint for so long."""
+WAYS: Final = {"right": 1.0, "+": 1.0, "left": -1.0, "-": -1.0}
+HELP: Final = "up, down or 1 to 9: which joint · hold left or right: turn it · space: stop everything · q: end"
+
+
+def jog(
+    arm: Annotated[str | None, typer.Option(help="Which running arm, where there are several.")] = None,
+    network: NetworkOption = False,
+) -> None:
+    """Turn joints of a running arm with the arrow keys, slowly, through its controllers; it stops with the key.
+
+    Example: `servoloop jog`
+    """
+    from nodes.handling.robot import HandlingError
+
+    require_ros()
+    if not sys.stdin.isatty():
+        raise HandlingError("stdin is no terminal, and jogging needs keys: run it in one")
+    from rich.live import Live
+
+    from nodes.client_node import client_node
+    from nodes.handling.robot_client import RobotClient
+    from servoloop.handling.keys import raw_keys
+    from servoloop.handling.live_robot import LiveRobot
+    from servoloop.signals import Signals
+
+    set_network(network)
+    with Signals() as signals, LiveRobot(arm) as robot, client_node("servoloop_jog") as (node, executor):
+        robot.wait()
+        client = RobotClient(node, executor, robot)
+        client.connect()
+        jogging = Jogging(client, robot)
+        with raw_keys(), Live(get_renderable=jogging.table, refresh_per_second=8, transient=True):
+            try:
+                while not (jogging.ended or signals.count):
+                    jogging.step()
+            finally:
+                client.rest()
+
+
+class Jogging:
+    """What keys do."""
+
+    def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
+        from servoloop.handling.keys import HeldKey
+
+        self.ended = False
+        self._client, self._robot = client, robot
+        self._joints = client.joints
+        self._chosen = 0
+        self._key = HeldKey(TAP_S)
+        self._moves = False
+        self._said = ""
+
+    def step(self) -> None:
+        """Take the keys, and turn the chosen joint on a little where its key is held."""
+        from nodes.handling.robot import HandlingError
+        from servoloop.handling.keys import typed
+
+        for key in typed(TICK_S):
+            self._press(key)
+        way = WAYS.get(self._key.held(monotonic()), 0.0)
+        try:
+            if way:
+                self._client.jog(self._joints[self._chosen], way)
+                self._said = ""
+            elif self._moves:
+                self._client.rest()
+        except HandlingError as error:
+            self._said = str(error)
+        self._moves = bool(way)
+
+    def _press(self, key: str) -> None:
+        if key in WAYS:
+            self._key.press(key, monotonic())
+            return
+        self._key.release()
+        if key == "q":
+            self.ended = True
+        elif key == "space":
+            self._client.stop()
+            self._said = "stopped: all motions, everybody's"
+        elif key in ("up", "down"):
+            self._chosen = (self._chosen + (1 if key == "down" else -1)) % len(self._joints)
+        elif key.isdigit() and 0 < int(key) <= len(self._joints):
+            self._chosen = int(key) - 1
+
+    def table(self) -> "Table":
+        """The joints, where they are and where they may go."""
+        from rich.table import Table
+
+        table = Table("", "joint", "position", "from", "to", caption=f"{HELP}\n{self._said}")
+        now = self._robot.snapshot
+        at = dict(zip(now.joints, now.position.tolist(), strict=True))
+        for number, joint in enumerate(self._joints):
+            limit = self._robot.limits[joint]
+            style = "reverse" if number == self._chosen else ""
+            position = f"{at.get(joint, float('nan')):+.3f}"
+            table.add_row(str(number + 1), joint, position, f"{limit.lower:+.3f}", f"{limit.upper:+.3f}", style=style)
+        return table

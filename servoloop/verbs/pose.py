@@ -1,0 +1,87 @@
+"""``servoloop pose``: poses of a running arm, with names."""
+
+from time import sleep
+from typing import Annotated, Final
+
+import typer
+
+from drivers.errors import DriverError
+from servoloop.arms.folder import OWN, find_arm
+from servoloop.handling.poses import Poses, check
+from servoloop.ros import require_ros
+from servoloop.verbs.ros_options import NetworkOption, set_network
+
+app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved, gone to slowly.")
+
+TICK_S: Final = 0.05
+Name = Annotated[str, typer.Argument(help="The pose's name.")]
+RunningArm = Annotated[str | None, typer.Option("--arm", help="Which running arm, where there are several.")]
+AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
+
+
+@app.command()
+def save(name: Name, arm: RunningArm = None) -> None:
+    """Keep where the running arm's joints are now. A pose of the same name is replaced.
+
+    Example: `servoloop pose save over_the_box`
+    """
+    from servoloop.handling.live_robot import LiveRobot
+
+    with LiveRobot(arm) as robot:
+        robot.wait()
+        now = robot.snapshot
+    if now.faults:
+        raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
+    Poses(find_arm(robot.arm).folder).save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
+    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}")
+
+
+@app.command()
+def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> None:
+    """Bring the running arm to a pose, slowly, through its controllers. It stops where this is interrupted.
+
+    Example: `servoloop pose go over_the_box`
+    """
+    from nodes.client_node import client_node
+    from nodes.handling.robot_client import RobotClient
+    from servoloop.handling.live_robot import LiveRobot
+    from servoloop.processes import Interrupted
+    from servoloop.signals import Signals
+
+    require_ros()
+    set_network(network)
+    with Signals() as signals, LiveRobot(arm) as robot:
+        pose = Poses(find_arm(robot.arm).folder).get(name)
+        robot.wait()
+        check(pose, robot.limits)
+        with client_node("servoloop_pose") as (node, executor):
+            client = RobotClient(node, executor, robot)
+            client.connect()
+            try:
+                while not client.approach(pose):
+                    if signals.count:
+                        raise Interrupted("the arm has stopped on its way")
+                    sleep(TICK_S)
+            finally:
+                client.rest()
+    typer.echo(f"{robot.arm} is at {name}")
+
+
+@app.command("list")
+def list_(arm: AnArm = OWN) -> None:
+    """List an arm's poses, in rad or m.
+
+    Example: `servoloop pose list --arm so101`
+    """
+    for name, pose in Poses(find_arm(arm).folder).all().items():
+        typer.echo(f"{name}: " + ", ".join(f"{joint} {at:+.4f}" for joint, at in pose.items()))
+
+
+@app.command()
+def remove(name: Name, arm: AnArm = OWN) -> None:
+    """Forget a pose.
+
+    Example: `servoloop pose remove over_the_box`
+    """
+    Poses(find_arm(arm).folder).remove(name)
+    typer.echo(f"{name} is forgotten")

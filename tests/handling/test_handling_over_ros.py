@@ -1,0 +1,160 @@
+"""Joints of a real stack moved by hand from programs: as long as somebody says so, and no longer."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from action_msgs.msg import GoalStatus
+
+from nodes.client_node import client_node
+from nodes.handling.robot import HandlingError
+from nodes.handling.robot_client import RobotClient
+from servoloop.handling.live_robot import LiveRobot
+from tests.live.rig import runtime_folder
+from tests.ros.stack_process import PICK, ArmClient, emulating, running, until
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+
+JOINT = "joint1"
+REST_S = 0.27
+"""What GuidedMotion promises; servos lag, and machines are late."""
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    folder = tmp_path_factory.mktemp("handling")
+    with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(folder) as link:
+        patch.chdir(folder)
+        with running(folder, "--port", str(link)):
+            yield
+
+
+@pytest.fixture
+def robot(stack: None) -> Iterator[LiveRobot]:
+    with LiveRobot() as robot:
+        robot.wait()
+        yield robot
+
+
+@contextmanager
+def client(robot: LiveRobot) -> Iterator[RobotClient]:
+    with client_node("test_handling") as (node, executor):
+        made = RobotClient(node, executor, robot)
+        made.connect()
+        yield made
+
+
+def at(robot: LiveRobot, joint: str = JOINT) -> float:
+    now = robot.snapshot
+    return float(now.position[now.joints.index(joint)])
+
+
+def standstill(robot: LiveRobot) -> None:
+    """Wait until no joint is commanded to move any more."""
+    last: list[bytes] = []
+
+    def still() -> bool:
+        last.append(robot.snapshot.command.tobytes())
+        time.sleep(0.1)
+        return len(last) > 5 and len(set(last[-5:])) == 1
+
+    until(still)
+
+
+def test_a_joint_turns_as_long_as_somebody_says_so_and_the_hand_too(robot: LiveRobot) -> None:
+    with client(robot) as moving:
+        assert moving.joints == ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "hand_right_joint")
+        for joint, share in ((JOINT, 1.0), ("hand_right_joint", 1.0)):
+            before = at(robot, joint)
+            for _ in range(30):
+                moving.jog(joint, share)
+                time.sleep(0.04)
+            moving.rest()
+            standstill(robot)
+            assert at(robot, joint) > before + 0.003
+        fastest = np.abs(np.diff(robot._state.curves().command[-60:], axis=0)).max() / 0.05
+        assert fastest <= 0.5  # it may have to catch up with a cycle
+
+
+def test_a_goal_of_somebody_is_not_overridden_and_stop_cancels_it(robot: LiveRobot) -> None:
+    with client(robot) as moving:
+        arm = ArmClient()
+        try:
+            future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
+            with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
+                for _ in range(40):
+                    time.sleep(0.05)
+                    moving.jog(JOINT, 0.01)
+            moving.stop()
+            assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+        finally:
+            arm.close()
+
+
+def test_a_pose_comes_back_and_wrong_ones_are_refused(robot: LiveRobot, tmp_path: Path) -> None:
+    with client(robot) as moving:
+        pose = {JOINT: at(robot) + 0.2, "joint6": at(robot, "joint6") - 0.2}
+        until(lambda: moving.approach(pose) or time.sleep(0.04))
+        standstill(robot)
+        assert at(robot) == pytest.approx(pose[JOINT], abs=0.02)
+        with pytest.raises(HandlingError, match="no active controller moves joint9"):
+            moving.approach({"joint9": 0.0})
+
+
+def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
+    program = (
+        "import time\n"
+        "from tests.handling.test_handling_over_ros import LiveRobot, client\n"
+        "with LiveRobot() as robot:\n"
+        "    robot.wait()\n"
+        "    with client(robot) as moving:\n"
+        "        while True:\n"
+        "            moving.jog('joint1', -1.0)\n"
+        "            print('.', flush=True)\n"
+        "            time.sleep(0.04)\n"
+    )
+    before = at(robot)
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
+        until(lambda: at(robot) < before - 0.1, lambda: process.poll())
+        process.send_signal(signal.SIGKILL)
+    killed = at(robot)
+    standstill(robot)
+    assert killed - at(robot) <= 0.25 * (REST_S + 0.5)
+
+
+def test_jog_in_a_terminal(robot: LiveRobot) -> None:
+    """A key that repeats turns the joint, no repeat stops it, q ends and leaves the terminal as it was."""
+    ours, theirs = pty.openpty()
+    before = at(robot)
+    with subprocess.Popen(
+        [sys.executable, "-m", "servoloop", "jog"], stdin=theirs, stdout=theirs, stderr=theirs
+    ) as jog:
+        shown = b""
+        while b"hold left or right" not in shown:
+            shown += os.read(ours, 4096)
+        os.set_blocking(ours, False)
+
+        def press() -> bool:
+            os.write(ours, b"\x1b[C")
+            time.sleep(0.05)
+            with suppress(BlockingIOError):
+                os.read(ours, 65536)  # or the terminal fills
+            return at(robot) > before + 0.1
+
+        until(press, lambda: jog.poll())
+        standstill(robot)
+        os.write(ours, b"q")
+        assert jog.wait(20.0) == 0
+    os.close(ours)
+    os.close(theirs)
