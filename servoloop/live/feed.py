@@ -34,8 +34,11 @@ class LiveFeed:
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:
-            self._server.bind(str(path))
+            new = path.with_suffix(".new")  # under its name only when it listens: one that does not is taken for dead
+            new.unlink(missing_ok=True)
+            self._server.bind(str(new))
             self._server.listen(WAITING)
+            new.rename(path)
         except OSError as error:
             self._server.close()
             raise LiveError(f"nobody can look on, {path} cannot be made: {error.strerror or error}") from error

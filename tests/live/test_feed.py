@@ -114,6 +114,20 @@ def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
         open_live(found[0])
 
 
+def test_a_stack_that_begins_while_another_looks_for_stacks_is_not_taken_for_dead(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(socket.socket):
+        """A socket whose program is looked for between its name and its listening."""
+
+        def listen(self, backlog: int = 0) -> None:
+            assert running_stacks() == []
+            super().listen(backlog)
+
+    monkeypatch.setattr("servoloop.live.feed.socket.socket", Slow)
+    rig = LiveRig()
+    assert [stack.pid for stack in running_stacks()] == [1]
+    rig.feed.close((), failed=False)
+
+
 def test_the_folder_is_its_users_alone() -> None:
     make_live_folder()
     assert os.stat(live_folder()).st_mode & 0o777 == 0o700
