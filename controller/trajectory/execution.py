@@ -121,9 +121,11 @@ class Execution:
             self._active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # a newer one has come already: this one is not worth beginning
-            if self._ready(now):
+            # One on the topic may be one of a stream: if each waited anew, the arm would never move.
+            waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
+            if not waits or self._ready(now):
                 # Its first cycle is this one, in which nothing can have changed yet.
-                self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if now.parameters.wait_for else 0.0
+                self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
                 self._begin(self._active, now)
             else:
                 self._sampler.stop(now.reference, now.parameters, along=True)

@@ -1,66 +1,56 @@
-"""A motion that goes on only as long as somebody says so: set points, and ways on which each comes to rest."""
+"""A motion that goes on only as long as somebody says so: a set point that is always a little ahead of the joints."""
 
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from hal.types import FloatArray
 
-AHEAD_S: Final = 0.12
-"""So far ahead a way goes on as it is; it is renewed more than twice in this time."""
-BRAKE_S: Final = 0.15
-"""And then comes to rest in so long: the joints rest 0.27 s after the last word, whatever has become of who said it."""
-NEAR: Final = 1e-3
+HORIZON_S: Final = 0.3
+"""The set point is so far ahead in time, and each command ends there at rest: so long after the last word the joints
+stand, whatever has become of who said it."""
+FURTHEST: Final = 0.15
+"""No set point is so far (rad or m) from where its joint is measured: one that is blocked is not pressed on further."""
+NEAR: Final = 2e-3
 """A joint is there within so many rad or m."""
 
 
-class WayPoint(NamedTuple):
-    """A point of a way: positions (n,) in rad or m, velocities (n,), seconds from now."""
+class Standing(NamedTuple):
+    """Where some joints stand: arrays (n,), rad or m."""
 
-    position: FloatArray
-    velocity: FloatArray
-    time_s: float
+    commanded: FloatArray
+    measured: FloatArray
 
 
 class GuidedMotion:
     """The set point of some joints. Arrays (n,), rad or m."""
 
-    def __init__(self, position: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        """It begins at rest at ``position``; joints that stand outside their limits may come in."""
-        self.position, self.velocity = position.copy(), np.zeros_like(position)
+    def __init__(self, position: FloatArray, lower: FloatArray, upper: FloatArray, fastest: FloatArray) -> None:
+        """It begins where the joints are commanded to be; those that stand outside their limits may come in.
+
+        ``fastest``: the velocities (n,) at which the set point moves at the most.
+        """
+        self.set_point = position.copy()
         self._lower, self._upper = np.minimum(lower, position), np.maximum(upper, position)
+        self._fastest = fastest
 
-    def go(self, velocity: FloatArray, fastest: float, passed_s: float) -> None:
-        """Go on for so long, towards this velocity: as fast as ``fastest`` is reached in ``BRAKE_S``, not sooner."""
-        change = fastest / BRAKE_S * passed_s
-        wanted = np.clip(velocity, -self._room(self.position - self._lower), self._room(self._upper - self.position))
-        self.velocity = self.velocity + np.clip(wanted - self.velocity, -change, change)
-        self.position = np.clip(self.position + self.velocity * passed_s, self._lower, self._upper)
+    def go(self, velocity: FloatArray, passed_s: float, at: Standing) -> FloatArray:
+        """The set point after so long at this velocity, no further ahead of the joints than is slowly gone in time.
 
-    def go_to(self, target: FloatArray, fastest: float, passed_s: float) -> bool:
-        """Go on for so long towards a position, all joints together; whether it is reached."""
-        way = np.clip(target, self._lower, self._upper) - self.position
-        furthest = float(np.abs(way).max())
-        if furthest < NEAR and float(np.abs(self.velocity).max()) < NEAR:
-            return True
-        share = min(fastest, furthest / (AHEAD_S + BRAKE_S)) / max(furthest, NEAR)
-        self.go(way * share, fastest, passed_s)
-        return False
+        Where the joints are not commanded to follow, for a fault or a stop, or cannot, the set point does not run away
+        from them, and they do not leap when they follow again.
+        """
+        step = np.clip(velocity, -self._fastest, self._fastest) * min(passed_s, HORIZON_S)
+        reach = self._fastest * HORIZON_S
+        ahead = np.clip(self.set_point + step, at.commanded - reach, at.commanded + reach)
+        near = np.clip(ahead, at.measured - FURTHEST, at.measured + FURTHEST)
+        self.set_point = np.clip(near, self._lower, self._upper)
+        return self.set_point
 
-    def way(self) -> Sequence[WayPoint]:
-        """From here on, if nobody says another word: on for ``AHEAD_S``, then to rest."""
-        on = np.clip(self.position + self.velocity * AHEAD_S, self._lower, self._upper)
-        rest = np.clip(on + self.velocity * BRAKE_S / 2.0, self._lower, self._upper)
-        return WayPoint(on, self.velocity, AHEAD_S), WayPoint(rest, np.zeros_like(rest), AHEAD_S + BRAKE_S)
-
-    def end(self) -> Sequence[WayPoint]:
-        """To rest, from now on."""
-        rest = np.clip(self.position + self.velocity * BRAKE_S / 2.0, self._lower, self._upper)
-        self.position, self.velocity = rest, np.zeros_like(rest)
-        return (WayPoint(rest, self.velocity, BRAKE_S),)
-
-    def _room(self, left: FloatArray) -> FloatArray:
-        """The velocity at which a joint with so much way left still comes to rest in it."""
-        room: FloatArray = np.maximum(left, 0.0) / (AHEAD_S + BRAKE_S / 2.0)
-        return room
+    def go_to(self, target: FloatArray, passed_s: float, at: Standing) -> bool:
+        """The set point goes on for so long towards a target, on a straight line; whether they are told to be there."""
+        target = np.clip(target, self._lower, self._upper)
+        way = target - self.set_point
+        whole_s = float((np.abs(way) / self._fastest).max())
+        self.go(way / max(whole_s, passed_s, 1e-6), passed_s, at)
+        return bool((np.abs(target - at.commanded) <= NEAR).all())

@@ -13,10 +13,12 @@ class HandlingError(DriverError):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """Where the joints stand: rad or m by joint name, and how old that is."""
+class JointsNow:
+    """The joints as they are: rad or m by joint name, and how old that is."""
 
-    position: Mapping[str, float]
+    commanded: Mapping[str, float]
+    """Where they are not commanded, as measured."""
+    measured: Mapping[str, float]
     age_s: float
 
 
@@ -25,6 +27,6 @@ class Robot(Protocol):
 
     @property
     def limits(self) -> Mapping[str, JointLimits]: ...
-    def standing(self) -> Standing:
-        """Where the joints are commanded to be, or else where they are."""
+    def joints_now(self) -> JointsNow:
+        """The joints as the stack has told last."""
         ...

@@ -1,6 +1,6 @@
 """A client of a running stack that moves its joints through their controllers, as long as somebody says so."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import monotonic
 from typing import Final
@@ -11,6 +11,7 @@ from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Duration
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers
+from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -19,8 +20,8 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hal.types import FloatArray
-from nodes.handling.guided_motion import GuidedMotion, WayPoint
-from nodes.handling.robot import HandlingError, Robot, Standing
+from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, Standing
+from nodes.handling.robot import HandlingError, Robot
 
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
 FORWARD: Final = ("forward_command_controller/ForwardCommandController", "position_controllers/")
@@ -30,8 +31,6 @@ SHARE: Final = 0.1
 """Of a joint's velocity limit at the most."""
 FRESH_S: Final = 0.5
 """A measurement that is older is none to begin from."""
-SAID_S: Final = 0.5
-"""A motion that nobody has said a word for is over: the next one begins where the joints stand."""
 ANSWER_S: Final = 5.0
 LISTEN_S: Final = 0.1
 """So long it listens before a motion begins: a goal of somebody else must not be overridden."""
@@ -47,6 +46,7 @@ class _Moved:
     trajectories: bool
     motion: GuidedMotion | None = None
     said_s: float = 0.0
+    cancel: Client | None = None
     busy: bool = False
     """Whether a goal of somebody is under way."""
 
@@ -62,6 +62,8 @@ class RobotClient:
         self, node: Node, executor: SingleThreadedExecutor, robot: Robot, now: Callable[[], float] = monotonic
     ) -> None:
         self._node, self._executor, self._robot, self._now = node, executor, robot, now
+        self._known: dict[str, _Moved] = {}
+        """All that have been active since the beginning."""
         self._controllers: dict[str, _Moved] = {}
         self._list = node.create_client(ListControllers, "/controller_manager/list_controllers")
 
@@ -80,10 +82,9 @@ class RobotClient:
             raise HandlingError(f"the controller manager did not answer within {ANSWER_S:.0f} s")
         active = [one for one in answer.result().controller if one.state == "active"]
         for one in active:
-            if one.name not in self._controllers and (made := self._made(one)):
-                self._controllers[one.name] = made
-        for name in self._controllers.keys() - {one.name for one in active}:
-            del self._controllers[name]
+            if one.name not in self._known and (made := self._made(one)):
+                self._known[one.name] = made
+        self._controllers = {one.name: self._known[one.name] for one in active if one.name in self._known}
         if not self._controllers:
             raise HandlingError("no controller that moves joints is active: activate one, or start the stack anew")
 
@@ -94,41 +95,31 @@ class RobotClient:
     def jog(self, joint: str, share: float) -> None:
         """Turn a joint on a little, at this share (-1 to 1) of its full speed."""
         name, one = self._of(joint)
-        motion, passed_s = self._begin(name, one)
+        motion, passed_s, at = self._begin(name, one)
         velocity = np.zeros(len(one.joints))
         velocity[one.joints.index(joint)] = np.clip(share, -1.0, 1.0) * self.fastest(joint)
-        motion.go(velocity, self.fastest(joint), passed_s)
-        self._send(one, motion.way())
+        motion.go(velocity, passed_s, at)
+        self._send(one, motion)
 
-    def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool:
+    def approach(self, pose: Mapping[str, float]) -> bool:
         """Go on a little towards a pose (rad or m by joint); whether all its joints are there."""
-        there = True
-        for name, one in self._controllers.items():
-            if not (own := [joint for joint in one.joints if joint in pose]):
-                continue
-            motion, passed_s = self._begin(name, one)
-            target = np.array([pose.get(joint, at) for joint, at in zip(one.joints, motion.position, strict=True)])
-            fastest = share * min(self.fastest(joint) for joint in own)
-            there &= motion.go_to(target, fastest, passed_s)
-            self._send(one, motion.way())
         if missing := pose.keys() - set(self.joints):
             raise HandlingError(f"no active controller moves {', '.join(sorted(missing))}")
+        there = True
+        for name, one in self._controllers.items():
+            if not any(joint in pose for joint in one.joints):
+                continue
+            motion, passed_s, at = self._begin(name, one)
+            target = np.array([pose.get(joint, here) for joint, here in zip(one.joints, motion.set_point, strict=True)])
+            there &= motion.go_to(target, passed_s, at)
+            self._send(one, motion)
         return there
 
-    def rest(self) -> None:
-        """Bring what this client moves to rest at once."""
-        for one in self._controllers.values():
-            if one.motion is not None:
-                self._send(one, one.motion.end())
-                one.motion = None
-
     def stop(self) -> None:
-        """Bring what this client moves to rest, and cancel every goal of everybody's."""
-        self.rest()
-        for name, one in self._controllers.items():
-            if one.trajectories:
-                client = self._node.create_client(CancelGoal, f"/{name}/follow_joint_trajectory/_action/cancel_goal")
-                client.call_async(CancelGoal.Request())
+        """Cancel every goal of everybody's. What this client moves rests by itself."""
+        for one in self._controllers.values():
+            if one.cancel is not None:
+                one.cancel.call_async(CancelGoal.Request())
 
     def _made(self, state: ControllerState) -> _Moved | None:
         joints = tuple(interface.removesuffix("/position") for interface in state.required_command_interfaces)
@@ -137,12 +128,15 @@ class RobotClient:
         if state.type == TRAJECTORY:
             publisher = self._node.create_publisher(JointTrajectory, f"/{state.name}/joint_trajectory", 1)
             made = _Moved(joints, publisher, True)
+            action = f"/{state.name}/follow_joint_trajectory/_action"
+            made.cancel = self._node.create_client(CancelGoal, f"{action}/cancel_goal")
 
             def heard(message: GoalStatusArray) -> None:
                 made.busy = any(goal.status in RUNNING for goal in message.status_list)
 
-            topic = f"/{state.name}/follow_joint_trajectory/_action/status"
-            self._node.create_subscription(GoalStatusArray, topic, heard, qos_profile_action_status_default)
+            self._node.create_subscription(
+                GoalStatusArray, f"{action}/status", heard, qos_profile_action_status_default
+            )
             return made
         if state.type.startswith(FORWARD):
             return _Moved(joints, self._node.create_publisher(Float64MultiArray, f"/{state.name}/commands", 1), False)
@@ -154,24 +148,28 @@ class RobotClient:
                 return name, one
         raise HandlingError(f"no active controller moves {joint}")
 
-    def _begin(self, name: str, one: _Moved) -> tuple[GuidedMotion, float]:
-        """The motion of a controller's joints, from where they stand where none is under way; and the time passed."""
+    def _begin(self, name: str, one: _Moved) -> tuple[GuidedMotion, float, Standing]:
+        """A controller's motion, from where its joints stand where none is under way; the time passed, and where."""
         now_s = self._now()
         passed_s, one.said_s = now_s - one.said_s, now_s
-        begins = one.motion is None or passed_s > SAID_S
+        begins = one.motion is None or passed_s > HORIZON_S
         self._listen(LISTEN_S if begins else 0.0)
         if one.busy:
             one.motion = None
             raise HandlingError(f"{name} has a goal under way: stop it first")
+        now = self._robot.joints_now()
+        if not now.age_s <= FRESH_S:
+            one.motion = None
+            raise HandlingError("the joints' positions are old: does the stack still run?")
+        at = Standing(_array(now.commanded, one.joints), _array(now.measured, one.joints))
         if one.motion is None or begins:
-            standing = self._robot.standing()
-            if not standing.age_s <= FRESH_S:
-                raise HandlingError("the joints' positions are old: does the stack still run?")
             limits = [self._robot.limits[joint] for joint in one.joints]
             lower, upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
-            one.motion = GuidedMotion(_positions(standing, one.joints), lower, upper)
+            one.motion = GuidedMotion(
+                at.commanded, lower, upper, np.array([self.fastest(joint) for joint in one.joints])
+            )
             passed_s = 0.0
-        return one.motion, passed_s
+        return one.motion, passed_s, at
 
     def _listen(self, seconds: float) -> None:
         """Hear whose goals are under way."""
@@ -180,26 +178,17 @@ class RobotClient:
         while monotonic() < until_s:
             self._executor.spin_once(timeout_sec=0.02)
 
-    def _send(self, one: _Moved, way: Sequence[WayPoint]) -> None:
+    def _send(self, one: _Moved, motion: GuidedMotion) -> None:
+        set_point = motion.set_point.tolist()
         if one.trajectories:
-            made = [_point(point) for point in way]
-            one.publisher.publish(JointTrajectory(joint_names=list(one.joints), points=made))
-        else:  # the newest command is held: it is the set point itself
-            assert one.motion is not None
-            one.publisher.publish(Float64MultiArray(data=one.motion.position.tolist()))
+            point = JointTrajectoryPoint(positions=set_point, time_from_start=Duration(nanosec=int(HORIZON_S * 1e9)))
+            one.publisher.publish(JointTrajectory(joint_names=list(one.joints), points=[point]))
+        else:  # the newest command is held
+            one.publisher.publish(Float64MultiArray(data=set_point))
 
 
-def _positions(standing: Standing, joints: tuple[str, ...]) -> FloatArray:
-    position = np.array([standing.position.get(joint, np.nan) for joint in joints])
-    if not np.isfinite(position).all():
+def _array(positions: Mapping[str, float], joints: tuple[str, ...]) -> FloatArray:
+    array = np.array([positions.get(joint, np.nan) for joint in joints])
+    if not np.isfinite(array).all():
         raise HandlingError("not all joints have been measured")
-    return position
-
-
-def _point(point: WayPoint) -> JointTrajectoryPoint:
-    whole, part = divmod(round(point.time_s * 1e9), 1_000_000_000)
-    return JointTrajectoryPoint(
-        positions=point.position.tolist(),
-        velocities=point.velocity.tolist(),
-        time_from_start=Duration(sec=whole, nanosec=part),
-    )
+    return array

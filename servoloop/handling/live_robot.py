@@ -8,19 +8,24 @@ from typing import Final, Self
 import numpy as np
 
 from hal.description import parse_urdf
-from hal.types import JointLimits
-from nodes.handling.robot import HandlingError, Standing
+from hal.types import FloatArray, JointLimits
+from nodes.handling.robot import HandlingError, JointsNow
 from servoloop.live.folder import find_stack
+from servoloop.live.history import Curves
 from servoloop.live.robot_state import RobotState, Snapshot
 from servoloop.live.stream import open_live
 
 ANSWER_S: Final = 5.0
 
 
-def standing_of(snapshot: Snapshot, age_s: float) -> Standing:
-    """Where the joints are commanded to be, or else where they are."""
-    at = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
-    return Standing(dict(zip(snapshot.joints, at.tolist(), strict=True)), age_s)
+def joints_now(snapshot: Snapshot, age_s: float) -> JointsNow:
+    """The joints as a snapshot has them."""
+    commanded = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
+    return JointsNow(_by_name(snapshot, commanded), _by_name(snapshot, snapshot.position), age_s)
+
+
+def _by_name(snapshot: Snapshot, positions: FloatArray) -> dict[str, float]:
+    return dict(zip(snapshot.joints, positions.tolist(), strict=True))
 
 
 def limits_of(snapshot: Snapshot) -> dict[str, JointLimits]:
@@ -55,15 +60,20 @@ class LiveRobot:
         return self._state.snapshot
 
     @property
+    def curves(self) -> Curves:
+        """The last minute."""
+        return self._state.curves()
+
+    @property
     def limits(self) -> Mapping[str, JointLimits]:
         """By joint, as the robot description says."""
         if self._limits is None:
             self._limits = limits_of(self.snapshot)
         return self._limits
 
-    def standing(self) -> Standing:
-        """Where the joints are commanded to be, or else where they are."""
-        return standing_of(self.snapshot, monotonic() - self._heard_s)
+    def joints_now(self) -> JointsNow:
+        """The joints as the stack has told last."""
+        return joints_now(self.snapshot, monotonic() - self._heard_s)
 
     def wait(self) -> None:
         """Wait for the first measurement. Raises HandlingError where none comes."""

@@ -50,11 +50,8 @@ def jog(
         client.connect()
         jogging = Jogging(client, robot)
         with raw_keys(), Live(get_renderable=jogging.table, refresh_per_second=8, transient=True):
-            try:
-                while not (jogging.ended or signals.count):
-                    jogging.step()
-            finally:
-                client.rest()
+            while not (jogging.ended or signals.count):
+                jogging.step()
 
 
 class Jogging:
@@ -68,7 +65,6 @@ class Jogging:
         self._joints = client.joints
         self._chosen = 0
         self._key = HeldKey(TAP_S)
-        self._moves = False
         self._said = ""
 
     def step(self) -> None:
@@ -83,11 +79,8 @@ class Jogging:
             if way:
                 self._client.jog(self._joints[self._chosen], way)
                 self._said = ""
-            elif self._moves:
-                self._client.rest()
         except HandlingError as error:
             self._said = str(error)
-        self._moves = bool(way)
 
     def _press(self, key: str) -> None:
         if key in WAYS:

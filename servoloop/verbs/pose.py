@@ -57,13 +57,10 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
         with client_node("servoloop_pose") as (node, executor):
             client = RobotClient(node, executor, robot)
             client.connect()
-            try:
-                while not client.approach(pose):
-                    if signals.count:
-                        raise Interrupted("the arm has stopped on its way")
-                    sleep(TICK_S)
-            finally:
-                client.rest()
+            while not client.approach(pose):
+                if signals.count:
+                    raise Interrupted("the arm has stopped on its way")
+                sleep(TICK_S)
     typer.echo(f"{robot.arm} is at {name}")
 
 

@@ -497,6 +497,19 @@ def test_a_hand_command_just_behind_the_goal_is_waited_for(cycles_later: int) ->
     assert_smooth(bench.path())
 
 
+def test_a_stream_of_trajectories_on_the_topic_does_not_wait() -> None:
+    bench = waiting_bench()
+    bench.hand.submit([0.05])
+    bench.send(replace(to(1.0, 0.0), from_topic=True))
+    assert cycles_before_it_moves(bench) == 1
+    bench.send(replace(to(1.0, 0.0), from_topic=True))
+    bench.cycle(2)
+    bench.hand.submit([0.0])
+    bench.cycle(2)
+    moved = np.diff(bench.path()[:, 0])
+    assert (moved[1:] > 0.0).all()
+
+
 def test_a_hand_that_moves_later_does_not_stop_the_arm() -> None:
     bench = waiting_bench()
     handle = bench.send(to(1.0, 0.0))

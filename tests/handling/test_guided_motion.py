@@ -4,56 +4,77 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nodes.handling.guided_motion import AHEAD_S, BRAKE_S, GuidedMotion
+from nodes.handling.guided_motion import FURTHEST, HORIZON_S, NEAR, GuidedMotion, Standing
 
 TICK_S = 0.05
-FASTEST = 0.25
+FASTEST = np.array([0.25, 0.1])
 LOWER, UPPER = np.array([-1.0, -0.5]), np.array([1.0, 0.5])
+LAGS = 0.4
+"""The joints come nearer to their set point by this share in each tick."""
+
+joints = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
 
 
-@given(
-    st.lists(st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25)), max_size=120),
-    st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.5)),
-)
-def test_whatever_is_said_ways_stay_within_the_limits_slow_and_end_at_rest(
-    said: list[tuple[float, float]], start: tuple[float, float]
+def motion_from(position: np.ndarray) -> GuidedMotion:
+    return GuidedMotion(position, LOWER, UPPER, FASTEST)
+
+
+def follows(position: np.ndarray) -> Standing:
+    """Joints that are where they are commanded to be."""
+    return Standing(position, position)
+
+
+@given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 9.0)), max_size=60), joints)
+def test_whatever_is_said_the_set_point_stays_within_the_limits_and_near_the_joints(
+    said: list[tuple[float, float, float]], start: tuple[float, float]
 ) -> None:
-    motion = GuidedMotion(np.array(start), LOWER, UPPER)
-    for velocity in said:
-        before = motion.position
-        motion.go(np.array(velocity), FASTEST, TICK_S)
-        assert (np.abs(motion.position - before) <= FASTEST * TICK_S + 1e-9).all()
-        on, rest = motion.way()
-        assert on.time_s == AHEAD_S and rest.time_s == AHEAD_S + BRAKE_S <= 0.3
-        assert not rest.velocity.any()
-        for point in (motion, on, rest):
-            assert (point.position >= LOWER).all() and (point.position <= UPPER).all()
+    motion, position = motion_from(np.array(start)), np.array(start)
+    for first, second, passed_s in said:
+        set_point = motion.go(np.array([first, second]), passed_s, follows(position))
+        assert (set_point >= LOWER).all() and (set_point <= UPPER).all()
+        assert (np.abs(set_point - position) <= FASTEST * HORIZON_S + 1e-9).all()
+        position = position + LAGS * (set_point - position)
 
 
-@given(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)))
-def test_a_pose_is_reached_and_one_outside_the_limits_as_far_as_they_go(pose: tuple[float, float]) -> None:
-    motion, target = GuidedMotion(np.zeros(2), LOWER, UPPER), np.array(pose)
+def test_the_set_point_does_not_run_away_from_joints_that_stand() -> None:
+    motion = motion_from(np.zeros(2))
+    for _ in range(100):
+        set_point = motion.go(FASTEST, TICK_S, follows(np.zeros(2)))
+    np.testing.assert_allclose(set_point, FASTEST * HORIZON_S)
+
+
+def test_a_joint_that_is_blocked_is_not_pressed_on_further() -> None:
+    motion, commanded = motion_from(np.zeros(2)), np.zeros(2)
+    for _ in range(100):
+        commanded = motion.go(FASTEST, TICK_S, Standing(commanded, np.zeros(2)))
+    np.testing.assert_allclose(commanded, FURTHEST)
+
+
+@given(joints, st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)))
+def test_a_pose_is_reached_and_one_outside_the_limits_as_far_as_they_go(
+    start: tuple[float, float], pose: tuple[float, float]
+) -> None:
+    motion, position, target = motion_from(np.array(start)), np.array(start), np.array(pose)
     for _ in range(500):
-        if motion.go_to(target, FASTEST, TICK_S):
+        if motion.go_to(target, TICK_S, follows(position)):
             break
+        position = position + LAGS * (motion.set_point - position)
     else:
-        raise AssertionError(motion.position)
-    np.testing.assert_allclose(motion.position, np.clip(target, LOWER, UPPER), atol=2e-3)
+        raise AssertionError(position)
+    np.testing.assert_allclose(position, np.clip(target, LOWER, UPPER), atol=NEAR)
+
+
+def test_joints_go_to_a_pose_together() -> None:
+    motion = motion_from(np.zeros(2))
+    motion.go_to(np.array([0.5, -0.1]), TICK_S, follows(np.zeros(2)))
+    first, second = motion.set_point
+    np.testing.assert_allclose([first, second], [FASTEST[0] * TICK_S, -FASTEST[0] * TICK_S / 5.0])
 
 
 def test_a_joint_that_stands_outside_may_come_in_and_goes_no_further_out() -> None:
-    motion = GuidedMotion(np.array([1.2, 0.0]), LOWER, UPPER)
-    motion.go(np.array([0.25, 0.0]), FASTEST, 1.0)
-    assert motion.position[0] == 1.2
-    for _ in range(40):
-        motion.go(np.array([-0.25, 0.0]), FASTEST, TICK_S)
-    assert motion.position[0] < 1.0
-
-
-def test_the_end_is_rest_at_once() -> None:
-    motion = GuidedMotion(np.zeros(2), LOWER, UPPER)
-    for _ in range(10):
-        motion.go(np.array([0.25, 0.0]), FASTEST, TICK_S)
-    at, speed = motion.position[0], motion.velocity[0]
-    (rest,) = motion.end()
-    assert rest.time_s == BRAKE_S and rest.position[0] - at <= speed * BRAKE_S / 2.0 + 1e-9 and not rest.velocity.any()
+    position = np.array([1.2, 0.0])
+    motion = motion_from(position)
+    assert motion.go(np.array([0.25, 0.0]), TICK_S, follows(position))[0] == 1.2
+    for _ in range(60):
+        position = position + LAGS * (motion.go(np.array([-0.25, 0.0]), TICK_S, follows(position)) - position)
+    assert position[0] < 1.0
