@@ -114,7 +114,9 @@ def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
         open_live(found[0])
 
 
-def test_a_stack_that_begins_while_another_looks_for_stacks_is_not_taken_for_dead(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Slow(socket.socket):
         """A socket whose program is looked for between its name and its listening."""
 
