@@ -20,6 +20,8 @@ class JointsNow:
     """Where they are not commanded, as measured."""
     measured: Mapping[str, float]
     age_s: float
+    faults: Mapping[str, str]
+    """What is wrong with a joint's servo."""
 
 
 class Robot(Protocol):

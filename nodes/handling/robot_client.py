@@ -161,6 +161,9 @@ class RobotClient:
         if not now.age_s <= FRESH_S:
             one.motion = None
             raise HandlingError("the joints' positions are old: does the stack still run?")
+        if wrong := [f"{joint}: {now.faults[joint]}" for joint in one.joints if joint in now.faults]:
+            one.motion = None
+            raise HandlingError("; ".join(wrong))
         at = Standing(_array(now.commanded, one.joints), _array(now.measured, one.joints))
         if one.motion is None or begins:
             limits = [self._robot.limits[joint] for joint in one.joints]

@@ -13,6 +13,7 @@ from nodes.handling.robot import HandlingError, JointsNow
 from servoloop.live.folder import find_stack
 from servoloop.live.history import Curves
 from servoloop.live.robot_state import RobotState, Snapshot
+from servoloop.live.servo_status import servo_faults
 from servoloop.live.stream import open_live
 
 ANSWER_S: Final = 5.0
@@ -21,7 +22,9 @@ ANSWER_S: Final = 5.0
 def joints_now(snapshot: Snapshot, age_s: float) -> JointsNow:
     """The joints as a snapshot has them."""
     commanded = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
-    return JointsNow(_by_name(snapshot, commanded), _by_name(snapshot, snapshot.position), age_s)
+    return JointsNow(
+        _by_name(snapshot, commanded), _by_name(snapshot, snapshot.position), age_s, servo_faults(snapshot)
+    )
 
 
 def _by_name(snapshot: Snapshot, positions: FloatArray) -> dict[str, float]:

@@ -7,7 +7,8 @@ from typing import Final
 
 from hal.description import UrdfJoint
 from servoloop.live.robot_state import Snapshot, StatusNow
-from servoloop.view.watched import OF_SERVO, OWN, health, servo_status
+from servoloop.live.servo_status import OF_SERVO, OWN, servo_status
+from servoloop.view.watched import health
 
 LOOP: Final = "control loop"
 PORT: Final = "noise"

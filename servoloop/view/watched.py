@@ -9,11 +9,10 @@ import numpy as np
 
 from hal.types import FloatArray
 from servoloop.live.history import KEPT_S
-from servoloop.live.robot_state import GoalPath, RobotState, Snapshot, StatusNow
+from servoloop.live.robot_state import GoalPath, RobotState, Snapshot
+from servoloop.live.servo_status import servo_status
 from servoloop.live.stream import Received
 
-OWN: Final = "servoloop: "
-OF_SERVO: Final = " (servo "
 DIAGNOSTICS: Final = "/diagnostics"
 
 
@@ -61,12 +60,6 @@ def health(snapshot: Snapshot) -> Health:
         return np.array([math.nan if one is None else float(one.values.get(key, "nan")) for one in found])
 
     return Health(snapshot.stamp_s, numbers("voltage_v"), numbers("temperature_c"))
-
-
-def servo_status(snapshot: Snapshot, joint: str) -> StatusNow | None:
-    """The status of a joint's servo; None where it has none."""
-    prefix = f"{OWN}{joint}{OF_SERVO}"
-    return next((status for name, status in snapshot.statuses.items() if name.startswith(prefix)), None)
 
 
 def health_column(rows: Sequence[Health], name: str, place: int) -> FloatArray:
