@@ -19,7 +19,9 @@ TICK_S: Final = 0.04
 TAP_S: Final = 0.1
 """A tap turns a joint for so long."""
 WAYS: Final = {"right": 1.0, "+": 1.0, "left": -1.0, "-": -1.0}
-HELP: Final = "up, down or 1 to 9: which joint · hold left or right: turn it · space: stop everything · q: end"
+HELP: Final = "up, down or 1 to 9: which joint · hold left or right: turn it\nspace: stop everything · q: end"
+WIDTH: Final = 64
+"""Of the table, in columns: so wide is the help."""
 
 
 def jog(
@@ -101,7 +103,7 @@ class Jogging:
         """The joints, where they are and where they may go."""
         from rich.table import Table
 
-        table = Table("", "joint", "position", "from", "to", caption=f"{HELP}\n{self._said}")
+        table = Table("", "joint", "position", "from", "to", caption=f"{HELP}\n{self._said}", min_width=WIDTH)
         now = self._robot.snapshot
         at = dict(zip(now.joints, now.position.tolist(), strict=True))
         for number, joint in enumerate(self._joints):

@@ -2,9 +2,12 @@
 
 import os
 import pty
+import shlex
 import signal
 import subprocess
 import sys
+import termios
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -23,7 +26,9 @@ from nodes.client_node import client_node
 from nodes.handling.guided_motion import HORIZON_S
 from nodes.handling.robot import HandlingError, JointsNow, Robot
 from nodes.handling.robot_client import SLOW, RobotClient
+from servoloop.arms.folder import ARMS
 from servoloop.handling.live_robot import LiveRobot
+from tests.handling.test_docs import COMMANDS
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import PICK, READY, ArmClient, arm_client, emulating, running, until
 
@@ -37,7 +42,11 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     folder = tmp_path_factory.mktemp("handling")
     with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(folder) as link:
         patch.chdir(folder)
-        with running(folder, "--port", str(link)):
+        (folder / "my_arm").mkdir()
+        (folder / "my_arm" / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
+        up, port, _ = shlex.split(COMMANDS[0])[1:]
+        assert up == "up"
+        with running(folder, port, str(link), "--arm", "my_arm"):
             with arm_client() as arm:
                 arm.wait(arm.send(READY))  # limp it has lain down
             yield
@@ -149,6 +158,31 @@ def test_a_pose_comes_back_and_wrong_ones_are_refused(robot: LiveRobot, tmp_path
             moving.approach({"joint9": 0.0})
 
 
+def servoloop(words: str, *more: str) -> subprocess.CompletedProcess[str]:
+    """A command of the page, to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", *shlex.split(words), *more], capture_output=True, text=True, timeout=120.0, check=False
+    )
+
+
+def test_a_pose_is_saved_gone_to_listed_and_forgotten_in_a_terminal(robot: LiveRobot) -> None:
+    _, _, save, list_, go, remove = COMMANDS
+    saved = at(robot)
+    done = servoloop(save)
+    assert (done.returncode, done.stdout) == (0, "over_the_box: 7 joints of my_arm\n"), done.stderr
+    with client(robot) as moving:
+        until(lambda: moving.approach({JOINT: saved + 0.2}) or time.sleep(0.04))
+    standstill(robot)
+    done = servoloop(go)
+    assert (done.returncode, done.stdout) == (0, "my_arm is at over_the_box\n"), done.stderr
+    standstill(robot)
+    assert at(robot) == pytest.approx(saved, abs=0.02)
+    assert f"over_the_box: joint1 {saved:+.4f}, joint2 " in servoloop(list_, "--arm", "my_arm").stdout
+    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box is forgotten\n"
+    lost = servoloop(go)
+    assert lost.returncode == 1 and "there is no pose over_the_box in" in lost.stderr
+
+
 def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
     program = (
         "import time\n"
@@ -170,37 +204,44 @@ def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
     assert killed - at(robot) <= SLOW * (HORIZON_S + 0.5), "it rests behind its last set point; the feed is late"
 
 
+class Screen:
+    """What a program writes into a terminal; read all the time, or the terminal fills and the program waits."""
+
+    def __init__(self, terminal: int) -> None:
+        self.shown = b""
+        self._terminal = terminal
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        with suppress(OSError):  # it is closed
+            while text := os.read(self._terminal, 65536):
+                self.shown += text
+
+
 def test_jog_in_a_terminal(robot: LiveRobot) -> None:
     """A key that repeats turns the joint, no repeat stops it, q ends and leaves the terminal as it was."""
     ours, theirs = pty.openpty()
-    before = at(robot)
-    with subprocess.Popen(
-        [sys.executable, "-m", "servoloop", "jog"], stdin=theirs, stdout=theirs, stderr=theirs
-    ) as jog:
-        os.set_blocking(ours, False)
-        shown = bytearray()
-
-        def screen() -> bytes:
-            with suppress(BlockingIOError):
-                shown.extend(os.read(ours, 65536))  # or the terminal fills
-            return bytes(shown)
+    before, modes = at(robot), termios.tcgetattr(theirs)
+    screen = Screen(ours)
+    command = [sys.executable, "-m", *shlex.split(COMMANDS[1])]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as jog:
 
         def ended() -> str:
-            return screen().decode() if jog.poll() is not None else ""
+            return screen.shown.decode() if jog.poll() is not None else ""
 
         def press() -> bool:
             os.write(ours, b"\x1b[C")
-            screen()
             time.sleep(0.05)
             return at(robot) > before + 0.1
 
         try:
-            until(lambda: b"hold left or right" in screen(), ended)
+            until(lambda: b"hold left or right" in screen.shown, ended)
             until(press, ended)
             standstill(robot)
             os.write(ours, b"q")
             assert jog.wait(20.0) == 0
         finally:
             jog.kill()
-    os.close(ours)
+    assert termios.tcgetattr(theirs) == modes
     os.close(theirs)
+    os.close(ours)
