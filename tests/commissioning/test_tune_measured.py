@@ -1,0 +1,307 @@
+"""``tune`` on virtual servos: gains have the effects that are known of them, the laws foresee those, and the arm is
+left as it is to be left, whatever ends the measurement."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from commissioning.slow_arm import SPEED_SHARE, StoppedError
+from commissioning.tune.errors import TuneError
+from commissioning.tune.law import Law
+from commissioning.tune.run import tune
+from commissioning.tune.tuner import Ending, Measurement, Tuner
+from drivers.bus.bus import Bus
+from drivers.errors import DriverError, PortLost
+from drivers.servos import sts, x
+from drivers.servos.register import Register
+from hal.joint import Joint
+from sim_backend.clock import SimulatedClock
+from sim_backend.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.plant import BenchPlant
+from sim_backend.port import VirtualPort
+from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
+from tests.hal.bench import JOINTS
+
+COUNT = abs(JOINTS[0].units_per_count)
+
+
+def measured(gains: dict[Register, int], joint: str = "shoulder") -> tuple[TuneBench, Measurement]:
+    bench = TuneBench(gains)
+    return bench, bench.tuner(joint).measure(None)
+
+
+@pytest.fixture(scope="module")
+def factory() -> Measurement:
+    return measured({})[1]
+
+
+@pytest.fixture(scope="module")
+def soft() -> Measurement:
+    return measured({sts.position_p: 16})[1]
+
+
+@pytest.fixture(scope="module")
+def undamped() -> Measurement:
+    return measured({sts.position_d: 0})[1]
+
+
+def test_half_the_p_sags_twice_as_far(factory: Measurement, soft: Measurement) -> None:
+    """Behind the dead zone of one count, and the offset of 16 u, which both have."""
+    assert factory.gains["P"] == 32 and soft.gains["P"] == 16
+    assert soft.figures.sag / factory.figures.sag == pytest.approx(2.0, abs=0.15)
+    assert factory.figures.sag > 15 * COUNT
+
+
+def test_without_d_it_overshoots_more_and_sags_the_same(factory: Measurement, undamped: Measurement) -> None:
+    assert undamped.figures.overshoot > factory.figures.overshoot + 3.0 * COUNT
+    assert undamped.figures.sag == pytest.approx(factory.figures.sag, abs=1.5 * COUNT)
+    assert undamped.figures.delay_s == pytest.approx(factory.figures.delay_s, abs=0.005)
+
+
+def test_half_the_p_is_later(factory: Measurement, soft: Measurement) -> None:
+    assert soft.figures.delay_s > 1.3 * factory.figures.delay_s
+    assert soft.figures.following_rms > 1.5 * factory.figures.following_rms
+
+
+def test_what_the_laws_foresee_is_what_is_measured(factory: Measurement, soft: Measurement) -> None:
+    """From either to the other."""
+    for before, after in ((factory, soft), (soft, factory)):
+        bench = TuneBench({sts.position_p: before.gains["P"]})
+        law = Law(bench.tuner().joint, before.plan, before.figures)
+        found = law.predict({"P": after.gains["P"]})
+        assert found.sag == pytest.approx(after.figures.sag, abs=2.0 * COUNT)
+        assert found.rest_error == pytest.approx(after.figures.rest_error, abs=4.0 * COUNT)
+        assert found.delay_s == pytest.approx(after.figures.delay_s, abs=0.010)
+
+
+def test_what_d_does_is_foreseen(factory: Measurement, undamped: Measurement) -> None:
+    bench = TuneBench({sts.position_d: 0})
+    law = Law(bench.tuner().joint, undamped.plan, undamped.figures)
+    assert law.predict({}).overshoot == pytest.approx(undamped.figures.overshoot, abs=0.5 * COUNT)
+    assert law.predict({"D": 32}).overshoot == pytest.approx(factory.figures.overshoot, abs=3.0 * COUNT)
+
+
+def test_the_same_arm_gives_the_same_figures(factory: Measurement) -> None:
+    assert measured({})[1].figures == factory.figures
+
+
+def test_no_joint_is_faster_than_a_quarter_of_its_limit_and_the_others_stay() -> None:
+    bench = TuneBench()
+    fastest, farthest = [0.0] * 3, [0.0] * 3
+    start = bench.positions
+
+    def watch(data: bytes) -> None:
+        for at, joint in enumerate(bench.joints):
+            if all(bench.torque):
+                speed = abs(float(bench.plant.joints.velocity[at])) * joint.transmission
+                fastest[at] = max(fastest[at], speed)
+                farthest[at] = max(farthest[at], abs(bench.positions[at] - start[at]))
+
+    bench.before = watch
+    found = bench.tuner("elbow", Ending(relax=True)).measure(None)
+    allowed = SPEED_SHARE * JOINTS[1].limits.velocity
+    assert 0.5 * allowed < fastest[1] < 1.4 * allowed  # the servo's own way of following is a little faster than told
+    assert farthest[1] == pytest.approx(abs(found.plan.far - found.plan.start), abs=15 * COUNT)
+    assert farthest[2] < 1e-3
+
+
+def test_a_prismatic_joint_is_measured_too() -> None:
+    _, found = measured({}, "finger")
+    assert 0.0 < found.plan.far < 0.05 and abs(found.plan.step) == pytest.approx(0.15 * 0.03)
+    assert 0.0 < found.figures.delay_s < 0.15
+
+
+def test_nothing_is_written_but_goals_unless_it_is_told() -> None:
+    """Not even what the robot file names, and the servo has otherwise."""
+    bench = TuneBench({sts.position_p: 16}, joints=(replace(JOINTS[0], settings=(("position_p", 32),)), *JOINTS[1:]))
+    before = bench.saved
+    report = tune(bench.tuner())
+    assert bench.saved == before
+    assert report.written == () and report.after is None
+    assert report.overruled == {"position_p": 32}
+    assert report.proposal.values["P"] == 24 and report.predicted is not None
+
+
+def test_gains_are_written_to_a_limp_servo_read_back_locked_and_measured() -> None:
+    bench = TuneBench({sts.position_p: 16})
+    under_torque: list[bool] = []
+    memory = bench.memories[0]
+
+    def watch(data: bytes) -> None:
+        if memory.get(sts.lock) == 0:
+            under_torque.append(any(bench.torque))
+
+    bench.before = watch
+    report = tune(bench.tuner(), write={"P": 32, "D": 32})
+    assert [(one.gain, one.old, one.new) for one in report.written] == [("P", 16, 32)]  # D 32 it had
+    assert under_torque and not any(under_torque)
+    assert memory.get(sts.lock) == 1
+    bench.line.servo(1).power_cycle()
+    assert memory.get(sts.position_p) == 32
+    assert report.after is not None and report.predicted is not None
+    assert report.before.figures.sag / report.after.figures.sag == pytest.approx(2.0, abs=0.15)
+    assert report.predicted.sag == pytest.approx(report.after.figures.sag, abs=2.0 * COUNT)
+    assert report.after.plan == report.before.plan
+    assert report.to_keep == {"settings": {"position_p": 32}}
+
+
+def test_what_is_proposed_can_be_applied() -> None:
+    report = tune(TuneBench({sts.position_d: 0}).tuner(), apply=True)
+    assert {one.gain for one in report.written} == set(report.proposal.values) == {"D"}
+    assert report.after is not None
+    assert report.after.figures.overshoot < report.before.figures.overshoot - 2.0 * COUNT
+
+
+def test_gains_that_are_there_already_are_not_written_and_nothing_is_measured_twice() -> None:
+    bench = TuneBench()
+    report = tune(bench.tuner(), write={"P": 32})
+    assert report.written == () and report.after is None
+
+
+@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+def test_the_arm_is_left_as_the_robot_file_says(ending: Ending) -> None:
+    bench = TuneBench()
+    report = tune(bench.tuner(ending=ending))
+    assert bench.torque == [not ending.relax] * 3
+    if ending.relax:
+        assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
+    else:
+        assert bench.positions[0] == pytest.approx(report.before.plan.start, abs=0.1)
+
+
+def test_an_arm_that_is_to_be_held_is_let_go_for_the_write_alone() -> None:
+    bench = TuneBench({sts.position_p: 16})
+    tune(bench.tuner(ending=HELD), write={"P": 24})
+    assert bench.torque == [True] * 3
+
+
+def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
+    bench = TuneBench()
+    bench.tuner(ending=HELD).measure(None)
+    held = bench.tuner(ending=Ending(relax=False))
+    assert held.torque_was_on
+    with pytest.raises(TuneError, match="no park pose"):
+        tune(held, write={"P": 24})
+    assert bench.torque == [True] * 3
+
+
+def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
+    bench = TuneBench()
+    report_at_s = bench.clock.now() + 6.0
+    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+        tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
+    assert bench.torque == [False] * 3
+    assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
+
+
+def test_whoever_stops_it_between_has_nothing_written() -> None:
+    bench = TuneBench({sts.position_p: 16})
+    before, parked = bench.saved, False
+
+    def stopped() -> bool:
+        return parked
+
+    tuner = bench.tuner(stopped=stopped)
+    tuner.measure(None)
+    parked = True
+    with pytest.raises(StoppedError, match="nothing was written"):
+        tuner.write({"P": 24})
+    assert bench.saved == before
+
+
+@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+def test_a_servo_that_fails_is_named_and_the_others_are_left_on_purpose(ending: Ending) -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def silence(data: bytes) -> None:
+        if bench.clock.now() > end_s:
+            bench.line.faults.silence(2)
+
+    bench.before = silence
+    with pytest.raises(DriverError, match=r"servo 2|elbow"):
+        tune(bench.tuner(ending=ending))
+    assert [bench.torque[0], bench.torque[2]] == [not ending.relax] * 2
+
+
+def test_a_port_that_is_pulled_is_said() -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def pull(data: bytes) -> None:
+        if bench.clock.now() > end_s and bench.port is not None:
+            bench.port.unplug()
+
+    bench.before = pull
+    with pytest.raises((PortLost, StoppedError), match="unplugged"):
+        tune(bench.tuner())
+
+
+def test_what_was_written_is_said_where_the_second_measurement_fails() -> None:
+    bench = TuneBench()
+    written = False
+
+    def silence(data: bytes) -> None:
+        nonlocal written
+        written = written or bench.memories[0].get(sts.position_p) == 24
+        if written and all(bench.torque):
+            bench.line.faults.silence(7)
+
+    bench.before = silence
+    with pytest.raises(DriverError) as caught:
+        tune(bench.tuner(), write={"P": 24})
+    assert caught.value.__notes__ == ["written before that: P 32 to 24 (servo 1)"]
+
+
+def test_a_joint_that_cannot_hold_its_load_is_said_and_the_arm_let_go() -> None:
+    bench = TuneBench(load_nm=5.0)
+    with pytest.raises(DriverError, match=r"shoulder.* (stays|protects itself|has let go)"):
+        tune(bench.tuner())
+    assert bench.torque == [False] * 3
+
+
+def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
+    bench = TuneBench()
+    wall = bench.plant.joints.position[0] + 0.23
+    fastest_there = 0.0
+
+    def stand_in_the_way(data: bytes) -> None:
+        nonlocal fastest_there
+        if bench.plant.joints.position[0] > wall:
+            fastest_there = max(fastest_there, float(bench.plant.joints.velocity[0]))
+            bench.plant.joints.position[0], bench.plant.joints.velocity[0] = wall, 0.0
+
+    bench.before = stand_in_the_way
+    with pytest.raises(TuneError, match=r"shoulder \(servo 1\) was to move by \+0\.150 and moved by \+0\.0"):
+        tune(bench.tuner())
+    assert 0.0 < fastest_there < 0.6
+    assert bench.torque == [False] * 3
+
+
+def test_a_joint_that_is_not_there_and_a_servo_that_does_not_answer_are_named() -> None:
+    bench = TuneBench()
+    with pytest.raises(TuneError, match="no joint wrist, but shoulder, elbow, finger"):
+        bench.tuner("wrist")
+    bench.line.faults.silence(2)
+    with pytest.raises(TuneError, match="elbow: servo 2"):
+        bench.tuner()
+
+
+def test_a_dynamixel_s_gains_live_in_ram_and_p_is_kept_by_the_robot_file() -> None:
+    joint = replace(JOINTS[0], model=x.XL430_W250, position_p=1000)
+    clock, plant = SimulatedClock(), BenchPlant([1], timestep_s=0.002)
+    line = VirtualDynamixelBus.of(plant, {1: x.XL430_W250})
+
+    def opened(joints: Sequence[Joint]) -> dict[str, Bus]:
+        gains = {one.servo_id: one.position_p for one in joints if one.position_p is not None}
+        return {"": Bus(VirtualPort(line, clock), clock, {1: x.XL430_W250}, position_p=gains)}
+
+    tuner = Tuner([joint], "shoulder", opened, clock, Ending(relax=True))
+    assert tuner.gains["P"] == 1000, "which the robot file names, and the servo gets with its torque"
+    report = tune(tuner, write={"P": 400})
+    assert line.servo(1).memory.get(x.position_p_gain) == 400
+    assert report.to_keep == {"position_p": 400}
+    assert report.after is not None and report.after.figures.delay_s > report.before.figures.delay_s
+    assert report.predicted is not None and report.predicted.overshoot is None
+    assert report.predicted.delay_s == pytest.approx(report.after.figures.delay_s, rel=0.1)
