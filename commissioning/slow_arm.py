@@ -25,8 +25,8 @@ SETTLE_S: Final = 0.3
 STANDS_RAD: Final = 0.003
 """A servo's shaft that turns by less within ``SETTLE_S`` stands: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
-PATIENCE_CYCLES: Final = 4
-"""A packet that is lost is no reason to let the arm go."""
+PATIENCE_S: Final = 0.2
+"""A packet that is lost is no reason to let the arm go, nor a machine that is held up for a moment."""
 LETTING_DOWN: Final = (0.3, 0.2, 0.12, 0.06)
 """Shares of full drive on the way to none: an arm in the air sinks, and does not fall."""
 LETTING_DOWN_S: Final = 0.4
@@ -160,7 +160,7 @@ class SlowArm:
         self.asked_s = self._clock.now()
         self._state = self._hardware.read()
         self._faulty_cycles = self._faulty_cycles + 1 if self._state.faults else 0
-        if self._faulty_cycles > PATIENCE_CYCLES:
+        if self._faulty_cycles > round(PATIENCE_S / self.period_s):
             raise StoppedError("; ".join(fault.text for fault in self._state.faults.values()))
 
     def _let_down(self) -> None:

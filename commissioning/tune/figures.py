@@ -34,6 +34,12 @@ class Trace:
         return cls(time_s - time_s[0], command, position)
 
 
+def rest_error(trace: Trace) -> float:
+    """Command less position at the end of a motion, the mean over ``SETTLED_S``."""
+    settled = trace.time_s >= trace.time_s[-1] - SETTLED_S
+    return float((trace.command - trace.position)[settled].mean())
+
+
 @dataclass(frozen=True, slots=True)
 class Response:
     """How one step was answered. All counts from when the command stood, behind the gate."""
@@ -119,7 +125,7 @@ class Figures:
     settling_s: float | None
     """Of the slowest step; None where one does not settle."""
     sag: float
-    """Command less position at rest, the mean of what it is from either side: what load does."""
+    """Command less position at rest half-way, the mean of coming from either side: what load does."""
     stick: float
     """By so much it differs to either side of that: what friction and dead zone leave."""
     rest_error: float
@@ -133,21 +139,20 @@ class Figures:
     shakes: bool
 
 
-def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float) -> Figures:
-    """The figures of steps in both directions and a sine; ``count``: one of the encoder's, rad or m."""
+def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float, half_way: tuple[float, float]) -> Figures:
+    """The figures of steps in both directions and a sine; ``count``: one of the encoder's, rad or m.
+
+    ``half_way``: command less position at rest at one place, to which the joint came from either side.
+    """
     answers = [response(step, count) for step in steps]
     wave = following(sine, hz)
-    up, down = (
-        np.mean([one.rest_error for one, step in zip(answers, steps, strict=True) if _rises(step) is rises])
-        for rises in (True, False)
-    )
     slowest = [one.settling_s for one in answers]
     widest = max(answers, key=lambda one: one.swing)
     return Figures(
         overshoot=float(np.mean([one.overshoot for one in answers])),
         settling_s=None if None in slowest else max(time_s for time_s in slowest if time_s is not None),
-        sag=float(0.5 * (up + down)),
-        stick=float(0.5 * abs(up - down)),
+        sag=0.5 * sum(half_way),
+        stick=0.5 * abs(half_way[0] - half_way[1]),
         rest_error=max(abs(one.rest_error) for one in answers),
         delay_s=wave.delay_s,
         following_largest=wave.largest,
@@ -156,7 +161,3 @@ def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float) -> Fig
         swing_hz=widest.swing_hz,
         shakes=widest.swing > SHAKES_COUNTS * count,
     )
-
-
-def _rises(step: Trace) -> bool:
-    return bool(step.command[-1] > step.command[0])

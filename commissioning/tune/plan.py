@@ -9,8 +9,8 @@ from commissioning.slow_arm import SPEED_SHARE
 from commissioning.tune.errors import TuneError
 from hal.joint import Joint
 
-LIFT_RAD: Final = 0.2
-"""So far a joint leaves the place where it stood, and whatever it may lie on there."""
+LIFT_RAD: Final = 0.35
+"""So far a joint leaves the place where it stood, and whatever it may lie on there: more than a soft servo sags."""
 STEP_RAD: Final = 0.15
 """98 counts of an STS."""
 LEAST_RAD: Final = 0.03

@@ -110,12 +110,8 @@ class Tuner:
         with arm:
             try:
                 found = self._measured(arm, at)
-            except StoppedError:
-                if self._stopped():  # else a servo failed: the arm is not driven any further
-                    self._end(arm)
-                raise
-            except TuneError:
-                self._end(arm)
+            except (StoppedError, TuneError):
+                self._end(arm)  # which ends at once where a servo has failed, and is still missing
                 raise
             arm.relax = again(found) or self._ending.relax
             self._end(arm)
@@ -148,11 +144,12 @@ class Tuner:
         arm.go_all(self._begun)
         plan = plan_for(self.joint, float(self._begun[self._index]), at)
         trial = Trial(arm, self._index, plan)
-        trial.look_for_room()
+        half_way = trial.look_for_room()
         steps = [trial.step(target) for _ in range(TIMES) for target in (plan.far, plan.near)]
         sine = trial.sine()
         count = abs(self.joint.units_per_count)
-        return Measurement(dict(self.gains), plan, figures(steps, sine, plan.sine_hz, count), tuple(steps), sine)
+        found = figures(steps, sine, plan.sine_hz, count, half_way)
+        return Measurement(dict(self.gains), plan, found, tuple(steps), sine)
 
 
 def _looked_at(bus: Bus, joint: Joint) -> Joint:

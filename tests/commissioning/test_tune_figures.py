@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commissioning.tune.errors import TuneError
-from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response
+from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response, rest_error
 from commissioning.tune.gains import gains_of, parse_gains, with_gains
 from commissioning.tune.plan import LIFT_RAD, STEP_RAD, Plan, plan_for, said
 from drivers.servos import ax_mx, scs, sts, x
@@ -70,7 +70,7 @@ def test_settling_ends_with_the_last_sample_outside_the_band() -> None:
 
 def test_load_and_friction_are_told_apart_by_the_side_from_which_a_joint_comes() -> None:
     up, down = step(0.0, 0.03), step(0.0, 0.01, way=-0.15)
-    found = figures([up, down], sine(0.03, 0.02, 1.0), 1.0, COUNT)
+    found = figures([up, down], sine(0.03, 0.02, 1.0), 1.0, COUNT, (rest_error(up), rest_error(down)))
     assert (found.sag, found.stick) == (pytest.approx(0.02, abs=1e-6), pytest.approx(0.01, abs=1e-6))
     assert found.rest_error == pytest.approx(0.03, abs=1e-6)
     assert not found.shakes
@@ -79,7 +79,7 @@ def test_load_and_friction_are_told_apart_by_the_side_from_which_a_joint_comes()
 @pytest.mark.parametrize(("counts", "shakes"), [(SHAKES_COUNTS - 1.0, False), (SHAKES_COUNTS + 1.0, True)])
 def test_a_joint_that_swings_at_rest_shakes(counts: float, shakes: bool) -> None:
     steps = [step(0.0, 0.0, swing=counts * COUNT), step(0.0, 0.0, way=-0.15)]
-    found = figures(steps, sine(0.0, 0.0, 1.0), 1.0, COUNT)
+    found = figures(steps, sine(0.0, 0.0, 1.0), 1.0, COUNT, (0.0, 0.0))
     assert found.shakes is shakes
     assert found.swing == pytest.approx(counts * COUNT)
     assert found.swing_hz == pytest.approx(5.0, abs=1.0)
@@ -112,7 +112,7 @@ def test_the_amplitude_shrinks_where_room_is_short_and_none_is_refused() -> None
 
 def test_whoever_is_asked_is_told_how_far_and_how_fast() -> None:
     text = said(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
-    assert "from 0.000 to 0.200 rad" in text and "0.350 (98 counts)" in text
+    assert "from 0.000 to 0.350 rad" in text and "0.500 (98 counts)" in text
     assert "no faster than 1 rad/s (its limit is 4)" in text and "elbow will be held" in text
     assert " m/s" in said(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
 

@@ -263,7 +263,7 @@ def test_a_joint_that_cannot_hold_its_load_is_said_and_the_arm_let_go() -> None:
 
 def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
     bench = TuneBench()
-    wall = bench.plant.joints.position[0] + 0.23
+    wall = bench.plant.joints.position[0] + 0.38
     fastest_there = 0.0
 
     def stand_in_the_way(data: bytes) -> None:
