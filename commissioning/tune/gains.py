@@ -12,8 +12,8 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Access, Register, ServoModel
+from hal.compensation.servo_compliance import assumed_settings
 from hal.joint import Joint
-from hal.servo_compliance import assumed_settings
 
 LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
     "P": ("position_p", "position_p_gain", "p_gain"),

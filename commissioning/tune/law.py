@@ -15,8 +15,8 @@ from commissioning.tune.figures import Figures
 from commissioning.tune.gains import with_gains
 from commissioning.tune.plan import Plan
 from drivers.servos import sts
+from hal.compensation.servo_compliance import STS_DRIVE_PER_COUNT, STS_FRICTION_SHARE
 from hal.joint import Joint
-from hal.servo_compliance import STS_DRIVE_PER_COUNT, STS_FRICTION_SHARE
 
 TICK_S: Final = 0.001
 D_EVERY_TICKS: Final = 20

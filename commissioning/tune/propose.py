@@ -8,8 +8,8 @@ from commissioning.tune.figures import Figures
 from commissioning.tune.law import Law, Predicted
 from commissioning.tune.plan import Plan
 from drivers.servos import sts
+from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint
-from hal.servo_compliance import STS_SETTINGS
 
 CALMER: Final = 0.75
 """Share of P that is left to a joint that shakes."""

@@ -17,9 +17,9 @@ from drivers.servos import sts, x
 from drivers.servos.register import Register
 from hal.joint import Joint
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
 from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
 from tests.hal.bench import JOINTS
 
