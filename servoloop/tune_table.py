@@ -1,4 +1,4 @@
-"""What a tuning shows of a joint, for people: a table of figures, and sentences."""
+"""The figures of a tuning for people, as a table, and the sentences below it."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from commissioning.doctor.checks.motion import SHAKES_COUNTS
 from hal.types import FloatArray
 
 SETTLED_S: Final = 0.6
@@ -16,6 +15,8 @@ BAND_SHARE: Final = 0.02
 """Of the step: a joint has settled once it stays so near to where it comes to rest,"""
 BAND_COUNTS: Final = 2.0
 """or this."""
+SHAKES_COUNTS: Final = 4.0
+"""Between the outermost positions at rest: more than a dead zone of one count and the encoder's steps leave."""
 ARRIVED: Final = 1e-9
 
 

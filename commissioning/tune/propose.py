@@ -15,6 +15,8 @@ CALMER: Final = 0.75
 """Share of P that is left to a joint that shakes."""
 LEAST_P: Final = 8
 DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
+WIDE: Final = 3
+"""A dead zone in which the least drive no longer throws a joint through its backlash."""
 FACTORY_P: Final = STS_SETTINGS["position_p"]
 """More is not proposed: the gears' backlash is the same, and what load makes sag the stack compensates."""
 STIFFER: Final = 1.5
@@ -79,6 +81,8 @@ def _calmer(held: Mapping[str, int], measured: Figures, count: float) -> Iterato
     softer = max(round(CALMER * held["P"]), LEAST_P)
     if softer < held["P"]:
         yield "P", softer, f"{swing}: P is too high for its load and the backlash of its gears; a quarter less is tried"
+        if held.get("cw_dead_zone", WIDE) < WIDE:
+            yield "P", softer, f"dead_zone={WIDE} is another way: P stays, and it rests up to {WIDE} counts off"
     else:
         yield "P", held["P"], f"{swing}, and P is small: look for play in its horn and its gears"
 

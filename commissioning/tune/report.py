@@ -49,7 +49,7 @@ class Report:
 
     @property
     def to_keep(self) -> dict[str, Any]:
-        """What the joint in the robot file is to say, so that the stack keeps what was written."""
+        """The joint's words in the robot file with which the stack keeps what was written."""
         return kept(self.joint.model, {one.gain: one.new for one in self.written}, self.named)
 
     @property
@@ -83,7 +83,7 @@ def _plain(found: Measurement) -> dict[str, Any]:
 
 
 def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int]) -> dict[str, Any]:
-    """What a joint in the robot file is to say to have these gains (by name), beside the settings ``named`` there.
+    """A joint's words in the robot file for these gains (by name), beside the settings ``named`` there.
 
     A Dynamixel's I and D live in RAM, and no robot file names them.
     """

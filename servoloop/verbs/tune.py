@@ -27,12 +27,11 @@ if TYPE_CHECKING:
     from servoloop.signals import Signals
 
 FOLDER: Final = Path("out") / "tune"
-LEFT: Final = "servos under torque hold their last goal"
 
 
 def tune(
     joint: Annotated[str, typer.Argument(help="The joint.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[GAIN=VALUE]...", help="More gains of --write.")] = None,
+    more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="More gains of --write.")] = None,
     port: PortsOption = None,
     arm: ArmOption = OWN,
     robot: RobotOption = None,
@@ -58,6 +57,7 @@ def tune(
 
     from commissioning.tune.gains import parse_gains
     from servoloop.files import make_folder
+    from servoloop.loop_thread import LEFT
     from servoloop.signals import Signals
 
     _check_words(write, more, apply)

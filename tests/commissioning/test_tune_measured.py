@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import pytest
 
-from commissioning.slow_arm import SPEED_SHARE, StoppedError
-from commissioning.tune.errors import TuneError
+from commissioning.slow_arm import SPEED_SHARE
 from commissioning.tune.law import Law
 from commissioning.tune.run import tune
 from commissioning.tune.tuner import Ending, Measurement, Tuner
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, PortLost
 from drivers.servos import sts, x
 from drivers.servos.register import Register
 from hal.joint import Joint
 from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.wire.port import VirtualPort
-from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
+from tests.commissioning.patient import Patient
+from tests.commissioning.tuned import TuneBench
 from tests.hal.bench import JOINTS
 
 COUNT = abs(JOINTS[0].units_per_count)
@@ -159,133 +159,19 @@ def test_gains_that_are_there_already_are_not_written_and_nothing_is_measured_tw
     assert report.written == () and report.after is None
 
 
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
-def test_the_arm_is_left_as_the_robot_file_says(ending: Ending) -> None:
-    bench = TuneBench()
-    report = tune(bench.tuner(ending=ending))
-    assert bench.torque == [not ending.relax] * 3
-    if ending.relax:
-        assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
-    else:
-        assert bench.positions[0] == pytest.approx(report.before.plan.start, abs=0.1)
+def test_a_joint_with_backlash_shakes_with_the_factory_s_p_and_not_with_half_of_it() -> None:
+    """One that gravity does not hold at one end of its gap."""
+    patient = Patient(build=Build(backlash_deg=1.0))
 
+    def opened(joints: Sequence[Joint]) -> dict[str, Bus]:
+        return {"": patient.bus()}
 
-def test_an_arm_that_is_to_be_held_is_let_go_for_the_write_alone() -> None:
-    bench = TuneBench({sts.position_p: 16})
-    tune(bench.tuner(ending=HELD), write={"P": 24})
-    assert bench.torque == [True] * 3
-
-
-def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
-    bench = TuneBench()
-    bench.tuner(ending=HELD).measure(None)
-    held = bench.tuner(ending=Ending(relax=False))
-    assert held.torque_was_on
-    with pytest.raises(TuneError, match="no park pose"):
-        tune(held, write={"P": 24})
-    assert bench.torque == [True] * 3
-
-
-def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
-    bench = TuneBench()
-    report_at_s = bench.clock.now() + 6.0
-    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
-        tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
-    assert bench.torque == [False] * 3
-    assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
-
-
-def test_whoever_stops_it_between_has_nothing_written() -> None:
-    bench = TuneBench({sts.position_p: 16})
-    before, parked = bench.saved, False
-
-    def stopped() -> bool:
-        return parked
-
-    tuner = bench.tuner(stopped=stopped)
-    tuner.measure(None)
-    parked = True
-    with pytest.raises(StoppedError, match="nothing was written"):
-        tuner.write({"P": 24})
-    assert bench.saved == before
-
-
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
-def test_a_servo_that_fails_is_named_and_the_others_are_left_on_purpose(ending: Ending) -> None:
-    bench = TuneBench()
-    end_s = bench.clock.now() + 5.0
-
-    def silence(data: bytes) -> None:
-        if bench.clock.now() > end_s:
-            bench.line.faults.silence(2)
-
-    bench.before = silence
-    with pytest.raises(DriverError, match=r"servo 2|elbow"):
-        tune(bench.tuner(ending=ending))
-    assert [bench.torque[0], bench.torque[2]] == [not ending.relax] * 2
-
-
-def test_a_port_that_is_pulled_is_said() -> None:
-    bench = TuneBench()
-    end_s = bench.clock.now() + 5.0
-
-    def pull(data: bytes) -> None:
-        if bench.clock.now() > end_s and bench.port is not None:
-            bench.port.unplug()
-
-    bench.before = pull
-    with pytest.raises((PortLost, StoppedError), match="unplugged"):
-        tune(bench.tuner())
-
-
-def test_what_was_written_is_said_where_the_second_measurement_fails() -> None:
-    bench = TuneBench()
-    written = False
-
-    def silence(data: bytes) -> None:
-        nonlocal written
-        written = written or bench.memories[0].get(sts.position_p) == 24
-        if written and all(bench.torque):
-            bench.line.faults.silence(7)
-
-    bench.before = silence
-    with pytest.raises(DriverError) as caught:
-        tune(bench.tuner(), write={"P": 24})
-    assert caught.value.__notes__ == ["written before that: P 32 to 24 (servo 1)"]
-
-
-def test_a_joint_that_cannot_hold_its_load_is_said_and_the_arm_let_go() -> None:
-    bench = TuneBench(load_nm=5.0)
-    with pytest.raises(DriverError, match=r"shoulder.* (stays|protects itself|has let go)"):
-        tune(bench.tuner())
-    assert bench.torque == [False] * 3
-
-
-def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
-    bench = TuneBench()
-    wall = bench.plant.joints.position[0] + 0.38
-    fastest_there = 0.0
-
-    def stand_in_the_way(data: bytes) -> None:
-        nonlocal fastest_there
-        if bench.plant.joints.position[0] > wall:
-            fastest_there = max(fastest_there, float(bench.plant.joints.velocity[0]))
-            bench.plant.joints.position[0], bench.plant.joints.velocity[0] = wall, 0.0
-
-    bench.before = stand_in_the_way
-    with pytest.raises(TuneError, match=r"shoulder \(servo 1\) was to move by \+0\.150 and moved by \+0\.0"):
-        tune(bench.tuner())
-    assert 0.0 < fastest_there < 0.6
-    assert bench.torque == [False] * 3
-
-
-def test_a_joint_that_is_not_there_and_a_servo_that_does_not_answer_are_named() -> None:
-    bench = TuneBench()
-    with pytest.raises(TuneError, match="no joint wrist, but shoulder, elbow, finger"):
-        bench.tuner("wrist")
-    bench.line.faults.silence(2)
-    with pytest.raises(TuneError, match="elbow: servo 2"):
-        bench.tuner()
+    report = tune(Tuner(patient.robot.joints, "joint1", opened, patient.clock, Ending(relax=True)), write={"P": 16})
+    assert report.before.figures.shakes and report.before.figures.settling_s is None
+    assert report.before.figures.swing > 8.0 * report.count
+    assert report.proposal.values == {"P": 24}
+    assert report.after is not None and not report.after.figures.shakes
+    assert report.after.figures.settling_s is not None
 
 
 def test_a_dynamixel_s_gains_live_in_ram_and_p_is_kept_by_the_robot_file() -> None:
