@@ -134,10 +134,10 @@ def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | Non
     text = said(tuner.joint, plan_for(tuner.joint, tuner.position, at), others, end)
     if not values and not apply:
         return text
-    wanted = " ".join(f"{name}={value}" for name, value in (values or {}).items()) or "the proposed gains"
+    wanted = " ".join(f"{name}={value}" for name, value in (values or {}).items()) or "The proposed gains"
     return (
-        f"Then {wanted} will be written to the EEPROM of servo {tuner.joint.servo_id}, for which the arm is let go at "
-        f"its end, and all of it done once more. First: {text}"
+        f"{wanted} will be written to servo {tuner.joint.servo_id} when it has been measured: the arm is let go for "
+        f"that, at its park pose where it has one, comes back, and all is done once more. First: {text}"
     )
 
 

@@ -1,13 +1,19 @@
 """How ``tune`` leaves the arm, whatever ends it: its own end, somebody, a servo or a port that is lost, an obstacle."""
 
+from collections.abc import Sequence
+
 import pytest
 
 from commissioning.slow_arm import StoppedError
 from commissioning.tune.errors import TuneError
 from commissioning.tune.run import tune
-from commissioning.tune.tuner import Ending
+from commissioning.tune.tuner import Ending, Tuner
+from drivers.bus.bus import Bus
 from drivers.errors import DriverError
-from drivers.servos import sts
+from drivers.servos import sts, x
+from hal.joint import Joint
+from servoloop.hardware import servo_bus
+from tests.commissioning.patient import Patient
 from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
 
 
@@ -138,3 +144,45 @@ def test_a_joint_that_is_not_there_and_a_servo_that_does_not_answer_are_named() 
     bench.line.faults.silence(2)
     with pytest.raises(TuneError, match="elbow: servo 2"):
         bench.tuner()
+
+
+def test_a_defect_in_the_middle_lets_the_arm_down() -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def fail(data: bytes) -> None:
+        if bench.clock.now() > end_s:
+            bench.before = lambda data: None
+            raise ZeroDivisionError
+
+    bench.before = fail
+    with pytest.raises(ZeroDivisionError):
+        tune(bench.tuner())
+    assert bench.torque == [False] * 3
+
+
+def test_an_arm_on_two_buses_is_held_and_let_go_on_both() -> None:
+    patient = Patient("robot_arm_two_buses.yaml")
+    file = patient.robot.file
+    seen: list[list[bool]] = []
+
+    def opened(joints: Sequence[Joint]) -> dict[str, Bus]:
+        return {
+            name: servo_bus(file, patient.open(f"x-{name}", line.baud), patient.clock, name)
+            for name, line in file.lines().items()
+        }
+
+    def driven() -> list[bool]:
+        arm, hand = (patient.lines[name].servos for name in ("arm", "hand"))
+        return [
+            *(one.memory.get(sts.torque_enable) == 1 for one in arm),
+            *(one.memory.get(x.torque_enable) == 1 for one in hand),
+        ]
+
+    def never() -> bool:
+        seen.append(driven())
+        return False
+
+    tune(Tuner(patient.robot.joints, "hand_right_joint", opened, patient.clock, Ending(relax=True), never))
+    assert len(seen) > 100 and all(map(all, seen))
+    assert not any(driven())

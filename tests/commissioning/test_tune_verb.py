@@ -68,7 +68,7 @@ def test_gains_are_written_and_both_measurements_stand_side_by_side(
 ) -> None:
     assert typed(monkeypatch, REAL[1], answer="y\n") == 0
     said = capsys.readouterr()
-    assert "Then P=24 D=32 will be written to the EEPROM of servo 2" in said.err
+    assert "P=24 D=32 will be written to servo 2 when it has been measured: the arm is let go for that" in said.err
     words = " ".join(said.out.split())
     assert "servo 2: P (position_p) was 32, is 24" in words
     assert "under joints, shoulder_lift: settings: {position_p: 24}" in words
