@@ -35,8 +35,7 @@ def test_an_arm_that_is_to_be_held_is_let_go_for_the_write_alone() -> None:
 
 
 def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
-    bench = TuneBench()
-    bench.tuner(ending=HELD).measure(None)
+    bench = TuneBench({sts.torque_enable: 1})
     held = bench.tuner(ending=Ending(relax=False))
     assert held.torque_was_on
     with pytest.raises(TuneError, match="no park pose"):
@@ -55,16 +54,9 @@ def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
 
 def test_whoever_stops_it_between_has_nothing_written() -> None:
     bench = TuneBench({sts.position_p: 16})
-    before, parked = bench.saved, False
-
-    def stopped() -> bool:
-        return parked
-
-    tuner = bench.tuner(stopped=stopped)
-    tuner.measure(None)
-    parked = True
+    before = bench.saved
     with pytest.raises(StoppedError, match="nothing was written"):
-        tuner.write({"P": 24})
+        bench.tuner(stopped=lambda: True).write({"P": 24})
     assert bench.saved == before
 
 
