@@ -27,7 +27,8 @@ from hal.mock_hardware import MockHardware
 from hal.robot_description.description import Description, Vector
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_description.kinematics import Quaternion
-from hal.robot_file.robot import RobotFile, require_positions
+from hal.robot_file.robot import require_positions
+from hal.robot_file.robot_file import RobotFile
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.files import Files
 from servoloop.line_rate import Line

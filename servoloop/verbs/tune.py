@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivers.bus.bus import Bus
     from drivers.clock import Clock
     from hal.joint import Joint
-    from hal.robot_file.robot import RobotFile
+    from hal.robot_file.robot_file import RobotFile
     from servoloop.files import Files
     from servoloop.signals import Signals
 

@@ -13,7 +13,7 @@ from commissioning.tune import law, plan, propose, trial
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.servos import sts
-from hal.robot_file.robot import RobotFile
+from hal.robot_file.robot_file import RobotFile
 from servoloop.hardware import servo_bus
 from tests.commissioning.patient import Patient
 from tests.commissioning.served import run
