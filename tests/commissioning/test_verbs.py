@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shlex
 import shutil
 import signal
@@ -23,8 +22,9 @@ from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.wire.line import ServoLine
 from tests.commissioning.machines import SmallMachine
 from tests.commissioning.served import run, served
+from tests.pages import code, commands
 
-PAGE = (Path(__file__).parents[2] / "docs" / "tools.md").read_text()
+PAGE = "tools.md"
 DEVICE = "/dev/ttyACM0"
 
 
@@ -48,15 +48,11 @@ def bus(link: Path) -> Iterator[ServoLine[Any]]:
         yield bus
 
 
-def page_commands() -> list[str]:
-    return [line for block in blocks("sh") for line in block.splitlines()]
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+EACH = [command for command in commands(PAGE) if command not in WHOLE_ARM]
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*EACH)
 def test_every_command_of_the_page_does_its_work_in_their_order(
     bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,10 +61,9 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.SETTLE_S", 0.05)
-    commands = [command for command in page_commands() if command not in WHOLE_ARM]
-    verbs = {shlex.split(command)[1] for command in commands}
+    verbs = {shlex.split(command)[1] for command in EACH}
     assert verbs == {"ports", "scan", "register", "set-id", "set-baud", "factory-reset", "reboot"}
-    for command in commands:
+    for command in EACH:
         if "--wait" in command:
             threading.Timer(0.4, small.infos.append, (small.infos.pop(),)).start()
         status = run(monkeypatch, *shlex.split(command.replace(DEVICE, str(link)))[1:], answer="y\n")
@@ -81,10 +76,10 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*WHOLE_ARM)
 def test_the_page_s_commands_for_a_whole_arm_do_their_work(
     link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert set(WHOLE_ARM) <= set(page_commands())
     monkeypatch.chdir(tmp_path)  # where the page's files are
     arm = find_arm("so101")
     joints = read_arm_files(arm).robot.joints
@@ -103,9 +98,9 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
         assert ids == ([6] if "--to-new" in command else sorted(models))
 
 
+@pytest.mark.runs(f"{PAGE} python 1")
 def test_the_script_of_the_page_runs(bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (script,) = blocks("python")
-    exec(script.replace(DEVICE, str(link)), {})
+    exec(code(PAGE, "python").replace(DEVICE, str(link)), {})
     assert capsys.readouterr().out.splitlines() == [f"{i} sts3215 70 °C" for i in (1, 2, 3)]
 
 
@@ -120,6 +115,9 @@ def test_a_register_is_printed_in_its_unit_and_raw(
     assert (value["raw"], value["value"], value["unit"]) == (140, 14.0, "V")
     assert run(monkeypatch, "register", "list", *where, "--json") == 0
     assert len(json.loads(capsys.readouterr().out)) == len(sts.REGISTERS)
+    assert run(monkeypatch, "register", "write", *where, "homing_offset", "-300") == 0
+    assert bus.servo(3).memory.get(sts.homing_offset) == -300
+    capsys.readouterr()
     assert run(monkeypatch, "register", "write", *where, "max_voltage", "14V") == 0
     assert "already: nothing written" in capsys.readouterr().out
 

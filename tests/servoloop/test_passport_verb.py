@@ -1,6 +1,7 @@
 """``servoloop passport`` as a user types it, on a virtual line behind a real serial device."""
 
 import json
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,14 +9,17 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.servos import sts
+from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.sts.servo import VirtualServo
 from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
+from tests.pages import commands
 from tests.servoloop.served import served
 
 IDS = tuple(range(1, 8))
+PAGE = commands("passport.md")
 
 
 @pytest.fixture
@@ -61,6 +65,24 @@ def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Pat
     file = str(tmp_path / "arm.passport.yaml")
     said = json.loads(run("save", file, "--port", port, "--arm", "robot_arm", "--json"))
     assert said["servos"]["7"]["joint"] == "hand_right_joint"
+
+
+@pytest.mark.slow
+@pytest.mark.runs(*PAGE)
+def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """This machine has no adapter, so the port is named; the servo that is replaced is of factory ID."""
+    monkeypatch.chdir(tmp_path)
+    save_, diff, restore, replace = (shlex.split(command)[2:] for command in PAGE)
+    robot = read_arm_files(find_arm("so101")).robot
+    models = {joint.servo_id: joint.model for joint in robot.joints}
+    with served(VirtualBus.of(BenchPlant(tuple(models)), models), tmp_path / "old") as port:
+        assert "servos 1, 2, 3, 4, 5, 6" in run(*save_, "--port", port)
+        assert "every servo holds" in run(*diff, "--port", port)
+        run(*restore, "--port", port, answer="y\n")
+    new = VirtualBus.of(BenchPlant((1,)), {1: models[6]})
+    with served(new, tmp_path / "new") as port:
+        run(*replace, "--port", port, answer="y\n")
+    assert new.servos[0].servo_id == 6
 
 
 @pytest.mark.slow
