@@ -12,13 +12,13 @@ from hal.description import Description, parse_urdf
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
+from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import ArmScene, add_ground
 from servoloop.view.colours import CHOICES, PLAIN, shares
 from servoloop.view.shapes import scene_shapes, shapes
 from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
-from servoloop.view.watched import Watched, health
 
 NO_JOINTS: Final = ("–",)
 
@@ -54,9 +54,10 @@ class Page:
         self._frames.on_update(self._chosen)
         self._ghost.on_update(self._chosen)
 
-    def status(self, text: str) -> None:
-        """Say what is shown: a running stack, a recording, or that the stack has ended."""
-        content = f"<p style='margin:0.5em 1em'><b>{escape(text)}</b></p>"
+    def status(self, text: str, well: bool = True) -> None:
+        """Say what is shown: a running stack, a recording, or, in red, that the stack has ended."""
+        red = "" if well else ";color:#d2322d"
+        content = f"<p style='margin:0.5em 1em{red}'><b>{escape(text)}</b></p>"
         if content != self._status.content:
             self._status.content = content
 

@@ -1,4 +1,4 @@
-"""What the page is told, without a browser: arm, ghost, path and colours, and a stack that ends and comes back."""
+"""What the page is told, without a browser: arm, ghost, path and colours."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,18 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servoloop.live.folder import socket_path
-from servoloop.view import live_source
+from servoloop.live.watched import health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import CELL, COMMANDED, MEASURED, PATH
 from servoloop.view.colours import HOT_C, TEMPERATURE, colour
-from servoloop.view.live_source import LiveSource
 from servoloop.view.page import Page
 from servoloop.view.server import PageServer
-from servoloop.view.watched import health
-from tests.live.rig import LiveRig, runtime_folder
 from tests.recorder.rig import Rig
-from tests.servoloop.served import eventually
 from tests.stack.rig import READY
 from tests.view.rig import watched
 
@@ -96,22 +91,3 @@ def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatc
     assert node(server, f"{MEASURED}/base_link/link1/link2/link3") is None
     assert node(server, f"{MEASURED}/base_link/link1/link2/forearm") is not None
     assert node(server, f"{CELL}/0") is None, "nothing is known of what stands around it"
-
-
-def test_a_stack_that_ends_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_source, "AGAIN_S", 0.01)
-    with runtime_folder(monkeypatch):
-        rig = LiveRig()
-        source = LiveSource(None)
-        eventually(lambda: rig.play(0.05) and source.connected)
-        assert source.status == "robot_arm: live"
-        before = source.watched
-        rig.feed.close((), failed=False)
-        eventually(lambda: not source.connected)
-        assert "has ended" in source.status and source.watched is before, "the last state stays"
-        assert not socket_path("robot_arm", 1).exists()
-        again = LiveRig(pid=2)
-        eventually(lambda: again.play(0.05) and source.connected)
-        assert source.watched is not before
-        source.close()
-        again.feed.close((), failed=False)
