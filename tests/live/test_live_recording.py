@@ -117,6 +117,18 @@ def test_told_to_stop_it_ends_with_a_whole_cycle_also_where_no_more_cycles_come(
     rig.feed.close((), failed=False)
 
 
+def test_told_to_stop_it_ends_though_cycles_come_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_recording, "FLUSH_S", 60.0)
+    rig = LiveRig()
+    recording = Recording(tmp_path / "live.mcap")
+    rig.play(0.2)
+    recording.stopped.set()
+    eventually(lambda: rig.play(0.05) and not recording.thread.is_alive())
+    done = recording.to_its_end()
+    assert len(by_rosbags(tmp_path / "live.mcap")["/tf"]) == done.cycles > 0
+    rig.feed.close((), failed=False)
+
+
 def test_cycles_for_which_it_was_too_slow_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewer, "BEHIND", 20_000)
     rig = LiveRig()

@@ -178,6 +178,8 @@ def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path)
         def status(seconds: float) -> str:
             clock.sleep_until(clock.now() + seconds)
             app.show()
+            position = np.degrees(playback.watched.state.snapshot.position[0])
+            assert f"joint1 {position:.1f} °" in squeezed(line_of(words(app), "joint1 "))
             return squeezed(line_of(words(app), "recording:"))
 
         length = f"{playback.length_s:.1f} s"
