@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import Final
 
 from controller.loop import ControlLoop
-from hal.component import Component
+from hal.components.component import Component
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from controller.diagnostics import CONTROLLERS, LOOP
-from hal.description import UrdfJoint
+from hal.robot_description.description import UrdfJoint
 from servoloop.live.robot_state import Snapshot, StatusNow
 from servoloop.live.servo_status import OF_SERVO, OWN, servo_status
 from servoloop.live.watched import health

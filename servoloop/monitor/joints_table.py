@@ -6,7 +6,7 @@ from rich.text import Text
 from textual.coordinate import Coordinate
 from textual.widgets import DataTable
 
-from hal.description import UrdfJoint, parse_urdf
+from hal.robot_description.description import UrdfJoint, parse_urdf
 from servoloop.live.robot_state import Snapshot
 from servoloop.live.tables import JOINT_COLUMNS, Cell, joint_table
 from servoloop.monitor.rich_tables import rich_cell

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Final
 
-from hal.description import UrdfJoint
+from hal.robot_description.description import UrdfJoint
 from servoloop.live import tables
 from servoloop.live.robot_state import Snapshot
 from servoloop.live.tables import Cell, Table
