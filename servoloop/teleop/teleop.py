@@ -50,7 +50,7 @@ def teleop(
         try:
             check_rates(both.setup.buses, both.setup.rates_hz, files.robot, files.controllers.path)
             claim_realtime_priority()
-            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed):
+            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, both.setup.scene):
                 loop.activate(keep_inactive=[LEADER])
                 _run(run, both, permission, show)
         finally:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 from servoloop.cli import app
 from tests.complaint import complaint
 from tests.live.rig import LiveRig, runtime_folder
-from tests.recorder.reading import by_mcap
+from tests.recorder.reading import by_mcap, stamp_s
 from tests.servoloop.served import eventually
 
 ROOT = Path(__file__).parents[2]
@@ -53,9 +53,9 @@ def test_without_a_name_it_is_below_out_by_date_and_arm_and_the_stacks_end_is_sa
     result = called(LiveRig())
     assert result.exit_code == 0, result.output
     (path,) = (tmp_path / "out").glob("????-??-??_??-??-??_robot_arm.mcap")
-    cycles = len(by_mcap(path)["/joint_states"])
+    stamps = [stamp_s(message) for message in by_mcap(path)["/joint_states"]]
     assert result.stdout.splitlines() == [
-        f"{path.relative_to(tmp_path)}: {cycles} cycles in {(cycles - 1) * 0.05:.1f} s, then the stack ended"
+        f"{path.relative_to(tmp_path)}: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended"
     ]
     assert f"recording robot_arm into out/{path.name}; Ctrl-C ends it" in result.stderr
 
