@@ -14,16 +14,18 @@ from servoloop.live.playback import SPEEDS, Playback
 from servoloop.live.robot_state import Snapshot
 from servoloop.live.source import Source
 from servoloop.live.strips import STRIPS
-from servoloop.live.tables import controller_table, counter_table, fault_table, loop_table, result_table
+from servoloop.live.tables import Table, controller_table, counter_table, fault_table, loop_table, result_table
 from servoloop.live.watched import Watched
 from servoloop.monitor.joints_table import JointsTable
 from servoloop.monitor.rich_tables import rich_table
 from servoloop.monitor.strip_chart import StripChart
 
-NUMBERS_S: Final = 0.25
-"""So often the numbers are renewed,"""
+JOINTS_S: Final = 0.25
+"""So often the joints' numbers are renewed,"""
+ALL: Final = 4
+"""and every so many times all else, which costs more."""
 END_S: Final = 0.1
-"""and so often the end is asked for."""
+"""So often the end is asked for."""
 SEEK_S: Final = 1.0
 KEYS: Final = {"p": "position", "e": "error", "v": "velocity", "l": "load", "u": "voltage", "t": "temperature"}
 """Of the strips, in their order;"""
@@ -64,6 +66,8 @@ class MonitorApp(App[None]):
         super().__init__()
         self._source, self._stop = source, stop
         self._watched: Watched | None = None
+        self._turn = 0
+        self._wrong: Table | None = None
         self._joints = JointsTable()
         self._charts = [StripChart(strip) for strip in STRIPS]
         self._status, self._faults, self._tables = Static(id="status"), Static(id="faults"), Static()
@@ -82,16 +86,13 @@ class MonitorApp(App[None]):
         """Begin."""
         for key, chart in zip(KEYS, self._charts, strict=True):
             chart.display = key in AT_FIRST
-        self.set_interval(NUMBERS_S, self.show)
+        self.set_interval(JOINTS_S, self._renew)
         self.set_interval(END_S, self._look_for_the_end)
         self.call_after_refresh(self.show)
 
     def show(self) -> None:
         """Renew all that is shown."""
-        watched = self._watched = self._source.watched
-        snapshot = watched.state.snapshot
-        self._say(snapshot)
-        self._joints.show(snapshot)
+        snapshot = self._show_joints()
         self._draw()
         tables = (loop_table(snapshot), controller_table(snapshot), counter_table(snapshot), result_table(snapshot))
         self._tables.update(Group(*(Padding(rich_table(table), (0, 0, 1, 0)) for table in tables if table.rows)))
@@ -136,13 +137,26 @@ class MonitorApp(App[None]):
         assert isinstance(self._source, Playback)
         return self._source
 
-    def _say(self, snapshot: Snapshot) -> None:
-        """The status line, and below it what is wrong."""
-        self._status.update(self._source.status)
+    def _renew(self) -> None:
+        """Show what is due."""
+        self._turn += 1
+        if self._turn % ALL:
+            self._show_joints()
+        else:
+            self.show()
+
+    def _show_joints(self) -> Snapshot:
+        """The joints' numbers, above them the status line and what is wrong."""
+        self._watched = self._source.watched
+        snapshot = self._watched.state.snapshot
+        self._joints.show(snapshot)
+        self._status.update(self._source.status, layout=False)
         self._status.set_class(not self._source.well, "unwell")
-        faults = fault_table(snapshot)
-        self._faults.display = bool(faults.rows)
-        self._faults.update(rich_table(faults))
+        wrong = fault_table(snapshot)
+        if wrong != self._wrong:
+            self._wrong, self._faults.display = wrong, bool(wrong.rows)
+            self._faults.update(rich_table(wrong))
+        return snapshot
 
     def _draw(self) -> None:
         """The strips of the chosen joint."""

@@ -1,6 +1,6 @@
 """The joints in the terminal: a row for each, the chosen one under the cursor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 from textual.coordinate import Coordinate
@@ -39,10 +39,15 @@ class JointsTable(DataTable[Text]):
                 self.add_row(*(_text(cell, column) for column, cell in enumerate(row)))
         else:
             for place, (before, row) in enumerate(zip(self._cells, rows, strict=True)):
-                for column, cell in enumerate(row):
-                    if cell != before[column]:
-                        self.update_cell_at(Coordinate(place, column), _text(cell, column), update_width=True)
+                self._renew(place, before, row)
         self._cells = rows
+
+    def _renew(self, place: int, before: Sequence[Cell], row: Sequence[Cell]) -> None:
+        """Write the cells that have changed; a column is measured anew only for a text of another length."""
+        for column, (old, new) in enumerate(zip(before, row, strict=True)):
+            if new != old:
+                wider = len(new.text) != len(old.text)
+                self.update_cell_at(Coordinate(place, column), _text(new, column), update_width=wider)
 
 
 def _text(cell: Cell, column: int) -> Text:

@@ -41,7 +41,7 @@ class StripChart(Static):
                 Text.assemble((f"{ends[row]:8.3g} " if row in ends else " " * AXIS, "dim"), _row(row, drawn))
                 for row in range(height)
             ]
-        self.update(Text("\n").join(lines))
+        self.update(Text("\n").join(lines), layout=False)  # its size is the style sheet's
 
     def _title(self, columns: Sequence[FloatArray]) -> Text:
         title = Text(self.strip.title, style="bold")
