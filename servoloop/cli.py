@@ -29,6 +29,7 @@ from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
 from servoloop.verbs.teleop import teleop
+from servoloop.verbs.tune import tune
 from servoloop.verbs.up import up
 from servoloop.verbs.view import view
 
@@ -44,7 +45,7 @@ VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
     "Look at it": (view, monitor, record, plot),
     "Move it by hand": (jog, teleop),
-    "Get servos ready": (ports, scan, setup, calibrate, doctor),
+    "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),
 }
