@@ -27,6 +27,7 @@ pytestmark = pytest.mark.ros
 DEMO_S = 110.0
 OWN = "servoloop_msgs"
 """No ROS package: rclpy cannot know it."""
+SCENE = "/servoloop/scene"
 EVERY_CYCLE = ("/joint_states", "/servoloop/commands", "/arm_controller/controller_state", "/tf")
 _, DEMO, UP = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text().partition("```sh\n")[2].split("\n")[:3]
 """The page's commands."""
@@ -78,6 +79,11 @@ def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
     assert result.status == "aborted" and "servo 3 does not answer" in result.error_string
 
 
+def test_where_the_cube_is_stands_in_it_with_an_emulated_arm(recorded: Recorded) -> None:
+    places = [one for message in recorded.messages[SCENE] for one in message.transforms if one.child_frame_id == "cube"]
+    assert len(places) > 2 and places[-1].transform.translation.x == pytest.approx(0.291, abs=0.01)
+
+
 def test_the_bus_traffic_begins_with_the_first_byte(recorded: Recorded) -> None:
     """Servos are asked who they are before the first cycle."""
     traffic = recorded.messages["/servoloop/bus_traffic"]
@@ -123,7 +129,7 @@ def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
             read.add(channel.topic)
             if channel.topic == "/arm_controller/controller_state":
                 assert len(decoded.reference.positions) == 6 and decoded.speed_scaling_factor == 1.0
-    assert read == {*EVERY_CYCLE, "/arm_controller/goal", "/diagnostics", "/robot_description", "/tf_static"}
+    assert read == {*EVERY_CYCLE, "/arm_controller/goal", "/diagnostics", "/robot_description", "/tf_static", SCENE}
 
 
 @pytest.mark.slow
