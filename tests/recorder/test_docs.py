@@ -92,6 +92,7 @@ def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
     assert {name for cell in first_cells for name in re.findall("`(.*?)`", cell)} == found
 
 
+@pytest.mark.slow
 def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,6 +66,7 @@ def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
     yield Recorded(folder / "run.mcap", stack.words, begun_s)
 
 
+@pytest.mark.slow
 def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded) -> None:
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
@@ -100,6 +101,7 @@ def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded
     assert "joint3: servo 3 does not answer" in texts
 
 
+@pytest.mark.slow
 def test_simulated_time_is_in_the_recording_of_a_stack_that_runs_on_it(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

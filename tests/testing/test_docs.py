@@ -47,6 +47,7 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=["bus", "ROS"])
+@pytest.mark.slow
 def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
     if "rclpy" in program:
         pytest.importorskip("rclpy")
