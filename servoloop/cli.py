@@ -20,9 +20,11 @@ from servoloop.verbs.doctor import doctor
 from servoloop.verbs.emulate import emulate
 from servoloop.verbs.fault import fault
 from servoloop.verbs.jog import jog
+from servoloop.verbs.monitor import monitor
 from servoloop.verbs.pick import pick
 from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
+from servoloop.verbs.record import record
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
@@ -41,7 +43,7 @@ app = typer.Typer(
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
-    "Look at it": (view, plot),
+    "Look at it": (view, monitor, record, plot),
     "Move it by hand": (jog, teleop),
     "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),

@@ -52,6 +52,7 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
     assert ran.returncode == 0 and "2 passed" in ran.stdout, ran.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 3", f"{PAGE} python 4")
 @pytest.mark.parametrize("program", [BUS, NODE], ids=["bus", "ROS"])
 def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
