@@ -17,6 +17,8 @@ from servoloop.cli import VERBS
 from tests.pages import ROOT, pages
 from tests.view.chromium import find_chromium
 
+pytestmark = pytest.mark.slow
+
 FETCHED = ("link", "script", "img", "iframe", "source", "video", "audio", "object", "embed", "use", "form")
 """Elements that make a browser ask for something; others are links to click on."""
 ELSEWHERE = re.compile(r"(?:url\(\s*['\"]?|@import\s+['\"])(https?:)?//")
@@ -24,6 +26,7 @@ ELSEWHERE = re.compile(r"(?:url\(\s*['\"]?|@import\s+['\"])(https?:)?//")
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, as ``make docs`` builds it."""
     folder = tmp_path_factory.mktemp("site")
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110.0)
@@ -109,7 +112,6 @@ def address(site: Path) -> Iterator[str]:
         thread.join()
 
 
-@pytest.mark.slow
 def test_a_browser_asks_this_machine_alone_and_finds_words(address: str) -> None:
     from playwright.sync_api import sync_playwright
 

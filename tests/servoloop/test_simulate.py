@@ -103,6 +103,7 @@ def test_faults_happen_at_their_time_and_a_schedule_is_the_same_run(tmp_path: Pa
     assert json.loads(again.output)["digest"] == result["digest"]
 
 
+@pytest.mark.slow
 @pytest.mark.runs(COMMAND)
 def test_the_command_of_the_page_sorts_three_cubes() -> None:
     ran = CliRunner().invoke(cli.app, [*shlex.split(COMMAND)[1:], "--json"])
