@@ -1,5 +1,6 @@
 """Playing back: a slow way to where the motion begins, then the motion, as long as it is allowed."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
@@ -10,6 +11,7 @@ from controller.motion import Kinematics, MotionError, motion_to
 from controller.teach.slowing import goal_points, slowed
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
 from servoloop.teach.arm import TeachArm
 from servoloop.teach.errors import TeachError
@@ -20,9 +22,14 @@ APPROACH: Final = 0.25
 """Share of each joint's velocity limit on the way to the beginning, and from pose to pose."""
 
 
+READY_S: Final = FADE_IN_S + 0.5
+"""So long after torque has come the servos carry the arm, and have brought it back from where it sagged."""
+
+
 class Phase(StrEnum):
     """What the arm does."""
 
+    READYING = "getting ready"
     WAITING = "waiting: hold a key"
     APPROACHING = "going to where it begins, slowly"
     PLAYING = "playing"
@@ -37,17 +44,19 @@ class Play:
         self, arm: TeachArm, follow: JointTrajectoryController, taught: Taught, speed: float, permission: Permission
     ) -> None:
         """``taught`` is of the arm's joints, in their order; ``speed`` (0 to 1) of that at which it was shown."""
-        self.phase = Phase.WAITING
+        self.phase = Phase.READYING
         self._arm, self._follow, self._permission = arm, follow, permission
         limits = arm.loop.limits
         points = goal_points(slowed(taught.path, limits, speed), limits) if taught.path is not None else ()
         self._goals = self._made(taught.position, points, speed)
         self._under_way: tuple[Phase, GoalHandle] | None = None
+        self._ready_s = math.inf
 
     def begin(self) -> None:
-        """Torque on where the arm stands; nothing moves yet. Raises errors."""
+        """Torque on where the arm stands; nothing moves until its weight is carried. Raises errors."""
         self._follow.scaling.ask(0.0)
         self._arm.loop.activate()
+        self._ready_s = self._arm.loop.clock.now() + READY_S
 
     def look(self, now_s: float) -> bool:
         """Let the arm go on or stand, as the person wants; False at the end. Raises TeachError where it cannot."""
@@ -55,9 +64,12 @@ class Play:
         self._follow.scaling.ask(1.0 if allowed else 0.0)
         if self._permission.ended():
             return False
+        if now_s < self._ready_s:
+            return True
         if allowed and self._under_way is None and not self._next():
             return False
         if self._under_way is None:
+            self.phase = Phase.WAITING
             return True
         phase, handle = self._under_way
         self.phase = phase if allowed else Phase.PAUSED

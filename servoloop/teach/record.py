@@ -21,6 +21,8 @@ LIMP: Final = "The arm goes limp now and falls: hold it. Switch its torque off?"
 SOFT: Final = "Torque goes on softly, where the arm is: have a hand at it. In a second it gives way to you. Go on?"
 HANDS_S: Final = 2.0
 """So long hands may need to do what they were told."""
+GAP_S: Final = 0.2
+"""A hand goes straight on for so long."""
 POSE_S: Final = 0.3
 """A pose is the middle of where the joints were in this time."""
 MARK_KEYS: Final = ("\n", "\r", "p")
@@ -51,7 +53,7 @@ class Recording:
         self._arm, self._freedrive, self._keep = arm, freedrive, keep
         self._poses: list[FloatArray] | None = [] if poses else None
         self._samples: list[tuple[float, FloatArray]] = []
-        self._unmeasured: dict[str, int] = {}
+        self._unmeasured: dict[str, None] = {}
         self._back: Request[None] | None = None
         self._held_s = 0.0
 
@@ -71,8 +73,7 @@ class Recording:
         """Note where the joints are, if all of them were measured."""
         if self.phase is not Phase.BY_HAND:
             return
-        for joint in state.faults:
-            self._unmeasured[joint] = self._unmeasured.get(joint, 0) + 1
+        self._unmeasured.update(dict.fromkeys(state.faults))
         if not state.faults and np.isfinite(state.position).all():
             self._samples.append((state.stamp_s, state.position.copy()))
 
@@ -130,12 +131,17 @@ class Recording:
                 raise TeachError("no pose was kept: press p or Enter at each, and q at the end")
             position = np.array(self._poses)
             return Taught(joints, inside(position, limits)), beyond(position, joints, limits)
+        times_s = np.array([time_s for time_s, _ in self._samples])
         position = np.array([position for _, position in self._samples])
-        path = path_of(np.array([time_s for time_s, _ in self._samples]), position, limits)
+        path = path_of(times_s, position, limits)
         if path is None:
             raise TeachError("the arm was not moved: nothing is kept")
-        gaps = [
-            f"{joint} was not measured for {cycles * self._arm.loop.period_s:.1f} s: the path is straight there"
-            for joint, cycles in self._unmeasured.items()
-        ]
-        return Taught(joints, path.position, path), gaps + beyond(position, joints, limits)
+        return Taught(joints, path.position, path), self._gaps(times_s) + beyond(position, joints, limits)
+
+    def _gaps(self, times_s: FloatArray) -> list[str]:
+        """In words, where too little was measured (at the times (k,)) to know the way."""
+        longest_s = float(np.diff(times_s).max(initial=0.0))
+        if longest_s < GAP_S:
+            return []
+        names = ", ".join(self._unmeasured) or "the arm"
+        return [f"{names} not measured for {longest_s:.1f} s: the path is straight there"]

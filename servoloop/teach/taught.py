@@ -131,7 +131,10 @@ class TaughtMotions:
     def save(self, name: str, taught: Taught, joints: Mapping[str, Joint]) -> None:
         """Keep a motion; one of the same name is replaced, and stays beside it as ``NAME.yaml.1``."""
         try:
-            write_whole(self.path(name), yaml.safe_dump(_plain(taught, joints), sort_keys=False, width=1000))
+            write_whole(
+                self.path(name),
+                yaml.safe_dump(_plain(taught, joints), sort_keys=False, default_flow_style=None, width=1000),
+            )
         except OSError as error:
             raise TeachError(f"cannot write {self.path(name)}: {error.strerror}") from error
 

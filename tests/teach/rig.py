@@ -10,6 +10,7 @@ from drivers.servos.register import Register
 from hal.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
 from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.files import Files
 from servoloop.teach.arm import add_freedrive, build_arm
 from servoloop.teach.record import Recording
 from servoloop.teach.taught import Taught
@@ -29,12 +30,13 @@ Pose = Mapping[str, float]
 class Rig:
     """The arm under its loop, not yet configured: its controller comes first."""
 
-    def __init__(self, soft: bool = False, pose: Pose = FREE) -> None:
+    def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
         self.clock = SimulatedClock()
         self.take_to: Callable[[float], Pose] = lambda time_s: {}
         """Where the hand takes joints at a time; those that it does not name are free."""
-        self.lines = Lines(SO101, pose, self._push)
-        self.arm = build_arm(Side(SO101, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
+        self._moved = [joint.name for joint in files.robot.joints]
+        self.lines = Lines(files, pose, self._push)
+        self.arm = build_arm(Side(files, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
         self.loop, self.names = self.arm.loop, self.arm.joints
         self.states: list[JointState] = []
         self.commands: list[FloatArray] = []
@@ -88,7 +90,7 @@ class Rig:
     def _push(self, time_s: float) -> None:
         """The hand pulls like a spring, and no stronger than it is."""
         taken = self.take_to(time_s)
-        for joint in SO101.limits:
+        for joint in self._moved:
             data = self.lines.world.data.joint(joint)
             pull = STIFFNESS_NM_RAD * (taken.get(joint, 0.0) - data.qpos[0]) - DAMPING_NM_S * data.qvel[0]
             pull *= joint in taken
