@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from sim_backend.bus import VirtualBus
-from sim_backend.mujoco_hardware import drive
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.scene.mujoco_hardware import drive
+from sim_backend.wire.bus import VirtualBus
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.ros_domain import ros_domain
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from controller.interface import indices
 from controller.parameters import Parameters
-from hal.gravity_compensation import FADE_IN_S
-from hal.servo_compliance import Compliance, lags
+from hal.compensation.gravity_compensation import FADE_IN_S
+from hal.compensation.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState
 
 SMOOTHED_S: Final = 0.04

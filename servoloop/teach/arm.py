@@ -11,10 +11,10 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.parameters import JointConstraints, TrajectoryParameters
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from hal.component_set import ComponentSet
-from hal.hand_guided_arm import HandGuidedArm
+from hal.compensation.servo_compliance import lags
+from hal.components.component_set import ComponentSet
 from hal.joint import Joint
-from hal.servo_compliance import lags
+from hal.servos.hand_guided_arm import HandGuidedArm
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
 from servoloop.hardware import compensation, open_buses

@@ -11,7 +11,7 @@ from controller.motion import Kinematics, MotionError, motion_to
 from controller.teach.slowing import goal_points, slowed
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.gravity_compensation import FADE_IN_S
+from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
 from servoloop.teach.arm import TeachArm
 from servoloop.teach.errors import TeachError

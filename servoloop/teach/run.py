@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock
-from hal.component_lifecycle import clean_up_all, configure_all
+from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside

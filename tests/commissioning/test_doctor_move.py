@@ -10,8 +10,8 @@ from commissioning.doctor.motion import FASTEST_RAD_S, SmallMotions
 from commissioning.doctor.report import Report
 from commissioning.slow_arm import SPEED_SHARE
 from drivers.servos import sts
-from hal.gravity import Gravity
-from sim_backend.build import Build
+from hal.compensation.gravity import Gravity
+from sim_backend.mechanics.build import Build
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 

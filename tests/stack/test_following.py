@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from drivers.servos import sts, x
-from hal.description import Description
-from hal.gravity import Gravity
-from hal.gravity_compensation import GravityCompensation
+from hal.compensation.gravity import Gravity
+from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
+from hal.robot_description.description import Description
 from hal.types import FloatArray
 from servoloop.demo.following_error import FollowingError
 from servoloop.files import CONFIG, read_files

@@ -7,7 +7,7 @@ import numpy as np
 
 from controller.component_transitions import run_at_once
 from drivers.servos.register import Register
-from hal.component_lifecycle import configure_all
+from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import Files
@@ -16,7 +16,7 @@ from servoloop.teach.record import Recording
 from servoloop.teach.taught import Taught
 from servoloop.teleop.arms import Side
 from sim_backend.clock import SimulatedClock
-from sim_backend.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
+from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
 from tests.teleop.rig import Lines
 
 SO101 = read_arm_files(find_arm("so101"))

@@ -7,7 +7,7 @@ import pytest
 
 from controller.teach.freedrive_controller import FreedriveController
 from drivers.servos import sts
-from hal.hand_guided_arm import SOFT_SHARE
+from hal.servos.hand_guided_arm import SOFT_SHARE
 from servoloop.teach.arm import add_freedrive
 from tests.teach.rig import FREE, SO101, Rig
 

@@ -6,63 +6,16 @@ import numpy as np
 import pytest
 
 from controller.shutdown import shut_down
-from controller.teach.hand_path import HandPath
 from drivers.errors import PortLost
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
-from servoloop.teach.arm import add_trajectory
 from servoloop.teach.errors import TeachError
-from servoloop.teach.play import APPROACH, Phase, Play
+from servoloop.teach.play import APPROACH, Phase
 from servoloop.teach.record import HANDS_S, LIMP, SOFT
 from servoloop.teach.record import Phase as Teaching
-from servoloop.teach.taught import Taught
-from servoloop.teleop.dead_man import HandsFree
-from tests.teach.rig import FREE, SO101, Lesson, Pose, Rig
-
-FASTEST = np.array([joint.limits.velocity for joint in SO101.robot.joints])
-PAN = 0
-
-
-class Key:
-    """A key that a test holds."""
-
-    def __init__(self, held: bool = True) -> None:
-        self.held, self.quit = held, False
-
-    def allowed(self, now_s: float) -> bool:
-        return self.held
-
-    def ended(self) -> bool:
-        return self.quit
-
-
-class Player:
-    """An arm that plays a motion."""
-
-    def __init__(self, taught: Taught, speed: float = 1.0, key: Key | None = None, pose: Pose = FREE) -> None:
-        self.rig = Rig(pose=pose)
-        self.key = key or Key()
-        self.follow = add_trajectory(self.rig.arm)
-        self.play = Play(self.rig.arm, self.follow, taught, speed, self.key)
-        self.speeds: list[FloatArray] = []
-        """Of the references, each (n,)."""
-        self.rig.configure()
-        self.play.begin()
-
-    def go_on(self, seconds: float = 60.0, until: Phase | None = None) -> bool:
-        """So long, or until the end or a phase; whether the end has not come."""
-        going = True
-
-        def look() -> bool:
-            nonlocal going
-            if self.follow.tracking is not None:
-                self.speeds.append(self.follow.tracking.reference.velocity)
-            going = self.play.look(self.rig.clock.now())
-            return going and self.play.phase is not until
-
-        self.rig.run(seconds, look)
-        return going
+from tests.teach.player import FASTEST, PAN, Player
+from tests.teach.rig import FREE, SO101, Lesson
 
 
 def recorded(soft: bool) -> tuple[Lesson, FloatArray]:
@@ -252,93 +205,3 @@ def test_poses_that_were_never_marked_are_an_error_that_says_how() -> None:
     lesson.show(1.0)
     lesson.recording.press("q")
     assert "press p or Enter" in str(lesson.recording.error)
-
-
-def path(seconds: float = 3.0, turns: float = 0.8) -> Taught:
-    """A path of the first joint from rest to rest; the others stand as they do when the arm is free."""
-    times_s = np.linspace(0.0, seconds, 60)
-    position = np.tile([FREE.get(joint.name, 0.0) for joint in SO101.robot.joints], (60, 1))
-    position[:, PAN] += turns * (1.0 - np.cos(np.pi * times_s / seconds)) / 2.0
-    velocity = np.gradient(position, times_s, axis=0)
-    velocity[[0, -1]] = 0.0
-    return Taught(tuple(joint.name for joint in SO101.robot.joints), position, HandPath(times_s, position, velocity))
-
-
-def test_the_way_to_the_beginning_is_slow() -> None:
-    player = Player(path(), pose={**FREE, "shoulder_pan": -1.2})
-    player.go_on(until=Phase.PLAYING)
-    speeds = np.abs(player.speeds)
-    assert (speeds <= APPROACH * FASTEST + 1e-6).all() and speeds[:, PAN].max() > 0.5
-    assert player.rig.measured()[-1, PAN] == pytest.approx(0.0, abs=0.02)
-
-
-def test_nothing_moves_without_the_key_and_the_arm_stops_within_its_limits_when_it_is_let_go() -> None:
-    player = Player(path(), key=Key(held=False))
-    player.go_on(1.0)
-    assert player.play.phase is Phase.WAITING and np.ptp(np.array(player.rig.commands), axis=0).max() == 0.0
-    player.key.held = True
-    player.go_on(until=Phase.PLAYING)
-    player.go_on(1.2)
-    cycle = len(player.speeds)
-    assert player.speeds[-1][PAN] > 0.3
-    player.key.held = False
-    player.go_on(1.0)
-    assert player.play.phase is Phase.PAUSED
-    speeds = np.array(player.speeds[cycle - 5 :])[:, PAN]
-    assert speeds[-1] == 0.0 and (np.abs(np.diff(speeds)) * 50.0 <= 12.0).all(), "12 rad/s² are its limit"
-    assert np.ptp(player.rig.measured(-25)[:, PAN]) < 0.01
-    player.key.held = True
-    assert not player.go_on() and player.play.phase is Phase.DONE
-    assert player.rig.measured()[-1, PAN] == pytest.approx(0.8, abs=0.01), "it goes on where it stood"
-
-
-def test_q_ends_at_once() -> None:
-    player = Player(path())
-    player.go_on(until=Phase.PLAYING)
-    player.key.quit = True
-    assert not player.go_on(0.1)
-
-
-def test_half_the_speed_takes_twice_as_long() -> None:
-    durations_s = []
-    for speed in (1.0, 0.5):
-        player = Player(path(), speed)
-        player.go_on(until=Phase.PLAYING)
-        begun_s = player.rig.clock.now()
-        assert not player.go_on()
-        durations_s.append(player.rig.clock.now() - begun_s)
-    assert durations_s[0] == pytest.approx(3.0, abs=0.2) and durations_s[1] == pytest.approx(6.0, abs=0.2)
-
-
-def test_a_hand_that_was_faster_than_the_joints_is_followed_as_fast_as_they_can() -> None:
-    player = Player(path(seconds=0.3, turns=1.2))  # 6 rad/s, where the joint has 4
-    player.go_on(until=Phase.PLAYING)
-    cycle = len(player.rig.commands)
-    assert not player.go_on()
-    assert (player.rig.speeds(cycle) <= FASTEST).all() and player.rig.speeds(cycle)[:, PAN].max() > 2.0
-    assert player.rig.measured()[-1, PAN] == pytest.approx(1.2, abs=0.02)
-
-
-def test_an_obstacle_ends_the_playing_with_the_joints_name() -> None:
-    player = Player(path(seconds=3.0, turns=1.5))
-    player.go_on(until=Phase.PLAYING)
-    player.rig.take_to = lambda time_s: {"shoulder_pan": 0.0}
-    with pytest.raises(TeachError, match="shoulder_pan is off by"):
-        player.go_on()
-
-
-def test_a_silent_servo_ends_the_playing_with_its_name() -> None:
-    player = Player(path())
-    player.go_on(until=Phase.PLAYING)
-    (line,) = player.rig.lines.lines.values()
-    line.faults.silence(2)
-    with pytest.raises(TeachError, match="servo 2"):
-        player.go_on()
-
-
-def test_hands_free_needs_no_key() -> None:
-    rig = Rig()
-    play = Play(rig.arm, add_trajectory(rig.arm), path(seconds=1.0), 1.0, HandsFree())
-    rig.configure()
-    play.begin()
-    assert not rig.run(20.0, lambda: play.look(rig.clock.now())) and play.phase is Phase.DONE
