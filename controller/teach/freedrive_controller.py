@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.interface import indices
 from controller.parameters import Parameters
@@ -82,20 +81,20 @@ class FreedriveController:
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         measured = state.position[self._index]
-        known = np.array([joint not in state.faults for joint in self.joints]) & np.isfinite(measured)
-        self._see(measured, known, period_s)
+        known = np.array([joint not in state.faults for joint in self.joints])
+        self._see(np.where(known, measured, np.nan), period_s)
         if self.held or (not self.holds and now_s < self._free_s):
             return
         self.free, self.held = not self.holds, self.holds
         ahead, slack = (measured, 0.0) if self.holds else (measured + self._lead(period_s), self._slack)
         near = np.clip(np.clip(self.command, ahead - slack, ahead + slack), self._lower, self._upper)
         reach = self._fastest * period_s
-        self.command = self.command + np.where(known, np.clip(near - self.command, -reach, reach), 0.0)
+        self.command = self.command + np.clip(near - self.command, -reach, reach)
 
-    def _see(self, measured: FloatArray, known: NDArray[np.bool_], period_s: float) -> None:
-        way = np.zeros_like(measured) if self._last is None else measured - self._last
-        velocity = np.where(known & np.isfinite(way), way, 0.0) / period_s
-        self._velocity += (velocity - self._velocity) * min(1.0, period_s / SMOOTHED_S)
+    def _see(self, measured: FloatArray, period_s: float) -> None:
+        """Learn the velocities; of a joint that was not measured (NaN) now or before nothing is learnt."""
+        way = np.full_like(measured, np.nan) if self._last is None else measured - self._last
+        self._velocity += (np.nan_to_num(way) / period_s - self._velocity) * min(1.0, period_s / SMOOTHED_S)
         self._last = measured
 
     def _lead(self, period_s: float) -> FloatArray:
