@@ -57,17 +57,20 @@ class Recording:
         self._back: Request[None] | None = None
         self._held_s = 0.0
 
-    def begin(self, confirm: Callable[[str], None]) -> None:
-        """Make the arm limp or soft, once somebody holds it; ``confirm`` raises where they do not. Raises errors."""
-        loop, hardware = self._arm.loop, self._arm.hardware
+    def ask(self, confirm: Callable[[str], None]) -> None:
+        """Have somebody hold the arm, where that is needed; ``confirm`` raises where they do not. Raises errors."""
         if self._freedrive is not None:
             confirm(SOFT)
-            loop.activate()
-            return
-        if hardware.driven():
+        elif self._arm.hardware.driven():
             confirm(LIMP)
-            hardware.let_go()
-        loop.activate(keep_inactive=[ARM])
+
+    def begin(self) -> None:
+        """Make the arm limp or soft. Raises errors."""
+        if self._freedrive is not None:
+            self._arm.loop.activate()
+        else:
+            self._arm.hardware.let_go()
+            self._arm.loop.activate(keep_inactive=[ARM])
 
     def take(self, state: JointState) -> None:
         """Note where the joints are, if all of them were measured."""
@@ -125,7 +128,7 @@ class Recording:
         """What was shown, and what is wrong with it. Raises TeachError where nothing was."""
         joints, limits = self._arm.joints, self._arm.loop.limits
         if not self._samples:
-            raise TeachError("the arm was never measured: nothing is kept")
+            raise TeachError("nothing was recorded")
         if self._poses is not None:
             if not self._poses:
                 raise TeachError("no pose was kept: press p or Enter at each, and q at the end")

@@ -1,8 +1,8 @@
 """Recording and playing from start to end: the loop in its thread, the person at the terminal in this one."""
 
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Protocol
 
@@ -11,7 +11,6 @@ from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside
-from servoloop.processes import Interrupted
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
 from servoloop.teach.arm import TeachArm, add_freedrive, add_trajectory, build_arm
@@ -57,33 +56,29 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, ke
     arm = build_arm(side, rate_hz, MonotonicClock(), worker, soft=not limp)
     recording = Recording(arm, None if limp else add_freedrive(arm), poses, keep)
     arm.loop.on_cycle = recording.take
-    with Signals(LEFT) as signals, ExitStack() as at_keys:
+    run = _loop_thread(arm, worker, told)
+    with _opened(arm, run):
+        recording.ask(person.confirm)  # until here a signal ends the program at once, and nothing has changed
+        with Signals(LEFT) as signals, person:
 
-        def confirm(question: str) -> None:
-            person.confirm(question)
-            if signals.count:
-                raise Interrupted("nothing was changed")
+            def look() -> None:
+                for key in person.pressed():
+                    recording.press(key)
+                if signals.count:
+                    recording.stop()
+                if signals.count > 1:
+                    told.count = signals.count
+                if not recording.look(time.monotonic()):
+                    told.ask()
+                person.show(recording.phase, arm)
 
-        def begin() -> None:
-            recording.begin(confirm)
-            at_keys.enter_context(person)
-
-        def look() -> None:
-            for key in person.pressed():
-                recording.press(key)
-            if signals.count:
-                recording.stop()
-            if signals.count > 1:
-                told.count = signals.count
-            if not recording.look(time.monotonic()):
-                told.ask()
-            person.show(recording.phase, arm)
-
-        failed = _run(arm, worker, told, begin, look)
+            recording.begin()
+            claim_realtime_priority()
+            run_beside(run, look)
     recording.stop()  # a loop that has ended by itself leaves what there is
     if recording.error is not None:
         raise recording.error
-    return 1 if failed else 0
+    return 1 if run.failed else 0
 
 
 def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Permission, show: Show) -> int:
@@ -95,32 +90,35 @@ def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Per
     arm = build_arm(side, rate_hz, MonotonicClock(), worker)
     playing = Play(arm, add_trajectory(arm), taught, speed, permission)
     with Signals(LEFT) as signals:
+        run = _loop_thread(arm, worker, signals)
 
         def look() -> None:
             if not playing.look(time.monotonic()):
                 signals.ask()
             show(playing.phase, arm)
 
-        failed = _run(arm, worker, signals, playing.begin, look)
-    return 1 if failed else 0
+        with _opened(arm, run):
+            playing.begin()
+            claim_realtime_priority()
+            run_beside(run, look)
+    return 1 if run.failed else 0
 
 
-def _run(
-    arm: TeachArm, worker: BackgroundWorker, signals: Signals, begin: Callable[[], None], look: Callable[[], None]
-) -> bool:
-    """Whether the loop, which ends with the signals, has failed."""
-    loop, files = arm.loop, arm.files
-    exits = files.robot.file.on_exit
+def _loop_thread(arm: TeachArm, worker: BackgroundWorker, signals: Signals) -> LoopThread:
+    exits = arm.files.robot.file.on_exit
     relax = (exits.virtual if arm.virtual else exits.real) == "relax"
-    run = LoopThread(loop, worker, relax, files, signals)
+    return LoopThread(arm.loop, worker, relax, arm.files, signals)
+
+
+@contextmanager
+def _opened(arm: TeachArm, run: LoopThread) -> Iterator[None]:
+    """The arm's port is open, and all servos are there. Raises errors."""
+    loop, files = arm.loop, arm.files
     configure_all(loop.hardware)
     try:
         rates_hz = dict.fromkeys(arm.buses, 1.0 / loop.period_s)
         check_rates(arm.buses, rates_hz, files.robot, files.controllers.path)
-        begin()
-        claim_realtime_priority()
-        run_beside(run, look)
+        yield
     finally:
         if not run.hangs():
             clean_up_all(loop.hardware)
-    return run.failed

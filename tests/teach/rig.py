@@ -112,7 +112,8 @@ class Lesson:
         self.rig.configure(self.recording.take)
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: here
-        self.recording.begin(self.asked.append)
+        self.recording.ask(self.asked.append)
+        self.recording.begin()
         self.go_on(1.1)
         return self
 

@@ -103,7 +103,8 @@ def test_a_limp_arm_whose_recording_breaks_off_stays_limp() -> None:
 def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
     lesson = Lesson(soft=False)
     lesson.rig.configure()
-    lesson.recording.begin(lesson.asked.append)
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
     assert not lesson.asked, "it is limp already"
     lesson.recording.look(0.0)
     lesson.recording.stop()
@@ -116,9 +117,10 @@ def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
         raise TeachError("no")
 
     with pytest.raises(TeachError, match="no"):
-        lesson.recording.begin(no)
+        lesson.recording.ask(no)
     assert all(lesson.rig.register(name, sts.torque_enable) == 1 for name in lesson.rig.names)
-    lesson.recording.begin(lesson.asked.append)
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
     assert lesson.asked == [LIMP]
     assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
 
@@ -126,7 +128,8 @@ def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
 def test_soft_torque_is_announced_and_recording_begins_when_the_arm_gives_way() -> None:
     lesson = Lesson(soft=True)
     lesson.rig.configure(lesson.recording.take)
-    lesson.recording.begin(lesson.asked.append)
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
     assert lesson.asked == [SOFT]
     lesson.go_on(0.5)
     assert lesson.recording.phase is Teaching.READYING
