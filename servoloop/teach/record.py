@@ -120,8 +120,8 @@ class Recording:
         try:
             self._back.result()
         except (DriverError, HalError) as error:
-            how = "limp" if self._freedrive is None else "soft"
-            raise TeachError(f"torque does not come back, and the arm is {how}: put it down. {error}") from error
+            how = "limp: put it down" if self._freedrive is None else "soft: let it go"
+            raise TeachError(f"not all torque comes back, and the arm is {how}. {error}") from error
         return True
 
     def shown(self) -> tuple[Taught, list[str]]:

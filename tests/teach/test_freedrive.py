@@ -1,15 +1,19 @@
 """The soft arm, on virtual servos under gravity: it holds itself, and gives way to a hand."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from controller.teach.freedrive_controller import FreedriveController, GuidedJoint
 from drivers.servos import sts
+from drivers.servos.catalog import MODELS
+from hal.joint import Joint
 from hal.servos.hand_guided_arm import SOFT_SHARE
 from hal.types import JointFault, JointLimits, JointState
 from servoloop.teach.arm import add_freedrive
+from servoloop.teach.errors import TeachError
 from tests.teach.rig import FREE, SO101, Rig
 
 STRETCHED: Mapping[str, float] = {"shoulder_lift": 0.0, "elbow_flex": -0.5, "wrist_flex": 0.2}
@@ -167,3 +171,16 @@ def test_holding_takes_the_set_points_to_where_the_joints_are() -> None:
     command = freedrive.command.copy()
     rig.run(0.5)
     assert np.array_equal(freedrive.command, command)
+
+
+def test_an_arm_whose_weight_nobody_carries_is_not_made_soft() -> None:
+    def refused(joints: tuple[Joint, ...]) -> str:
+        rig = Rig(soft=True, files=replace(SO101, robot=replace(SO101.robot, joints=joints)))
+        with pytest.raises(TeachError, match="say --limp, and hold it") as error:
+            add_freedrive(rig.arm)
+        return str(error.value)
+
+    joints = SO101.robot.joints
+    assert "gravity is not compensated" in refused(tuple(replace(one, gravity_compensation=False) for one in joints))
+    scs = replace(joints[1], model=MODELS["scs0009"])
+    assert "nobody knows how far shoulder_lift gives way" in refused((joints[0], scs, *joints[2:]))

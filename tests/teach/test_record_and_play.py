@@ -8,6 +8,7 @@ import pytest
 from controller.shutdown import shut_down
 from drivers.errors import PortLost
 from drivers.servos import sts
+from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
 from servoloop.teach.errors import TeachError
@@ -173,16 +174,28 @@ def test_a_servo_that_is_silent_for_a_while_is_named_and_the_path_goes_on() -> N
     assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
 
 
-def test_torque_that_cannot_come_back_is_told_and_the_arm_is_as_it_was() -> None:
-    lesson = Lesson(soft=False).begin()
+@pytest.mark.parametrize("soft", [True, False])
+def test_torque_that_cannot_come_back_is_told_and_the_arm_is_as_it_was(soft: bool) -> None:
+    lesson = Lesson(soft).begin()
     lesson.show(1.0)
     (line,) = lesson.rig.lines.lines.values()
     line.faults.silence(3)
     lesson.recording.press("\n")
     assert len(lesson.kept) == 1, "what was shown is kept first"
-    with pytest.raises(TeachError, match=r"the arm is limp: put it down.*elbow_flex"):
-        lesson.go_on(1.0)
-    assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
+    how = "soft: let it go" if soft else "limp: put it down"
+    with pytest.raises(TeachError, match=rf"the arm is {how}\..*(elbow_flex|servo 3)"):
+        lesson.go_on(3.0)
+    held = [lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names]
+    assert held == [int(soft)] * 6
+
+
+def test_a_servo_that_may_still_hold_is_told_before_anybody_takes_the_arm() -> None:
+    lesson = Lesson(soft=False)
+    lesson.rig.configure()
+    (line,) = lesson.rig.lines.lines.values()
+    line.faults.silence(3)
+    with pytest.raises(ActivationError, match="must be limp to be moved by hand: servo 3"):
+        lesson.recording.begin()
 
 
 def test_poses_are_kept_where_they_are_marked_and_played_one_after_the_other() -> None:
