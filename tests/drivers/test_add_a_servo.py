@@ -93,6 +93,7 @@ def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(pac
             assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in said
 
 
+@pytest.mark.slow
 def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
     *_, trial = RUNNABLE
     said = run(package, "-c", trial)
