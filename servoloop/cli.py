@@ -20,14 +20,17 @@ from servoloop.verbs.doctor import doctor
 from servoloop.verbs.emulate import emulate
 from servoloop.verbs.fault import fault
 from servoloop.verbs.jog import jog
+from servoloop.verbs.monitor import monitor
 from servoloop.verbs.pick import pick
 from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
+from servoloop.verbs.record import record
 from servoloop.verbs.replay import replay
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
 from servoloop.verbs.teleop import teleop
+from servoloop.verbs.tune import tune
 from servoloop.verbs.up import up
 from servoloop.verbs.view import view
 
@@ -41,9 +44,9 @@ app = typer.Typer(
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
-    "Look at it": (view, plot),
+    "Look at it": (view, monitor, record, plot),
     "Move it by hand": (jog, teleop, replay),
-    "Get servos ready": (ports, scan, setup, calibrate, doctor),
+    "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),
 }

@@ -8,6 +8,7 @@ from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
+from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
@@ -62,17 +63,25 @@ class Teleop:
 
 
 def build_teleop(
-    leader: Side, follower: Side, clock: Clock, worker: BackgroundWorker | Callable[[Callable[[], None]], None]
+    leader: Side,
+    follower: Side,
+    clock: Clock,
+    worker: BackgroundWorker | Callable[[Callable[[], None]], None],
+    tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> Teleop:
     """Make both arms' hardware, the controller and the loop, at the rate of the follower's controllers file.
 
-    Raises TeleopError where a joint of the follower has none to follow.
+    ``tap`` may put something around each port. Raises TeleopError where a joint of the follower has none to follow.
     """
     files = follower.files
-    setup = hardware.build(HardwareKind.SERVOS, files, follower.devices, clock, follower.lines)
+
+    def open_leader(device: str, baud: int, clock: Clock) -> Port:
+        return tap(leader.open_port(device, baud, clock), clock)
+
+    setup = hardware.build(HardwareKind.SERVOS, files, follower.devices, clock, follower.lines, tap)
     read = LeaderArm(
         leader.files.robot.joints,
-        lambda: open_buses(leader.files.robot.file, leader.devices, clock, open_port=leader.open_port),
+        lambda: open_buses(leader.files.robot.file, leader.devices, clock, open_port=open_leader),
         clock,
     )
     components = ComponentSet([*(one.hardware for one in setup.hardware.components), read], clock)

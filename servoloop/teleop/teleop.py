@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from drivers.clock import MonotonicClock
+from drivers.clock import MonotonicClock, wall_offset_s
 from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LEADER
@@ -14,6 +14,7 @@ from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
+from servoloop.stack_recording import StackRecording
 from servoloop.teleop.arms import Side, Teleop, build_teleop
 from servoloop.teleop.dead_man import Permission
 
@@ -31,11 +32,12 @@ def teleop(
     """Let the follower follow until a signal, the person's word, or a fault; the exit status.
 
     ``show`` is called many times a second. The follower ends held or parked, as its robot file says, and the leader
-    as it is, limp. Raises as bringing up an arm does, and TeleopError.
+    as it is, limp. Who looks on finds both under the follower's name. Raises as bringing up an arm does, and
+    TeleopError.
     """
     files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
-    clock, worker = MonotonicClock(), BackgroundWorker()
-    both = build_teleop(leader, replace(follower, files=files), clock, worker)
+    clock, worker, recording = MonotonicClock(), BackgroundWorker(), StackRecording(None)
+    both = build_teleop(leader, replace(follower, files=files), clock, worker, recording.tap)
     loop, exits = both.loop, files.robot.file.on_exit
     relax = (exits.virtual if both.setup.virtual else exits.real) == "relax"
     with Signals(LEFT) as signals:
@@ -43,9 +45,10 @@ def teleop(
         configure_all(loop.hardware)
         try:
             check_rates(both.setup.buses, both.setup.rates_hz, files.robot, files.controllers.path)
-            loop.activate(keep_inactive=[LEADER])
             claim_realtime_priority()
-            _run(run, both, permission, show)
+            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, both.setup.scene):
+                loop.activate(keep_inactive=[LEADER])
+                _run(run, both, permission, show)
         finally:
             if not run.hangs():
                 clean_up_all(loop.hardware)

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from drivers.servos.register import ServoModel
 
 PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
+PortsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
+    ),
+]
 BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
 IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
 IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
@@ -57,6 +63,17 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
     clock = MonotonicClock()
     with closing(Bus(SerialPort(port or only_port(), baud, clock), clock, models)) as bus:
         yield bus
+
+
+def devices_of(said: list[str] | None, buses: list[str]) -> dict[str, str]:
+    """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
+    from commissioning.errors import CommissioningError
+    from commissioning.ports.adapters import only_port
+    from servoloop.ports import parse_ports
+
+    if not said and len(buses) > 1:
+        raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
+    return parse_ports(said or [only_port()], buses) or {}
 
 
 def adapter_serial(device: str) -> str | None:

@@ -18,6 +18,8 @@ from drivers.errors import DriverError
 from servoloop.bench_bus import bench_bus, parse_ids
 from servoloop.cli import app
 
+pytestmark = pytest.mark.slow
+
 KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults"}
 
 
