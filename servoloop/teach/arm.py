@@ -11,6 +11,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.parameters import JointConstraints, TrajectoryParameters
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.port import Port
 from hal.compensation.servo_compliance import lags
 from hal.components.component_set import ComponentSet
 from hal.joint import Joint
@@ -47,13 +48,23 @@ class TeachArm:
         return self.hardware.joints
 
 
-def build_arm(side: Side, rate_hz: int, clock: Clock, worker: Worker, soft: bool = False) -> TeachArm:
-    """Make the arm's hardware and its loop, without a controller."""
+def build_arm(
+    side: Side,
+    rate_hz: int,
+    clock: Clock,
+    worker: Worker,
+    soft: bool = False,
+    tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
+) -> TeachArm:
+    """Make the arm's hardware and its loop, without a controller. ``tap`` may put something around each port."""
     files, buses = side.files, dict[str, Bus]()
     joints = files.robot.joints
 
+    def open_port(device: str, baud: int, clock: Clock) -> Port:
+        return tap(side.open_port(device, baud, clock), clock)
+
     def opened() -> dict[str, Bus]:
-        buses.update(open_buses(files.robot.file, side.devices, clock, open_port=side.open_port))
+        buses.update(open_buses(files.robot.file, side.devices, clock, open_port=open_port))
         return buses
 
     carried = compensation(joints, files.description, guided=soft)

@@ -6,13 +6,14 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Protocol
 
-from drivers.clock import MonotonicClock
+from drivers.clock import MonotonicClock, wall_offset_s
 from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
+from servoloop.stack_recording import StackRecording
 from servoloop.teach.arm import TeachArm, add_freedrive, add_trajectory, build_arm
 from servoloop.teach.play import Play
 from servoloop.teach.record import Keep, Recording
@@ -52,8 +53,8 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, ke
     hands. Raises what kept it from being made limp or soft or from holding itself, and TeachError where nothing was
     shown.
     """
-    worker, told = BackgroundWorker(), Signals()
-    arm = build_arm(side, rate_hz, MonotonicClock(), worker, soft=not limp)
+    worker, told, looked_at = BackgroundWorker(), Signals(), StackRecording(None)
+    arm = build_arm(side, rate_hz, MonotonicClock(), worker, not limp, looked_at.tap)
     recording = Recording(arm, None if limp else add_freedrive(arm), poses, keep)
     arm.loop.on_cycle = recording.take
     run = _loop_thread(arm, worker, told)
@@ -72,10 +73,10 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, ke
                     told.ask()
                 person.show(recording.phase, arm)
 
-            recording.begin()
-            claim_realtime_priority()
-            run_beside(run, look)
-    recording.stop()  # a loop that has ended by itself leaves what there is
+            try:
+                _attend(arm, run, looked_at, recording.begin, look)
+            finally:
+                recording.stop()  # whatever has ended it leaves what there is
     if recording.error is not None:
         raise recording.error
     return 1 if run.failed else 0
@@ -86,8 +87,8 @@ def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Per
 
     The arm ends held or parked, as its robot file says. Raises as bringing up an arm does, and TeachError.
     """
-    worker = BackgroundWorker()
-    arm = build_arm(side, rate_hz, MonotonicClock(), worker)
+    worker, looked_at = BackgroundWorker(), StackRecording(None)
+    arm = build_arm(side, rate_hz, MonotonicClock(), worker, tap=looked_at.tap)
     playing = Play(arm, add_trajectory(arm), taught, speed, permission)
     with Signals(LEFT) as signals:
         run = _loop_thread(arm, worker, signals)
@@ -98,9 +99,7 @@ def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Per
             show(playing.phase, arm)
 
         with _opened(arm, run):
-            playing.begin()
-            claim_realtime_priority()
-            run_beside(run, look)
+            _attend(arm, run, looked_at, playing.begin, look)
     return 1 if run.failed else 0
 
 
@@ -122,3 +121,14 @@ def _opened(arm: TeachArm, run: LoopThread) -> Iterator[None]:
     finally:
         if not run.hangs():
             clean_up_all(loop.hardware)
+
+
+def _attend(
+    arm: TeachArm, run: LoopThread, looked_at: StackRecording, begin: Callable[[], None], look: Callable[[], None]
+) -> None:
+    """The loop runs until it is told to end; who looks on finds it meanwhile. Raises what ``begin`` and ``look`` do."""
+    offset_s = wall_offset_s(arm.loop.clock, time.time)
+    with looked_at.of(arm.loop, arm.files, offset_s, lambda: run.failed):
+        claim_realtime_priority()
+        begin()
+        run_beside(run, look)

@@ -16,6 +16,7 @@ import pytest
 
 from controller.teach.hand_path import BEFORE_S, GRID_S, TOLERANCE, WINDOW
 from servoloop.arms.folder import ARMS
+from servoloop.handling.live_robot import LiveRobot
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.teach.play import APPROACH
 from servoloop.teach.record import HANDS_S
@@ -92,6 +93,9 @@ def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folde
             record.hears("have a hand at it")
             record.type("y\n")
             record.hears("recording: move the arm")
+            with LiveRobot("mine") as looking:
+                looking.wait()
+                assert looking.snapshot.joints[0] == "shoulder_pan"
             for command in (BEND, TURN):
                 assert run(command, folder).returncode == 0
                 *_, joint, there = shlex.split(command)
