@@ -8,6 +8,7 @@ import typer
 
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
+from servoloop.verbs.line import PortsOption, devices_of
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -27,12 +28,7 @@ MOVES = (
 
 
 def doctor(
-    port: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
-        ),
-    ] = None,
+    port: PortsOption = None,
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     urdf: UrdfOption = None,
@@ -65,7 +61,7 @@ def doctor(
     if report_file is not None:
         require_writable(report_file.parent)
     files = read_arm_files(find_arm(arm), urdf, None, robot)
-    devices = _devices(port, list(files.robot.file.lines()))
+    devices = devices_of(port, list(files.robot.file.lines()))
     if move:
         confirm(MOVES, yes)
     clock = MonotonicClock()
@@ -93,17 +89,6 @@ def _motion(files: "Files", clock: "Clock", signals: "Signals | None") -> "Move"
         return no_move
     gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
     return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count > 0)
-
-
-def _devices(said: list[str] | None, buses: list[str]) -> dict[str, str]:
-    """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
-    from commissioning.errors import CommissioningError
-    from commissioning.ports.adapters import only_port
-    from servoloop.ports import parse_ports
-
-    if not said and len(buses) > 1:
-        raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
-    return parse_ports(said or [only_port()], buses) or {}
 
 
 def print_report(report: "Report", console: "Console") -> None:

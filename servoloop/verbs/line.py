@@ -1,7 +1,7 @@
 """The line that a verb works on: the options that say which, and the bus or the one servo on it."""
 
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,17 +16,36 @@ if TYPE_CHECKING:
     from drivers.servos.register import ServoModel
 
 PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
+PortsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
+    ),
+]
 BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
 IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
 IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
 
 
 @contextmanager
-def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """The servo, its port opened for as long as the block lasts.
+def interruptible(closed: str = "interrupted, and the port closed") -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out, and torque taken back.
 
-    SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out.
+    Raises Interrupted then, with what may be left behind.
     """
+    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        raise Interrupted(closed + left) from None
+    finally:
+        signal.signal(signal.SIGTERM, former)
+
+
+@contextmanager
+def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
+    """The servo, its port opened for as long as the block lasts; interruptible."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
@@ -34,15 +53,10 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
 
     clock = MonotonicClock()
     line = SerialPort(port or only_port(), baud or 1_000_000, clock)
-    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
+        with interruptible(), find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
             yield servo
-    except KeyboardInterrupt as error:
-        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
-        raise Interrupted(f"interrupted, and the port closed{left}") from None
     finally:
-        signal.signal(signal.SIGTERM, former)
         line.close()
 
 
@@ -65,3 +79,14 @@ def adapter_serial(device: str) -> str | None:
 
     path = Path(device).resolve()
     return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)
+
+
+def devices_of(said: Sequence[str] | None, buses: Sequence[str]) -> dict[str, str]:
+    """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
+    from commissioning.errors import CommissioningError
+    from commissioning.ports.adapters import only_port
+    from servoloop.ports import parse_ports
+
+    if not said and len(buses) > 1:
+        raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
+    return parse_ports(said or [only_port()], buses) or {}

@@ -7,6 +7,7 @@ import pytest
 
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Difference, calibrate
+from commissioning.slow_arm import StoppedError
 from drivers.errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
@@ -88,6 +89,18 @@ def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path)
     calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert any("Not yet from stop to stop: joint3." in text for text in owner.heard)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
+
+
+def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibration(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm)
+
+    def stopped() -> bool:
+        return bool(owner.heard) and owner.heard[-1].endswith(" moves")
+
+    with pytest.raises(StoppedError, match="the arm is limp"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, stopped=stopped)
+    assert torque(arm) == [] and calibration_path(robot).exists()
 
 
 def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
