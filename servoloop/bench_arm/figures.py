@@ -59,6 +59,8 @@ class RosFigures:
     """The surface as a client on this machine sees it."""
 
     goals: int
+    failed: int
+    """Goals that did not end well."""
     goal_to_answer: Spread | None
     goal_to_motion: Spread | None
     """Until a joint is measured elsewhere than before, by more than its noise."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -15,11 +14,6 @@ from servoloop.plots.series import Curve, Panel, time_series
 from servoloop.plots.svg import PALETTE
 
 BINS = 60
-
-
-def write_page(path: Path, measured: Measured) -> None:
-    """Write the page into the file ``path``."""
-    path.write_text(page(measured))
 
 
 def page(measured: Measured) -> str:

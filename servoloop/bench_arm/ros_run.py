@@ -67,6 +67,9 @@ def run_ros(
                     raise Interrupted("interrupted: the arm goes back to where it lay and is let go") from None
                 stack.check()  # its last words say more
                 raise
+            if status := stack.end()["stack"]:
+                words = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])
+                raise DriverError(f"the stack ended with status {status}, torque may still be on:\n  {words}")
         return _run(noted, read_recording(work.recording), float(files.controllers.update_rate_hz))
 
 
@@ -100,6 +103,7 @@ def _run(noted: "Promptness", recorded: RecordedRun, rate_hz: float) -> RosRun:
     middle_s = median(periods_s) if periods_s else 0.0
     figures = RosFigures(
         goals=noted.goals,
+        failed=noted.failed,
         goal_to_answer=Spread.of(noted.answers_s),
         goal_to_motion=Spread.of(noted.motions_s),
         joint_states_hz=round(len(periods_s) / sum(periods_s), 2) if periods_s else 0.0,

@@ -75,6 +75,7 @@ def arm(
     """
     from rich.console import Console
 
+    from commissioning.whole_file import write_whole
     from drivers.clock import MonotonicClock
     from drivers.errors import DriverError
     from servoloop.arms.folder import find_arm, read_arm_files
@@ -94,9 +95,9 @@ def arm(
         measured = bench_arm(
             found, devices, MonotonicClock(), signals=lambda: signals.count, say=lambda text: typer.echo(text, err=True)
         )
-    from servoloop.bench_arm.page import write_page
+    from servoloop.bench_arm.page import page
 
-    write_page(out, measured)
+    write_whole(out, page(measured))
     if json:
         print_json({"page": str(out), **asdict(measured.figures)})
     else:

@@ -63,7 +63,8 @@ def test_an_so101_on_a_pseudo_terminal(tmp_path: Path, ros_domain: int) -> None:
             emulator.terminate()
     figures = json.loads(done.stdout)
     assert figures["page"] == str(page) and page.read_text().count("<svg") == 6
-    assert figures["ros"]["goals"] == 11 and all(figures["ros"][name]["p50_ms"] > 0.0 for name in SPREADS)
+    assert figures["ros"]["goals"] == 11 and figures["ros"]["failed"] == 0
+    assert all(figures["ros"][name]["p50_ms"] > 0.0 for name in SPREADS)
     assert figures["ros"]["loop"]["cycles"] > 100 and figures["loop"]["cycles"] > 100
     assert len(figures["motions"]) == 5
     assert [servo["torque"] for servo in json.loads(hand.stdout)["servos"]] == [False] * 6
