@@ -122,10 +122,10 @@ def _adapter_text(chip: str, latency_ms: int | None) -> str:
 
 
 def _processor() -> str:
-    """The processor's name; on ARM boards the kernel has none."""
+    """The processor's name; of ARM boards the kernel says the board's."""
     try:
         lines: Sequence[str] = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = ()
-    named = (line.partition(":")[2].strip() for line in lines if line.lower().startswith(("model name", "model\t")))
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith(("model name", "Model\t")))
     return next(named, platform.processor() or "unknown")

@@ -45,4 +45,4 @@ def _way(position: float, limits: JointLimits) -> float:
 
 def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> float:
     """The time for a motion that stays well within the joints' velocity limits."""
-    return 1.0 + max(2.0 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())
+    return 0.6 + max(1.4 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())

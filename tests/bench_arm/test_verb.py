@@ -1,8 +1,12 @@
 """``servoloop bench arm`` as it is typed: it asks first; on a pseudo-terminal and with ROS every figure is there."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,6 +19,7 @@ from sim_backend.plant import BenchPlant
 from tests.complaint import complaint
 from tests.servoloop.served import served
 
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "bench.md").read_text()
 SPREADS = ("goal_to_answer", "goal_to_motion", "joint_states_age", "joint_states_jitter")
 
 
@@ -41,30 +46,38 @@ def test_what_cannot_be_written_is_said_before_anything_is_asked(
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_an_so101_on_a_pseudo_terminal(tmp_path: Path, ros_domain: int) -> None:
+def test_the_command_of_the_page_on_a_pseudo_terminal(tmp_path: Path, ros_domain: int) -> None:
     pytest.importorskip("rclpy")
-    link, page = tmp_path / "bus", tmp_path / "out" / "page.html"
-    command = [sys.executable, "-m", "servoloop"]
-    with subprocess.Popen(
-        [*command, "emulate", str(link), "--arm", "so101"], stdout=subprocess.PIPE, text=True
-    ) as emulator:
+    (command,) = re.findall(r"```sh\n(.*?)\n```", TEXT, re.DOTALL)
+    link, page = tmp_path / "bus", tmp_path / "out" / "bench.html"
+    with running("emulate", str(link), "--arm", "so101"):
+        words = shlex.split(command.replace("/dev/ttyACM0", str(link)))[1:]
+        done = once("tests.bench_arm.short", *words, "--yes", "--json", folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        ids = ("--ids", "1-6", "--baud", "1000000")
+        found = json.loads(once("servoloop", "scan", str(link), *ids, "--json", folder=tmp_path).stdout)
+    figures = json.loads(done.stdout)
+    assert (tmp_path / figures["page"]).samefile(page) and page.read_text().count("<svg") == 6
+    ros = figures["ros"]
+    assert (ros["goals"], ros["failed"]) == (3, 0)
+    assert all(ros[name]["p50_ms"] > 0.0 for name in SPREADS)
+    assert ros["loop"]["cycles"] > 50 and figures["loop"]["cycles"] > 50
+    assert len(figures["motions"]) == 5
+    assert [servo["torque"] for servo in found["servos"]] == [False] * 6
+
+
+@contextmanager
+def running(*words: str) -> Iterator[None]:
+    """An emulator, for as long as the block lasts."""
+    command = [sys.executable, "-m", "servoloop", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as emulator:
         try:
             assert emulator.stdout is not None and "ready" in emulator.stdout.readline()
-            words = ("bench", "arm", "--arm", "so101", "--port", str(link), "--out", str(page), "--yes", "--json")
-            done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=110, cwd=tmp_path)
-            assert done.returncode == 0, done.stderr
-            hand = subprocess.run(
-                [*command, "scan", str(link), "--ids", "1-6", "--baud", "1000000", "--json"],
-                capture_output=True,
-                text=True,
-                timeout=60,
-            )
+            yield
         finally:
             emulator.terminate()
-    figures = json.loads(done.stdout)
-    assert figures["page"] == str(page) and page.read_text().count("<svg") == 6
-    assert figures["ros"]["goals"] == 11 and figures["ros"]["failed"] == 0
-    assert all(figures["ros"][name]["p50_ms"] > 0.0 for name in SPREADS)
-    assert figures["ros"]["loop"]["cycles"] > 100 and figures["loop"]["cycles"] > 100
-    assert len(figures["motions"]) == 5
-    assert [servo["torque"] for servo in json.loads(hand.stdout)["servos"]] == [False] * 6
+
+
+def once(module: str, *words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", module, *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100, cwd=folder)
