@@ -14,6 +14,7 @@ from servoloop.plots.series import Curve, Panel, time_series
 from servoloop.plots.svg import PALETTE
 
 BINS = 60
+NAMES = ("p50 (ms)", "p99 (ms)", "largest (ms)")
 
 
 def page(measured: Measured) -> str:
@@ -27,7 +28,7 @@ def page(measured: Measured) -> str:
     )
     pictures = {heading: list(drawn) for heading, drawn in _pictures(measured)}
     return environment.get_template("page.html.j2").render(
-        figures=measured.figures, spread=_spread_text, names=[one.name for one in fields(Spread)], pictures=pictures
+        figures=measured.figures, spread=_spread_text, names=NAMES, pictures=pictures
     )
 
 
@@ -37,44 +38,27 @@ def _spread_text(spread: Spread | None) -> list[str]:
 
 
 def _pictures(measured: Measured) -> Iterator[tuple[str, list[str]]]:
-    yield (
-        "buses",
-        [
-            _histogram(
-                {f"bus {name}".rstrip(): run.took_s for name, run in measured.buses.items()}, "ms a cycle", "cycles"
-            )
-        ],
-    )
-    runs: dict[str, tuple[Sequence[float], Sequence[float]]] = {}
-    runs["without ROS"] = measured.trial.late_s, measured.trial.took_s
-    if measured.ros is not None:
-        runs["under ROS"] = measured.ros.late_s, measured.ros.took_s
-        yield (
-            "ros",
-            [
-                _histogram({"": measured.ros.motions_s}, "ms from the goal to the first motion", "goals"),
-                _histogram({"": measured.ros.ages_s}, "ms of age of /joint_states when they come", "messages"),
-            ],
-        )
-    yield (
-        "loop",
-        [
-            _histogram({name: run[0] for name, run in runs.items()}, "ms late", "cycles"),
-            _histogram({name: run[1] for name, run in runs.items()}, "ms busy", "cycles"),
-        ],
-    )
+    """Yields the pictures of each part by its name in the template."""
+    buses = {f"ms a cycle of bus {name}".removesuffix(" of bus "): run for name, run in measured.buses.items()}
+    yield "buses", [_histogram(run.took_s, axis, "cycles") for axis, run in buses.items()]
+    yield "without ROS", _loop("without ROS", measured.trial.late_s, measured.trial.took_s)
+    if (ros := measured.ros) is not None:
+        yield "under ROS", _loop("under ROS", ros.late_s, ros.took_s)
+        motions = _histogram(ros.motions_s, "ms from the goal to the first motion", "goals")
+        yield "ros", [motions, _histogram(ros.ages_s, "ms of age of /joint_states when they come", "messages")]
     yield "motions", [_motions(measured.trial)]
 
 
-def _histogram(series: dict[str, Sequence[float]], axis: str, unit: str) -> str:
-    """How often which time (s) came, in ms; empty where there is none."""
-    in_ms = {name: 1e3 * np.asarray(values) for name, values in series.items() if len(values)}
-    if not in_ms:
+def _loop(where: str, late_s: Sequence[float], took_s: Sequence[float]) -> list[str]:
+    return [_histogram(late_s, f"ms late, {where}", "cycles"), _histogram(took_s, f"ms busy, {where}", "cycles")]
+
+
+def _histogram(times_s: Sequence[float], axis: str, unit: str) -> str:
+    """How often which time came, in ms; empty where there is none."""
+    if not len(times_s):
         return ""
-    everything = np.concatenate(list(in_ms.values()))
-    edges = np.histogram_bin_edges(everything, BINS)
-    counts = {name: np.histogram(values, edges)[0].tolist() for name, values in in_ms.items()}
-    return histogram(edges.tolist(), counts, PALETTE[: len(counts)], axis, unit)
+    counts, edges = np.histogram(1e3 * np.asarray(times_s), BINS)
+    return histogram(edges.tolist(), {"": counts.tolist()}, PALETTE[:1], axis, unit)
 
 
 def _motions(trial: Trial) -> str:

@@ -27,6 +27,8 @@ START_S: Final = 60.0
 LISTEN_S: Final = 5.0
 """So long /joint_states are listened to while the arm stands."""
 GOALS: Final = 10
+REST_S: Final = 0.5
+"""Before each: what still settles is no motion of the next goal's."""
 STEP: Final = 0.1
 """Between two goals, rad or m, where a tenth of the joint's range is not less. A twentieth of it counts as motion:
 three counts of an STS."""
@@ -93,6 +95,7 @@ def _ask(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Cal
         client.spin(LISTEN_S)
         period_s = 1.0 / files.controllers.update_rate_hz
         for number in range(GOALS):
+            client.spin(REST_S)
             start, end = (ready, beside) if number % 2 == 0 else (beside, ready)
             client.go(list(end.values()), seconds_for(start, end, files.limits), period_s=period_s)
 

@@ -57,7 +57,7 @@ def test_the_command_of_the_page_on_a_pseudo_terminal(tmp_path: Path, ros_domain
         ids = ("--ids", "1-6", "--baud", "1000000")
         found = json.loads(once("servoloop", "scan", str(link), *ids, "--json", folder=tmp_path).stdout)
     figures = json.loads(done.stdout)
-    assert (tmp_path / figures["page"]).samefile(page) and page.read_text().count("<svg") == 6
+    assert (tmp_path / figures["page"]).samefile(page) and page.read_text().count("<svg") == 8
     ros = figures["ros"]
     assert (ros["goals"], ros["failed"]) == (3, 0)
     assert all(ros[name]["p50_ms"] > 0.0 for name in SPREADS)
