@@ -99,7 +99,16 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
     with pytest.raises(StoppedError, match="the arm is limp"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, stopped=stopped)
+        calibrate(
+            robot,
+            JOINTS,
+            PLAN.joints,
+            lambda: arm.open_bus(JOINTS),
+            owner,
+            arm.clock,
+            lambda *_: arm.as_mounted(),
+            stopped,
+        )
     assert torque(arm) == [] and calibration_path(robot).exists()
 
 
