@@ -1,14 +1,16 @@
 """The whole calibration, as the command line and scripts call it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
+from commissioning.calibrate.flow import Task
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Difference, calibrate
 from commissioning.slow_arm import StoppedError
-from drivers.errors import ServoRefused, ServoSilent
+from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
@@ -118,6 +120,19 @@ def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> 
     with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
+
+
+def test_an_adapter_that_is_pulled_during_the_sweep_ends_it_and_nothing_is_stored(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+
+    class Clumsy(Owner):
+        def until_done(self, task: Task, look: Callable[[], None]) -> None:
+            self.arm.port.unplug()
+            look()
+
+    with pytest.raises(PortLost, match="was unplugged"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
+    assert not calibration_path(robot).exists() and torque(arm) == []
 
 
 def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked(robot: Path) -> None:
