@@ -19,8 +19,8 @@ from drivers.servos import sts
 from servoloop.emulator import couplings, virtual_bus
 from servoloop.files import read_files
 from servoloop.simulation.stack import SimulatedStack
-from sim_backend.plant import WorldPlant
-from sim_backend.world import World
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.world import World
 
 RUNS = 5
 STEPS = 4000

@@ -31,8 +31,8 @@ from servoloop.demo.cell import Cell, cell
 from servoloop.demo.live import Live
 from servoloop.files import read_files
 from servoloop.realtime import LOOP_PRIORITY
-from sim_backend.build import Build
-from sim_backend.world_feed import WorldFeedClient, feed_path
+from sim_backend.mechanics.build import Build
+from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 SIDES: Final[Mapping[str, Sequence[str]]] = {
     "stack": ("stack",),

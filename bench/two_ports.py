@@ -23,9 +23,9 @@ from drivers.bus.types import Reading
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
-from hal.component_set import ComponentSet
+from hal.components.component_set import ComponentSet
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits, JointState
 from servoloop.realtime import claim_realtime_priority
 

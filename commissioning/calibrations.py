@@ -10,10 +10,10 @@ from commissioning.calibrate.result import CalibrationError, JointCalibration, d
 from commissioning.lerobot import lerobot_text, read_lerobot, to_lerobot
 from commissioning.lerobot_import import Imported, from_lerobot
 from commissioning.whole_file import write_whole
-from hal.calibration_file import calibration_path, load_calibration
 from hal.errors import RobotFileError
 from hal.joint import Joint
-from hal.robot import RobotFile
+from hal.robot_file.calibration_file import calibration_path, load_calibration
+from hal.robot_file.robot import RobotFile
 from hal.yaml_file import load
 
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from calibration.angles import LARGEST_OFFSET
 from commissioning.calibrate.result import CalibrationError
-from hal.calibration_file import CalibratedJoint, CalibrationFile
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 
 LEROBOT_ZERO_COUNTS: Final = 2047
 """LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""

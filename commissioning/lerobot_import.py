@@ -12,8 +12,8 @@ from commissioning.calibrate.flow import as_joint, homing_offset
 from commissioning.calibrate.plan import JointPlan, Zero
 from commissioning.calibrate.result import SEAM_MARGIN_COUNTS, CalibrationError, JointCalibration, doubts, unit
 from commissioning.lerobot import LEROBOT_ZERO_COUNTS, LerobotFile, LerobotJoint, entry_of, range_mistakes
-from hal.calibration_file import CalibratedJoint, CalibrationFile
 from hal.joint import Joint
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 
 Source = Zero | Literal["lerobot", "kept"]
 """Where a zero comes from: the plan's place, LeRobot's pose, or the calibration that was there and says the same."""

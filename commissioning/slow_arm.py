@@ -12,7 +12,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.gate import SafetyGate
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
 PERIOD_S: Final = 0.05

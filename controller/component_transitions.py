@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED, Request
 from drivers.errors import DriverError
-from hal.component import CONFIGURED, Component
-from hal.component_set import ComponentSet
+from hal.components.component import CONFIGURED, Component
+from hal.components.component_set import ComponentSet
 from hal.errors import HalError, LifecycleError
 from hal.lifecycle import LifecycleState
 from hal.types import JointState

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from controller.loop import ControlLoop
-from hal.component import Component
+from hal.components.component import Component
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from controller.parameters import Parameters
-from hal.description import Description, HardwareInfo
-from hal.servo_compliance import Compliance, lags
+from hal.compensation.servo_compliance import Compliance, lags
+from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]

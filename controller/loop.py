@@ -11,9 +11,9 @@ from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
 from drivers.clock import Clock
-from hal.component import Component
-from hal.component_lifecycle import activate_all, deactivate_all
-from hal.component_set import ComponentSet
+from hal.components.component import Component
+from hal.components.component_lifecycle import activate_all, deactivate_all
+from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
 from hal.types import FloatArray, JointLimits, JointState

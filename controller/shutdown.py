@@ -8,7 +8,7 @@ import numpy as np
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, Motion, MotionError, motion_to
 from controller.stops import StopMotion
-from hal.component_lifecycle import clean_up_all, deactivate_all
+from hal.components.component_lifecycle import clean_up_all, deactivate_all
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits
 

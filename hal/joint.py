@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from drivers.servos.register import ServoModel
-from hal.servo_compliance import Compliance, compliance_of
+from hal.compensation.servo_compliance import Compliance, compliance_of
 from hal.types import JointLimits
 
 

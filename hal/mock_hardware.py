@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.clock import Clock
-from hal.description import HardwareInfo
 from hal.lifecycle import LifecycleState, require, require_configured
+from hal.robot_description.description import HardwareInfo
 from hal.types import JointCommand, JointState
 
 KINDS = ("position", "velocity", "effort")

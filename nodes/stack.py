@@ -7,8 +7,8 @@ from typing import Protocol
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
 from controller.manager.requests import Request
-from hal.description import Description, HardwareInfo, Vector
-from hal.kinematics import Quaternion
+from hal.robot_description.description import Description, HardwareInfo, Vector
+from hal.robot_description.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
 """Poses in base_link (m; x, y, z, w) of what a simulation knows beside the arm; empty on a real one."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, TransformStamped
 
-from hal.description import Mimic, UrdfJoint, Vector
-from hal.kinematics import Quaternion, child_pose, from_rpy, multiply, rotate
+from hal.robot_description.description import Mimic, UrdfJoint, Vector
+from hal.robot_description.kinematics import Quaternion, child_pose, from_rpy, multiply, rotate
 
 Place = Callable[[Transform, float], None]
 """Fills in what changes with the joint's position (rad or m)."""

@@ -14,7 +14,7 @@ from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.register import ServoModel
-from hal.diagnose import NOWHERE, diagnose
+from hal.servos.diagnose import NOWHERE, diagnose
 
 LOG = logging.getLogger("servoloop")
 

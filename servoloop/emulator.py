@@ -12,32 +12,32 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
-from hal.robot import Robot
+from hal.robot_file.robot import Robot
 from servoloop.files import Files
 from servoloop.ports import device_paths
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
-from sim_backend.build import Build
-from sim_backend.bus import VirtualBus
-from sim_backend.common import CommonPlant
 from sim_backend.control import ControlServer, Handler, control_path
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
 from sim_backend.faults.control import obey_faults
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import FaultPlayer, require_possible
 from sim_backend.faults.targets import Targets
-from sim_backend.feeder import Feeder
-from sim_backend.hand import Hand, obey
-from sim_backend.line import ServoLine
-from sim_backend.picture import Recorder
-from sim_backend.plant import Coupling, Plant, WorldPlant
-from sim_backend.pty_link import PtyAdapter
-from sim_backend.rig import Supply
-from sim_backend.servo import VirtualServo
-from sim_backend.spread import NOMINAL, Spread
-from sim_backend.world import World
-from sim_backend.world_feed import WorldFeed, feed_path
+from sim_backend.mechanics.build import Build
+from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
+from sim_backend.mechanics.rig import Supply
+from sim_backend.mechanics.spread import NOMINAL, Spread
+from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.hand import Hand, obey
+from sim_backend.scene.picture import Recorder
+from sim_backend.scene.world import World
+from sim_backend.scene.world_feed import WorldFeed, feed_path
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.common import CommonPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.pty_link import PtyAdapter
 
 
 def couplings(robot: Robot) -> list[Coupling]:

@@ -11,7 +11,7 @@ from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from servoloop.ports import device_paths
 from servoloop.processes import LOOK_S, Interrupted, end, end_with_parent
-from sim_backend.world_feed import feed_path
+from sim_backend.scene.world_feed import feed_path
 
 START_S: Final = 30.0
 END_S: Final = 10.0

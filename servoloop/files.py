@@ -7,11 +7,11 @@ from pathlib import Path
 
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from drivers.errors import DriverError
-from hal.description import Description, merged, parse_urdf
 from hal.errors import DescriptionError, RobotFileError
-from hal.hardware_info import HardwareInfo
-from hal.robot import Robot, assemble, load_robot_file
-from hal.robots import all_limits, together
+from hal.robot_description.description import Description, merged, parse_urdf
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.robot_file.robot import Robot, assemble, load_robot_file
+from hal.robot_file.robots import all_limits, together
 from hal.types import JointLimits
 
 HOME = Path(__file__).resolve().parent.parent

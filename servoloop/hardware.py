@@ -16,23 +16,23 @@ from drivers.errors import PortError
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
-from hal.component_set import ComponentSet
-from hal.description import Description, Vector
+from hal.compensation.gravity import Gravity
+from hal.compensation.gravity_compensation import GravityCompensation
+from hal.compensation.servo_compliance import Compliance
+from hal.components.component_set import ComponentSet
 from hal.errors import DescriptionError, HalError
-from hal.gravity import Gravity
-from hal.gravity_compensation import GravityCompensation
 from hal.hardware import Hardware
-from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
-from hal.kinematics import Quaternion
 from hal.mock_hardware import MockHardware
-from hal.robot import RobotFile, require_positions
-from hal.servo_compliance import Compliance
-from hal.servo_hardware import ServoHardware
+from hal.robot_description.description import Description, Vector
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.robot_description.kinematics import Quaternion
+from hal.robot_file.robot import RobotFile, require_positions
+from hal.servos.servo_hardware import ServoHardware
 from servoloop.files import Files
 from servoloop.line_rate import Line
 from servoloop.ports import world_feed
-from sim_backend.world_feed import WorldFeedClient
+from sim_backend.scene.world_feed import WorldFeedClient
 
 if TYPE_CHECKING:
     from servoloop.simulation.virtual_lines import VirtualLines
@@ -228,14 +228,14 @@ class _World:
     """The arm in MuJoCo, and the things around it."""
 
     def __init__(self, clock: Clock, scene: Path) -> None:
-        from sim_backend.world import World
+        from sim_backend.scene.world import World
 
         self._world = World(scene)
         self._clock = clock
 
     def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
         """The component that moves the arm in MuJoCo."""
-        from sim_backend.mujoco_hardware import MujocoHardware
+        from sim_backend.scene.mujoco_hardware import MujocoHardware
 
         return MujocoHardware(name, joints, self._world, self._clock)
 

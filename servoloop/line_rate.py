@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 from controller.manager.controllers_file import ControllersFileError
 from drivers.bus.types import ServoGoal
-from hal.robot import Robot
+from hal.robot_file.robot import Robot
 
 BITS_PER_BYTE: Final = 10
 """On the wire: a start bit, eight of data, a stop bit."""

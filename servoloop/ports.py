@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from drivers.errors import DriverError
-from sim_backend.world_feed import feed_path
+from sim_backend.scene.world_feed import feed_path
 
 VIRTUAL = "virtual"
 

@@ -16,7 +16,7 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from drivers.clock import Clock, MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
-from hal.component_lifecycle import clean_up_all, configure_all
+from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import emulator_process

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from drivers.errors import PortError
-from sim_backend.world_feed import listening
+from sim_backend.scene.world_feed import listening
 
 ANSWER_S: Final = 5.0
 """So long a client waits for an emulator's answer."""

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.errors import DriverError
 from hal.yaml_file import load
 from sim_backend.flash import Flash
-from sim_backend.line import ServoLine
-from sim_backend.packet_servo import WiredServo
+from sim_backend.generic.packet_servo import WiredServo
+from sim_backend.wire.line import ServoLine
 
 _HEADER: Final = "# EEPROM of virtual servos. Written while they run: edit it when they do not.\n"
 

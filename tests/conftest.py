@@ -1,14 +1,15 @@
 """The same examples in every run, none too slow on a busy machine, and an order that keeps both cores busy."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from sim_backend.bus import VirtualBus
-from sim_backend.mujoco_hardware import drive
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.scene.mujoco_hardware import drive
+from sim_backend.wire.bus import VirtualBus
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.ros_domain import ros_domain
 
@@ -16,6 +17,8 @@ __all__ = ["ros_domain"]  # one for all folders: a second one would end in the m
 
 once_more = pytest.mark.flaky(reruns=1)
 """A machine that stands still for a moment fails a program in real time; the summary names what was run again."""
+ONLY = {"slow": ("slow", "workspace", "installed", "share"), "soak": ("soak",)}
+"""Words of which one is in each file with a test of this marker; tests/launch/conftest.py marks by fixtures."""
 LONG_FILES = (
     *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
     *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
@@ -43,8 +46,24 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return ComputingAside(config, log)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A run of nothing but slow or random tests passes over the files that have none: to import all takes each worker
+    ten seconds."""
+    marker = config.option.markexpr
+    if marker not in ONLY or not collection_path.match("test_*.py"):
+        return None
+    return not _has_a_word_of(marker, collection_path) or None
+
+
+def _has_a_word_of(marker: str, path: Path) -> bool:
+    return any(word in path.read_text() for word in ONLY[marker])
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests in real time come first, then the files that compute long: the short ones are left to even workers out."""
+    marked = {(mark.name, item.path) for item in items for mark in item.iter_markers() if mark.name in ONLY}
+    if passed_over := [str(path) for marker, path in sorted(marked) if not _has_a_word_of(marker, path)]:
+        raise pytest.UsageError(f"marked from elsewhere, so that make test-slow would pass over it: {passed_over}")
     items.sort(key=lambda item: (not in_real_time(item.nodeid), not item.nodeid.startswith(LONG_FILES)))
     for item in items:
         if in_real_time(item.nodeid):

@@ -42,7 +42,12 @@ AREAS = {
     "gate": Area(("hal/gate.py",), ("tests/hal/test_gate.py",)),
     "joint": Area(("hal/joint.py",), ("tests/hal/test_joint.py",)),
     "servo_hardware": Area(
-        ("hal/servo_hardware.py", "hal/servo_setup.py", "hal/servo_states.py", "hal/activation.py"),
+        (
+            "hal/servos/servo_hardware.py",
+            "hal/servos/servo_setup.py",
+            "hal/servos/servo_states.py",
+            "hal/servos/activation.py",
+        ),
         (
             "tests/hal/test_servo_*.py",
             "tests/hal/test_activation_*.py",

@@ -7,7 +7,7 @@ import yaml
 
 from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.whole_file import write_whole
-from hal.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
 
 HEADER = "# Written by servoloop calibrate. The former one is beside it, with .1 behind its name.\n"
 

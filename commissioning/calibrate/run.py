@@ -18,8 +18,8 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
 from drivers.servos.catalog import series_of
-from hal.calibration_file import calibration_path
 from hal.joint import Joint
+from hal.robot_file.calibration_file import calibration_path
 
 LIMP = "The arm goes limp now and falls: hold it. Switch its torque off?"
 STORE = "Store this calibration?"

@@ -19,8 +19,8 @@ from commissioning.ports.machine import Machine
 from drivers.clock import Clock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
-from hal.calibration_file import CalibrationFile
-from hal.robot import Robot
+from hal.robot_file.calibration_file import CalibrationFile
+from hal.robot_file.robot import Robot
 
 
 def doctor(

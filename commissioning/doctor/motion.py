@@ -14,8 +14,8 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from hal.compensation.gravity import Gravity
 from hal.errors import HalError
-from hal.gravity import Gravity
 from hal.joint import Joint
 
 Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[JointMotion, ...], str]]

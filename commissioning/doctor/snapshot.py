@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drivers.bus.types import ServoState
-from hal.calibration_file import CalibrationFile
 from hal.joint import Joint
+from hal.robot_file.calibration_file import CalibrationFile
 
 Heard = Literal["well", "unsteady", "broken", "late", "mute", "silent"]
 """States in one piece; only now and then; never in one piece; only too late; pings but no state; nothing."""

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from controller.broadcasters.state_values import MOVEMENT, Reader, reader
 from controller.interface import ControllerContext
 from controller.parameters import Parameters
-from hal.description import Mimic
+from hal.robot_description.description import Mimic
 from hal.types import AT_LIMIT, FloatArray, JointLimits, JointState
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from hal.description import Mimic
+from hal.robot_description.description import Mimic
 from hal.types import JointState, ServoHealth
 
 Reader = Callable[[JointState], float]

@@ -12,7 +12,7 @@ from controller.manager.controller_spec import ControllerSpec
 from controller.manager.node_parameters import Content, merged, names, parameters_of, read_content
 from controller.manager.plugins import broken_plugins, controller_types
 from controller.parameters import ManagerParameters, Parameters
-from hal.description import HardwareInfo
+from hal.robot_description.description import HardwareInfo
 from hal.yaml_file import place
 
 LOG = logging.getLogger("servoloop.controller")

@@ -10,7 +10,7 @@ import numpy as np
 from controller.interface import indices
 from controller.parameters import Parameters
 from controller.teleop.ramp_in import SHARE, RampIn
-from hal.servo_compliance import Compliance, lags
+from hal.compensation.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState
 
 LEAP_RAD_S: Final = 20.0

@@ -48,7 +48,7 @@ class TrajectorySampler:
     """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
-        """``lags``: those of hal.servo_compliance, how far the joints lag behind their commands; unless said, not."""
+        """``lags``: how far joints lag behind commands (hal.compensation.servo_compliance); unless said, not at all."""
         self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0

@@ -6,9 +6,9 @@ from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
-from hal.component import Component
-from hal.hardware_info import HardwareInfo
+from hal.components.component import Component
 from hal.lifecycle import LifecycleState
+from hal.robot_description.hardware_info import HardwareInfo
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.publishing import EVERY_CALL

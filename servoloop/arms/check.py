@@ -4,15 +4,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
-from hal.description import Description, HardwareInfo, merged
-from hal.description_check import description_problems, servo_problems
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
-from hal.robot import Robot, RobotFile, assemble, load_robot_file
+from hal.robot_description.description import Description, HardwareInfo, merged
+from hal.robot_description.description_check import description_problems, servo_problems
+from hal.robot_file.robot import Robot, RobotFile, assemble, load_robot_file
 from servoloop.arms.folder import ARM_FILE, Arm, read_arm
 from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.arms.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.files import read_description
-from sim_backend.scene_check import scene_problems
+from sim_backend.scene.scene_check import scene_problems
 
 
 class _Check:

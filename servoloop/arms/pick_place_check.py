@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 
 from controller.manager.controllers_file import ControllersFile
-from hal.description import Description, UrdfJoint
-from hal.gravity import Gravity
-from hal.gravity_compensation import LARGEST_LOAD
-from hal.robot import Robot
+from hal.compensation.gravity import Gravity
+from hal.compensation.gravity_compensation import LARGEST_LOAD
+from hal.robot_description.description import Description, UrdfJoint
+from hal.robot_file.robot import Robot
 from servoloop.arms.pick_place import PickPlace
-from sim_backend.world import READY
+from sim_backend.scene.world import READY
 
 POSE_RAD: Final = 1e-3
 ARM: Final = "arm_controller"

@@ -16,7 +16,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from hal.component_lifecycle import clean_up_all, configure_all
+from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.types import FloatArray, JointLimits
 from servoloop import hardware
 from servoloop.arms.pick_place_check import ARM

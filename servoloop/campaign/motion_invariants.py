@@ -13,7 +13,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 OVER_STEPS: Final = 100
 """Milliseconds over which a way is taken: a servo goes to each new goal at its own speed, and waits there."""
 LAG_S: Final = 0.03
-"""So long a servo may have been behind its goal (hal/servo_compliance.py), and makes up for it."""
+"""So long a servo may have been behind its goal (hal/compensation/servo_compliance.py), and makes up for it."""
 OVERSHOOT_RAD: Final = 0.05
 """So much further it may get where it is to stop (bench.fidelity)."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")

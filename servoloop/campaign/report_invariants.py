@@ -10,7 +10,7 @@ from drivers.servos import sts
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
-from sim_backend.servo import VirtualServo
+from sim_backend.sts.servo import VirtualServo
 
 CYCLES_TO_NAME: Final = 2
 """In so many cycles a servo that is not heard is named."""

@@ -12,8 +12,8 @@ from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule
-from sim_backend.build import Build
 from sim_backend.faults.player import require_possible
+from sim_backend.mechanics.build import Build
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from typing import Any, Final
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
 from hal.joint import Joint
-from sim_backend import dynamixel_wire, sts_wire
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_groups import bulk_entries, sync_entries
-from sim_backend.instructions import Instruction, Parser
-from sim_backend.line import ServoLine
+from sim_backend.wire import dynamixel_wire, sts_wire
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.dynamixel_groups import bulk_entries, sync_entries
+from sim_backend.wire.instructions import Instruction, Parser
+from sim_backend.wire.line import ServoLine
 
 MEASURED_WITHIN_COUNTS: Final = 3
 """Free joints sag between the measurement and the torque."""

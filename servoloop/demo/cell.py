@@ -15,8 +15,8 @@ from servoloop.demo.live import Live
 from servoloop.ports import device_paths, port_options
 from servoloop.processes import Processes
 from servoloop.signals import Signals
-from sim_backend.build import Build
-from sim_backend.world_feed import WorldFeedClient, feed_path
+from sim_backend.mechanics.build import Build
+from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
     from nodes.stack_monitor import StackMonitor

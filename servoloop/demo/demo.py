@@ -12,7 +12,7 @@ from servoloop.arms.folder import Arm
 from servoloop.demo.cell import ARM, Cell, cell
 from servoloop.demo.jobs import Run
 from servoloop.demo.live import Live
-from sim_backend.build import Build
+from sim_backend.mechanics.build import Build
 
 IDLE_S = 3.0
 FADING_S = 1.5

@@ -13,7 +13,7 @@ from servoloop.demo.following_error import UNKNOWN, FollowingError, between_cycl
 from servoloop.demo.live import Live
 from servoloop.processes import Interrupted, Processes
 from servoloop.signals import Signals
-from sim_backend.world_feed import WorldFeedClient
+from sim_backend.scene.world_feed import WorldFeedClient
 
 if TYPE_CHECKING:
     from nodes.pick_place.client import PickClient

@@ -7,7 +7,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray, JointLimits
 from nodes.handling.robot import HandlingError, JointsNow
 from servoloop.live.folder import find_stack

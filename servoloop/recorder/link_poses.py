@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from hal.description import UrdfJoint, Vector
-from hal.kinematics import Quaternion, child_pose
+from hal.robot_description.description import UrdfJoint, Vector
+from hal.robot_description.kinematics import Quaternion, child_pose
 from hal.types import FloatArray
 
 MOVING = ("revolute", "continuous", "prismatic")

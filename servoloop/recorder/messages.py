@@ -8,7 +8,7 @@ from rosbags.typesys.stores import ros2_jazzy as ros
 
 from controller.gripper.goal import GripperGoal
 from controller.trajectory.goal import TrajectoryGoal
-from hal.description import Description
+from hal.robot_description.description import Description
 from hal.types import FloatArray
 from servoloop.recorder.bus_tap import Transfer
 from servoloop.recorder.definitions import (

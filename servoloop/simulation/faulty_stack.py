@@ -10,7 +10,7 @@ from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
-from sim_backend.port import VirtualAdapter
+from sim_backend.wire.port import VirtualAdapter
 
 
 class FaultyStack(SimulatedStack):

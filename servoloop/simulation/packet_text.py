@@ -6,8 +6,8 @@ from drivers.protocol import v1, v2
 from drivers.protocol.decoder import Reply
 from drivers.servos.catalog import series_of, wire_protocol
 from hal.joint import Joint
-from sim_backend import dynamixel_wire, sts_wire
-from sim_backend.instructions import Instruction
+from sim_backend.wire import dynamixel_wire, sts_wire
+from sim_backend.wire.instructions import Instruction
 
 ANY_SIZE = frozenset(range(1, 256))
 """Bytes of data that a reply may have."""

@@ -14,8 +14,8 @@ from servoloop.files import Files
 from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.simulation.pace import LOOK_S, Pace
 from servoloop.simulation.virtual_lines import VirtualLines
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.build import Build
 
 if TYPE_CHECKING:
     from nodes.surface import Surface

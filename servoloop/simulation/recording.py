@@ -9,7 +9,7 @@ import numpy as np
 from hal.types import FloatArray
 from servoloop.demo.following_error import FollowingError, between_cycles
 from sim_backend.clock import SimulatedClock
-from sim_backend.port import VirtualPort
+from sim_backend.wire.port import VirtualPort
 
 
 @dataclass(slots=True)

@@ -15,8 +15,8 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.file_recording import recorded
 from servoloop.simulation.job import JobRecord, run_job
 from servoloop.simulation.schedule import Schedule
-from sim_backend.build import Build
 from sim_backend.faults.player import require_possible
+from sim_backend.mechanics.build import Build
 
 SETTLED_S = 2.5
 """Until then a limp arm that was switched on has sunk, and has been lifted again."""

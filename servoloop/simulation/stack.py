@@ -12,24 +12,24 @@ from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
 from drivers.port import Port
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
-from hal.description import Description
-from hal.gravity_compensation import GravityCompensation
+from hal.compensation.gravity_compensation import GravityCompensation
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.hardware import Hardware
-from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.robot_description.description import Description
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
 from servoloop.files import Files, read_files
 from servoloop.hardware import compensation, compliances, servo_bus
 from servoloop.simulation.recording import RecordingPort, Trace
 from servoloop.simulation.virtual_lines import VirtualLines
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.line import ServoLine
-from sim_backend.mujoco_hardware import MujocoHardware
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.build import Build
+from sim_backend.scene.mujoco_hardware import MujocoHardware
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.port import VirtualPort
 
 NOMINAL_BUILD = Build()
 MOVE_S = 2.0

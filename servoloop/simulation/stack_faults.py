@@ -11,7 +11,7 @@ from controller.interface import Controller
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.clock import Clock
 from drivers.servos.register import ServoModel
-from hal.robot import Robot
+from hal.robot_file.robot import Robot
 from hal.types import FloatArray, JointState
 from sim_backend.faults.targets import Inventory, Misdeed, Upset
 

@@ -7,11 +7,11 @@ from drivers.port import Port
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files
 from servoloop.hardware import Pose
-from sim_backend.build import Build
-from sim_backend.feeder import Feeder
-from sim_backend.plant import WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.build import Build
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.world import World
+from sim_backend.wire.port import VirtualPort
 
 
 class VirtualLines:

@@ -9,10 +9,10 @@ from controller.manager.manager import ControllerManager
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
 from drivers.port.serial_port import SerialPort
-from hal.component import Component
-from hal.component_set import ComponentSet
-from hal.hardware_info import HardwareInfo
-from hal.leader_arm import LEADER, LeaderArm, leader_joint
+from hal.components.component import Component
+from hal.components.component_set import ComponentSet
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.servos.leader_arm import LEADER, LeaderArm, leader_joint
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Final
 
 from drivers.clock import MonotonicClock
-from hal.component_lifecycle import clean_up_all, configure_all
-from hal.leader_arm import LEADER
+from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.lifecycle import LifecycleState
+from hal.servos.leader_arm import LEADER
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread

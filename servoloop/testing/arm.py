@@ -14,11 +14,11 @@ from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
-from sim_backend.build import Build
 from sim_backend.faults.draw import draw
 from sim_backend.faults.event import Event
 from sim_backend.faults.script import script_text
 from sim_backend.faults.text import parse
+from sim_backend.mechanics.build import Build
 
 
 class ArmTestError(DriverError):

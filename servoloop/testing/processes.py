@@ -70,7 +70,7 @@ class VirtualBus(_Process):
     @contextmanager
     def running(self) -> Iterator[Self]:
         """Serve it until the end of the block."""
-        from sim_backend.world_feed import feed_path
+        from sim_backend.scene.world_feed import feed_path
 
         with self._run(("emulate", self.port, *self._seed, *self._backlash), feed_path(Path(self.port))):
             yield self

@@ -33,7 +33,7 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.live import Live
-    from sim_backend.build import Build
+    from sim_backend.mechanics.build import Build
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:

@@ -54,7 +54,7 @@ def doctor(
     from commissioning.ports.machine import Machine
     from commissioning.whole_file import write_whole
     from drivers.clock import MonotonicClock
-    from hal.calibration_file import load_calibration
+    from hal.robot_file.calibration_file import load_calibration
     from servoloop.files import require_writable
     from servoloop.signals import Signals
 
@@ -83,7 +83,7 @@ def _motion(files: "Files", clock: "Clock", signals: "Signals | None") -> "Move"
     """The motion that a signal stops; none without."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
-    from hal.gravity import Gravity
+    from hal.compensation.gravity import Gravity
 
     if signals is None:
         return no_move

@@ -50,8 +50,8 @@ def emulate(
     from servoloop.emulator import emulate as run
     from servoloop.realtime import claim_realtime_priority
     from servoloop.signals import Signals
-    from sim_backend.build import Build
     from sim_backend.faults.script import read_script
+    from sim_backend.mechanics.build import Build
 
     log_to_terminal()
     if not link.name:

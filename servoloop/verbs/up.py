@@ -103,6 +103,6 @@ def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
         return None
     from servoloop.simulation.pace import Pace, parse_factor
     from servoloop.simulation.real_clients import SimulatedTime
-    from sim_backend.build import Build
+    from sim_backend.mechanics.build import Build
 
     return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))

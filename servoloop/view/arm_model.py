@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from hal.description import UrdfJoint, Vector
-from hal.kinematics import Quaternion, child_pose, multiply, rotate
+from hal.robot_description.description import UrdfJoint, Vector
+from hal.robot_description.kinematics import Quaternion, child_pose, multiply, rotate
 from hal.types import FloatArray
 from servoloop.recorder.link_poses import LinkPose, LinkPoses
 

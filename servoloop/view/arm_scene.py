@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import viser
 
-from hal.kinematics import Quaternion
+from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
 from servoloop.recorder.link_poses import LinkPose
 from servoloop.view.arm_model import ArmModel

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import viser
 
-from hal.description import Description, parse_urdf
+from hal.robot_description.description import Description, parse_urdf
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot

@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import trimesh
 
-from hal.description import Vector
-from hal.kinematics import Quaternion, from_rpy
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.types import FloatArray
 
 Rgb = tuple[int, int, int]

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Final
 
-from hal.description import UrdfJoint
+from hal.robot_description.description import UrdfJoint
 from servoloop.live.robot_state import Snapshot, StatusNow
 from servoloop.live.servo_status import OF_SERVO, OWN, servo_status
 from servoloop.view.watched import health

@@ -12,8 +12,8 @@ from drivers.servos.register import ServoModel
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, OfBus, OfServo, Seconds, ServoId, any_servo
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.line import ServoLine
-from sim_backend.power import feed, restart, watch_supply
+from sim_backend.mechanics.power import feed, restart, watch_supply
+from sim_backend.wire.line import ServoLine
 
 Volts = Annotated[float, Field(ge=0.0, le=60.0)]
 READ, WRITE = 2, 3

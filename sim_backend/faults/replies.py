@@ -9,7 +9,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies, Seconds, ServoId
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.faults.wire import LONGEST_NOISE
-from sim_backend.line import overlaid
+from sim_backend.wire.line import overlaid
 
 
 class _OnTheWire(Replies):

@@ -11,7 +11,7 @@ from drivers.servos import sts
 from drivers.servos.register import ServoModel
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.power import restart
+from sim_backend.mechanics.power import restart
 
 
 class Silent(OfServo, Lasting):

@@ -12,11 +12,11 @@ from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Register, ServoModel
 from sim_backend.box import FACTORY_ID
+from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.power import restart
-from sim_backend.servo import VirtualServo
-from sim_backend.xl320_servo import VirtualXl320Servo
+from sim_backend.mechanics.power import restart
+from sim_backend.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
 """The values of ``operating_mode`` by series; the others have no such register."""

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 from drivers.servos.register import ServoModel
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.holds import Holds
-from sim_backend.line import ServoLine
+from sim_backend.wire.line import ServoLine
 
 Upset = Literal["raises", "nan", "jumps"]
 """What a controller does when it is upset."""
@@ -28,7 +28,7 @@ class Adapter(Protocol):
 
 
 class Mechanics(Protocol):
-    """What faults need of ``sim_backend.world.World``."""
+    """What faults need of ``sim_backend.scene.world.World``."""
 
     def jam(self, joint: str) -> None:
         """Block the joint's gears."""

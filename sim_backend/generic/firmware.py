@@ -18,7 +18,7 @@ from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.generic.motion_profile import UNLIMITED, MotionProfile
 from sim_backend.generic.protection import Protection
-from sim_backend.motor import MotorConstants, Thermometer
+from sim_backend.mechanics.motor import MotorConstants, Thermometer
 
 GAIN_UNIT: Final = 1.0 / 1280.0
 DAMPING_PER_RAD_S: Final = 0.3 / 32.0

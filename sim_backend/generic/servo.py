@@ -10,10 +10,10 @@ from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.generic.firmware import GenericFirmware
 from sim_backend.generic.memory import Memory
-from sim_backend.instructions import Instruction
-from sim_backend.packet_servo import PacketServo
+from sim_backend.generic.packet_servo import PacketServo
 from sim_backend.sts.firmware import touches
-from sim_backend.sts_wire import Code
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.sts_wire import Code
 
 
 class GenericServo(PacketServo):

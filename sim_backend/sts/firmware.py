@@ -5,7 +5,7 @@ from typing import Final
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.motor import MotorConstants
+from sim_backend.mechanics.motor import MotorConstants
 from sim_backend.sts import kernel
 from sim_backend.sts.memory import StsMemory
 from sim_backend.sts.state import States, forget_volatile, new_states, value_of

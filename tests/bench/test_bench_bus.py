@@ -19,8 +19,8 @@ from drivers.errors import DriverError
 from drivers.servos import sts
 from servoloop.bench_bus import bench_bus, parse_ids
 from servoloop.cli import app
-from sim_backend.bus import VirtualBus
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
 from tests.servoloop.served import eventually, served
 
 KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults"}

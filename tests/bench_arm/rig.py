@@ -8,8 +8,8 @@ from drivers.servos import sts
 from servoloop.arms.folder import Arm, find_arm, read_arm_files
 from servoloop.bench_arm.run import Measured, bench_arm
 from servoloop.simulation.virtual_lines import VirtualLines
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.build import Build
 
 
 class Lying:

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from drivers.servos import sts
 from servoloop.cli import app
-from sim_backend.bus import VirtualBus
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
 from tests.servoloop.served import served
 

@@ -13,13 +13,13 @@ from drivers.bus.bus import Bus
 from hal.joint import Joint
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.emulator import couplings, virtual_bus
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.hand import Hand
-from sim_backend.mounting import Mounting
-from sim_backend.plant import Coupling, WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.build import Build
+from sim_backend.mechanics.mounting import Mounting
+from sim_backend.mechanics.plant import Coupling, WorldPlant
+from sim_backend.scene.hand import Hand
+from sim_backend.scene.world import World
+from sim_backend.wire.port import VirtualPort
 
 FILES = read_arm_files(find_arm())
 JOINTS: Sequence[Joint] = FILES.robot.joints

@@ -13,18 +13,18 @@ from commissioning.ports.machine import Machine
 from drivers.bus.bus import Bus
 from drivers.errors import PortError
 from drivers.servos.register import Register
-from hal.calibration_file import CalibratedJoint, CalibrationFile
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
+from hal.servos.servo_hardware import ServoHardware
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import CONFIG, Files, read_files
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.line import ServoLine
-from sim_backend.plant import WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.build import Build
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.world import World
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.port import VirtualPort
 
 NOBODYS_MACHINE = Machine(Path("/nowhere"), list)
 """It has no adapter and no rule."""

@@ -12,7 +12,7 @@ from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Differen
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
-from hal.calibration_file import calibration_path
+from hal.robot_file.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 

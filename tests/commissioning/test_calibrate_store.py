@@ -11,7 +11,7 @@ from commissioning.calibrate.verify import check
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
-from hal.calibration_file import calibration_path
+from hal.robot_file.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
 

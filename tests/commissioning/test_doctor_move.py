@@ -10,8 +10,8 @@ from commissioning.doctor.motion import FASTEST_RAD_S, SmallMotions
 from commissioning.doctor.report import Report
 from commissioning.slow_arm import SPEED_SHARE
 from drivers.servos import sts
-from hal.gravity import Gravity
-from sim_backend.build import Build
+from hal.compensation.gravity import Gravity
+from sim_backend.mechanics.build import Build
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 
@@ -40,9 +40,9 @@ def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
         assert [servo.memory.read(4, 36) for servo in patient.line.servos] == before
 
 
-@pytest.mark.parametrize("gear", GEARS)
-@pytest.mark.parametrize("servo_id", [5, 7])
-@pytest.mark.parametrize("seed", [None, 1])
+@pytest.mark.parametrize(
+    ("gear", "servo_id", "seed"), [("1:191", 5, None), ("1:191", 7, 1), ("1:147", 5, 1), ("1:147", 7, None)]
+)
 def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | None) -> None:
     """In the wrist and the hand: where a joint swings the whole arm, that decides what drive it needs."""
     patient = Patient(build=Build(seed=seed))

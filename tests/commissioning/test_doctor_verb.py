@@ -14,7 +14,7 @@ from commissioning.doctor.markdown import markdown, without_names
 from drivers.servos import sts
 from servoloop import cli
 from servoloop.files import CONFIG
-from sim_backend.line import ServoLine
+from sim_backend.wire.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served
 from tests.commissioning.test_doctor_faults import FIRST

@@ -17,9 +17,9 @@ from commissioning.lerobot_import import Imported, from_lerobot
 from commissioning.whole_file import write_whole
 from drivers.servos.sts import STS3215
 from drivers.servos.x import MODELS as X_MODELS
-from hal.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
 from hal.joint import Joint
-from hal.robot import load_robot_file
+from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
+from hal.robot_file.robot import load_robot_file
 from hal.types import JointLimits
 
 RANGES = {

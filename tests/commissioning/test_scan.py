@@ -19,8 +19,8 @@ from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
 from sim_backend.faults import Disturbance
-from sim_backend.line import Reply
-from sim_backend.port import VirtualPort
+from sim_backend.wire.line import Reply
+from sim_backend.wire.port import VirtualPort
 from tests.commissioning.lines import ToolLine
 from tests.drivers.ports import EchoingPort, WatchedPort
 

@@ -20,7 +20,7 @@ from drivers.servos import sts, x
 from drivers.servos.register import Register
 from servoloop import cli
 from servoloop.arms.folder import find_arm, read_arm_files
-from sim_backend.line import ServoLine
+from sim_backend.wire.line import ServoLine
 from tests.commissioning.machines import SmallMachine
 from tests.commissioning.served import run, served
 

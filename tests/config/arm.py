@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import yaml
 
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 
 ROOT: Final = Path(__file__).parents[2]
 CONFIG: Final = ROOT / "config"

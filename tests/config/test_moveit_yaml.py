@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.robot import load_robot_file
-from sim_backend.world import World
+from hal.robot_file.robot import load_robot_file
+from sim_backend.scene.world import World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controllers, groups, read
 
 VELOCITY_SHARE: Final = 0.9

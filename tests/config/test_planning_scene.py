@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim_backend.world import BINS, SCENE, World
+from sim_backend.scene.world import BINS, SCENE, World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, states
 
 REQUEST: Final = read(MOVEIT / "planning_scene.yaml")

@@ -13,7 +13,7 @@ from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.tolerances import Tolerances
-from hal.component_set import ComponentSet
+from hal.components.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointFault, JointLimits, JointState
 from sim_backend.clock import SimulatedClock

@@ -12,8 +12,8 @@ from controller.manager.requests import ENDED
 from controller.manager.switch import SwitchError, SwitchRequest
 from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.errors import PartLost
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware

@@ -19,7 +19,7 @@ from controller.manager.controllers_file import (
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.description import Description, HardwareInfo, parse_urdf
+from hal.robot_description.description import Description, HardwareInfo, parse_urdf
 from tests.controller.manager_bench import Interfaces
 
 URDF = """

@@ -11,7 +11,7 @@ from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import limits_of
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from hal.component_set import ComponentSet
+from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray

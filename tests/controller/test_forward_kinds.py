@@ -16,7 +16,7 @@ from controller.forward.forward_command_controller import (
 )
 from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import ControllerContext
-from hal.description import Description, HardwareInfo
+from hal.robot_description.description import Description, HardwareInfo
 from hal.types import JointLimits, JointState
 
 PERIOD_S = 0.05

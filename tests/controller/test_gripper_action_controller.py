@@ -12,7 +12,7 @@ from controller.gripper.goal import GripperGoal, GripperHandle, GripperParameter
 from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.interface import ControllerContext
 from controller.motion import MotionError
-from hal.description import Description, HardwareInfo
+from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointFault, JointLimits, JointState
 
 PERIOD_S = 0.05

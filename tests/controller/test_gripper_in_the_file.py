@@ -10,7 +10,7 @@ from controller.interface import ControllerContext
 from controller.manager.controllers_file import ControllersFileError, load_controllers_file
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 from tests.controller.bench import HAND_LIMITS
 from tests.controller.manager_bench import Interfaces
 

@@ -10,7 +10,7 @@ import pytest
 from controller.broadcasters.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster, JointStates
 from controller.interface import ControllerContext
 from drivers.bus.counters import ServoCounters
-from hal.description import Description, HardwareInfo, Mimic, UrdfJoint
+from hal.robot_description.description import Description, HardwareInfo, Mimic, UrdfJoint
 from hal.types import JointLimits, JointState, ServoHealth
 
 ALL = ("position", "velocity", "effort")

@@ -11,8 +11,8 @@ from controller.manager.manager import ControllerManager
 from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
 from drivers.errors import PortLost
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware

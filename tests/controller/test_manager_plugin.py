@@ -16,10 +16,10 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
-from hal.component_set import ComponentSet
-from hal.description import parse_urdf
+from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
+from hal.robot_description.description import parse_urdf
 from hal.types import JointLimits
 from servoloop.files import HOME, URDF
 from sim_backend.clock import SimulatedClock

@@ -10,12 +10,12 @@ from drivers.servos import x
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.register import ServoModel
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_servo import VirtualXServo
-from sim_backend.dynamixel_wire import Code, InstructionParser
-from sim_backend.instructions import Instruction
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.dynamixel_wire import Code, InstructionParser
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.port import VirtualPort
 
 PERIOD_S = 0.015
 BUDGET_S = 0.012

@@ -13,10 +13,10 @@ import drivers.clock
 import drivers.port.serial_port
 from drivers.bus.bus import Bus
 from drivers.servos import catalog, dynamixel, scs
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.port import VirtualPort
 
 ROOT = Path(__file__).parents[2]
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "add-a-servo.md").read_text(), flags=re.DOTALL)
@@ -93,6 +93,7 @@ def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(pac
             assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in said
 
 
+@pytest.mark.slow
 def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
     *_, trial = RUNNABLE
     said = run(package, "-c", trial)

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
-from sim_backend.dynamixel_servo import VirtualXServo
-from sim_backend.line import Reply
+from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.wire.line import Reply
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind
 from tests.drivers.ports import WatchedPort
 

@@ -141,7 +141,7 @@ def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: f
         deadline_s = begin_s + period_s / 2.0
         for which in order:
             lines[which].bus.request(IDS, deadline_s)
-        # As hal/joint_buses.py has them: those first that are asked one by one, a line that is dead last.
+        # As hal/servos/joint_buses.py has them: those first that are asked one by one, a line that is dead last.
         in_turn = sorted(order, key=lambda which: (which == "dead", lines[which].bus.read_together))
         of = {which: lines[which].bus.receive() for which in in_turn}
         assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number

@@ -18,15 +18,15 @@ from drivers.servos.dynamixel import profile_units
 from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_wire import Code, InstructionParser
-from sim_backend.instructions import Instruction
-from sim_backend.line import Reply
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.dynamixel_wire import Code, InstructionParser
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.line import Reply
+from sim_backend.wire.port import VirtualPort
 
 MODELS = {1: x.XL430_W250, 2: x.XM430_W350, 7: x.XC330_T288}
 IDS = tuple(MODELS)

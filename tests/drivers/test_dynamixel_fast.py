@@ -15,12 +15,12 @@ from drivers.servos import x
 from drivers.servos.dynamixel import X
 from drivers.servos.series import StateBlock
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_wire import Code, InstructionParser
 from sim_backend.faults import Disturbance
-from sim_backend.instructions import Instruction
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.dynamixel_wire import Code, InstructionParser
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.port import VirtualPort
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4)

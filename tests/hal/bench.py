@@ -10,16 +10,16 @@ from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import Register
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
-from sim_backend.instructions import Instruction
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
-from sim_backend.servo import VirtualServo
+from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
-from sim_backend.sts_wire import InstructionParser
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.port import VirtualPort
+from sim_backend.wire.sts_wire import InstructionParser
 
 PERIOD_S = 0.05
 IDS = (1, 2, 7)

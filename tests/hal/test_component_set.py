@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import PortMissing
-from hal.component_lifecycle import activate_all, clean_up_all, configure_all, deactivate_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import activate_all, clean_up_all, configure_all, deactivate_all
+from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.errors import PortLost
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.mock_hardware import MockHardware
 from sim_backend.clock import SimulatedClock
 from tests.hal.bench import JOINTS, Bench

@@ -13,15 +13,15 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, xl320
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
-from hal.diagnose import BAUD_RATES, TRIES, diagnose
-from sim_backend.bus import VirtualBus
+from hal.servos.diagnose import BAUD_RATES, TRIES, diagnose
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.faults import Disturbance
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
-from sim_backend.rig import Rig
-from sim_backend.servo import VirtualServo
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.mechanics.rig import Rig
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
 from tests.drivers.ports import WatchedPort
 
 IDS = (1, 2, 3, 4)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.description import parse_urdf
+from hal.compensation.gravity import GRAVITY_M_S2, Gravity
 from hal.errors import DescriptionError
-from hal.gravity import GRAVITY_M_S2, Gravity
+from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.files import URDF
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.servos.catalog import MODELS
-from hal.description import parse_urdf
-from hal.gravity import Gravity
-from hal.gravity_compensation import LARGEST_LOAD, GravityCompensation
-from hal.limit_cycle import GIVE_WAY_RAD
+from hal.compensation.gravity import Gravity
+from hal.compensation.gravity_compensation import LARGEST_LOAD, GravityCompensation
+from hal.compensation.limit_cycle import GIVE_WAY_RAD
+from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray, JointLimits
 from servoloop.files import URDF, read_files
 

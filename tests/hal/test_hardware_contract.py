@@ -14,23 +14,23 @@ from drivers.servos import ax_mx as dynamixel1
 from drivers.servos import scs, sts
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
-from hal.description import parse_urdf
 from hal.errors import LifecycleError
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
-from hal.robot import assemble, load_robot_file
-from hal.servo_hardware import ServoHardware
+from hal.robot_description.description import parse_urdf
+from hal.robot_file.robot import assemble, load_robot_file
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointState
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.line import ServoLine
-from sim_backend.mujoco_hardware import MujocoHardware
-from sim_backend.plant import Coupling, WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.plant import Coupling, WorldPlant
+from sim_backend.scene.mujoco_hardware import MujocoHardware
+from sim_backend.scene.world import World
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.port import VirtualPort
 
 ROOT = Path(__file__).resolve().parents[2]
 PERIOD_S = 0.05

@@ -14,21 +14,21 @@ from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoState
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
-from hal.servo_hardware import ServoHardware
+from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
-from sim_backend.instructions import Instruction
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.port import VirtualPort
 from tests.hal.bench import JOINTS, PERIOD_S, WatchedPort, at, switches_torque_on
 from tests.hal.faults import fault_texts
 

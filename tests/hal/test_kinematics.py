@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal import kinematics
-from hal.description import UrdfJoint, Vector
-from hal.kinematics import Quaternion
+from hal.robot_description import kinematics
+from hal.robot_description.description import UrdfJoint, Vector
+from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
 
 angles = st.floats(-7.0, 7.0)

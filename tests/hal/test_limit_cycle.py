@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.limit_cycle import GIVE_WAY_RAD, LimitCycle
+from hal.compensation.limit_cycle import GIVE_WAY_RAD, LimitCycle
 from hal.types import FloatArray
 
 PERIOD_S = 0.05

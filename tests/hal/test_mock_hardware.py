@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hal.description import parse_urdf
 from hal.mock_hardware import MockHardware
+from hal.robot_description.description import parse_urdf
 from hal.types import JointCommand
 from sim_backend.clock import SimulatedClock
 from tests.hal.bench import at

@@ -8,7 +8,7 @@ import pytest
 from drivers.bus.types import ServoFault
 from drivers.errors import ServoSilent
 from hal.joint import Joint
-from hal.servo_hardware import READ_SHARE, ServoHardware
+from hal.servos.servo_hardware import READ_SHARE, ServoHardware
 from hal.types import JointCommand, JointLimits
 from sim_backend.faults import Disturbance
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line

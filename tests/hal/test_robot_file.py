@@ -6,9 +6,9 @@ import pytest
 
 from drivers.servos.sts import STS3215
 from drivers.servos.x import XL430_W250
-from hal.description import Description, HardwareInfo, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
-from hal.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions
+from hal.robot_description.description import Description, HardwareInfo, UrdfJoint
+from hal.robot_file.robot import BusFile, Robot, RobotFile, assemble, load_robot_file, require_positions
 from hal.types import JointLimits
 from servoloop.files import read_files
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from hal.description import Description, UrdfJoint
 from hal.errors import DescriptionError, RobotFileError
-from hal.hardware_info import HardwareInfo
 from hal.joint import Joint
-from hal.robot import Robot, assemble, load_robot_file
-from hal.robots import all_limits, limits_of, together
+from hal.robot_description.description import Description, UrdfJoint
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.robot_file.robot import Robot, assemble, load_robot_file
+from hal.robot_file.robots import all_limits, limits_of, together
 
 FILE = """\
 joints:

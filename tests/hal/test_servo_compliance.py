@@ -6,7 +6,7 @@ import pytest
 
 from drivers.servos.catalog import MODELS
 from drivers.servos.sts import STS3215
-from hal.servo_compliance import compliance_of
+from hal.compensation.servo_compliance import compliance_of
 
 COUNT_RAD = 2.0 * math.pi / 4096
 

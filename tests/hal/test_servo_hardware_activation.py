@@ -12,10 +12,10 @@ from drivers.errors import DriverError, PortLost, PortMissing
 from drivers.servos import sts
 from hal.errors import ActivationError, LifecycleError
 from hal.lifecycle import LifecycleState
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand
 from sim_backend.clock import SimulatedClock
-from sim_backend.instructions import Instruction
+from sim_backend.wire.instructions import Instruction
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of, switches_torque, switches_torque_on
 
 UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE

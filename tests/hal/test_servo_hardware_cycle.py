@@ -10,10 +10,10 @@ import pytest
 from drivers.errors import PortLost
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
-from hal.servo_faults import RESET_S
-from hal.servo_goals import GAINED_S
+from hal.servos.servo_faults import RESET_S
+from hal.servos.servo_goals import GAINED_S
 from hal.types import FloatArray, JointCommand
-from sim_backend.gears import Gears
+from sim_backend.mechanics.gears import Gears
 from sim_backend.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
 from tests.hal.faults import fault_texts

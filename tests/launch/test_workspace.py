@@ -16,12 +16,12 @@ from tests.launch.conftest import ROOT, install, ros_prefixes
 pytestmark = pytest.mark.ros
 
 PROBE = """
-import json, controller, drivers, hal, nodes, servoloop.files, sim_backend.world
+import json, controller, drivers, hal, nodes, servoloop.files, sim_backend.scene.world
 from ament_index_python.packages import get_package_share_directory
 print(json.dumps({
-    "modules": [str(m.__file__) for m in (controller, drivers, hal, nodes, servoloop.files, sim_backend.world)],
+    "modules": [str(m.__file__) for m in (controller, drivers, hal, nodes, servoloop.files, sim_backend.scene.world)],
     "robot": str(servoloop.files.read_files().robot_path),
-    "scene": str(sim_backend.world.SCENE.resolve(strict=True)),
+    "scene": str(sim_backend.scene.world.SCENE.resolve(strict=True)),
     "share": get_package_share_directory("servoloop"),
 }))
 """

@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 
 from drivers.servos.catalog import MODELS, series_of
-from sim_backend.bus import VirtualBus
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.emulator import serve
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 
 
 def main() -> None:

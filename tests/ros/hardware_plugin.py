@@ -13,9 +13,9 @@ from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.errors import PortLost
-from hal.description import HardwareInfo
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
+from hal.robot_description.description import HardwareInfo
 from hal.types import JointCommand, JointState
 
 NAME = "acme/Gauge"

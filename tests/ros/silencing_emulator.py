@@ -9,10 +9,10 @@ from pathlib import Path
 
 from servoloop.emulator import couplings
 from servoloop.files import read_files
-from sim_backend.bus import VirtualBus
 from sim_backend.emulator import serve
-from sim_backend.plant import WorldPlant
-from sim_backend.world import World
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.world import World
+from sim_backend.wire.bus import VirtualBus
 
 SILENT_ID = 4
 

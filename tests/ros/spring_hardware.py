@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.clock import Clock
-from hal.hardware_info import HardwareInfo
 from hal.mock_hardware import MockHardware
+from hal.robot_description.hardware_info import HardwareInfo
 from hal.types import JointState
 
 

@@ -16,7 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
 from drivers.clock import MonotonicClock
-from hal.description import Description
+from hal.robot_description.description import Description
 from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.ros_time import RosTime
 from tests.ros.stack_process import until

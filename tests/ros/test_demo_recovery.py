@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import cell
 from servoloop.demo.live import Live
-from sim_backend.build import Build
+from sim_backend.mechanics.build import Build
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

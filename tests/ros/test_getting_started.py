@@ -16,8 +16,8 @@ pytest.importorskip("rclpy")
 
 from servoloop.arms.folder import ARMS, find_arm, read_arm_files
 from servoloop.emulator import couplings
-from sim_backend.mounting import Mounting
-from sim_backend.world_feed import WorldFeedClient, feed_path
+from sim_backend.mechanics.mounting import Mounting
+from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell
 from tests.ros.stack_process import StackProcess, until
 

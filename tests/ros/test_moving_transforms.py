@@ -10,8 +10,8 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 
-from hal.description import Mimic, UrdfJoint
-from hal.kinematics import child_pose
+from hal.robot_description.description import Mimic, UrdfJoint
+from hal.robot_description.kinematics import child_pose
 from nodes.transforms import MovingTransforms, fixed_transforms
 
 pytestmark = pytest.mark.ros

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import rclpy
 
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 from servoloop.files import CONTROLLERS, URDF
 from tests.ros.stack_process import running
 from tests.ros.trajectory_client import NONE, TrajectoryClient

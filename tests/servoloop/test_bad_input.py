@@ -11,7 +11,7 @@ import pytest
 
 from servoloop import cli
 from servoloop.files import CONFIG, CONTROLLERS, URDF
-from sim_backend.world_feed import feed_path
+from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
 
 

@@ -10,8 +10,8 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.protocol.decoder import Reply
-from hal.activation import Activation
 from hal.gate import Gated, SafetyGate
+from hal.servos.activation import Activation
 from hal.types import FloatArray
 from servoloop.campaign.campaign import Scenario, run_schedule_of, run_seed
 from servoloop.campaign.shrink import shrink

@@ -141,6 +141,7 @@ def test_a_trace_names_faults_states_and_packets(open_gate: pytest.MonkeyPatch, 
     assert all("arm_controller: active" in row["controllers"] for row in rows)
 
 
+@pytest.mark.slow
 def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "scenario.yaml").write_text(
         "{seconds: 1.5, faults: 6, within_s: 1.2, kinds: [controller_jumps, noise, silent, hot]}"

@@ -100,6 +100,7 @@ def kill_at_7(seed: int) -> int:
     return seed
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_told_of_in_words() -> None:
     with pytest.raises(WorkerError, match="was killed, perhaps for want of memory: take fewer, with --jobs"):
         list(in_processes(kill_at_7, range(20), 1, never))

@@ -12,8 +12,8 @@ from servoloop.simulation.cycle_recorder import CycleRecorder
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.packet_text import PacketText
 from servoloop.simulation.schedule import Schedule
-from sim_backend import dynamixel_wire, sts_wire
 from sim_backend.faults.text import parse
+from sim_backend.wire import dynamixel_wire, sts_wire
 
 LIMITS = JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)
 TEXT_1 = [Joint("a", 1, STS3215, LIMITS), Joint("b", 2, STS3215, LIMITS)]

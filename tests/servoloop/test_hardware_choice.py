@@ -10,7 +10,7 @@ from controller.manager.plugins import PluginError
 from hal.errors import DescriptionError, HalError, RobotFileError
 from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
 from servoloop.hardware import HardwareKind, build, compensation
 from sim_backend.clock import SimulatedClock

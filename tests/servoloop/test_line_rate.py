@@ -11,10 +11,10 @@ from servoloop.files import CONFIG, read_files
 from servoloop.hardware import servo_bus
 from servoloop.line_rate import check_rates
 from sim_backend.clock import SimulatedClock
-from sim_backend.line import ServoLine
-from sim_backend.plant import WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.world import World
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.port import VirtualPort
 
 FILE = Path("arm_controllers.yaml")
 

@@ -8,7 +8,7 @@ import pytest
 
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from hal.component_lifecycle import configure_all
+from hal.components.component_lifecycle import configure_all
 from hal.lifecycle import LifecycleState
 from servoloop.files import HOME, read_files
 from servoloop.hardware import build

@@ -14,9 +14,9 @@ from drivers.servos import sts
 from drivers.servos.register import Register
 from servoloop.cli import app
 from servoloop.processes import Interrupted
-from sim_backend.bus import VirtualBus
-from sim_backend.plant import BenchPlant
-from sim_backend.servo import VirtualServo
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
 from tests.servoloop.served import served
 

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import DriverError
 from servoloop.ports import device_paths, parse_ports, port_options, world_feed
-from sim_backend.world_feed import WorldFeed, feed_path
+from sim_backend.scene.world_feed import WorldFeed, feed_path
 
 TWO = ("arm", "hand")
 

@@ -18,10 +18,10 @@ from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
-from sim_backend.build import Build
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.script import read_script
 from sim_backend.faults.text import parse
+from sim_backend.mechanics.build import Build
 from tests.complaint import complaint
 
 SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
@@ -124,7 +124,7 @@ def test_a_fault_that_this_arm_cannot_have_is_refused_before_it_comes_up() -> No
 
 
 def test_it_ends_with_1_where_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim_backend.world.World.cube_bin", lambda world: "C")
+    monkeypatch.setattr("sim_backend.scene.world.World.cube_bin", lambda world: "C")
     ran = CliRunner().invoke(cli.app, ["simulate", "--job", "B"])
     assert ran.exit_code == 1 and "digest " in ran.output
 

@@ -9,9 +9,9 @@ from servoloop.emulator import couplings, virtual_bus
 from servoloop.files import CONFIG, read_files
 from servoloop.hardware import servo_bus
 from sim_backend.clock import SimulatedClock
-from sim_backend.plant import WorldPlant
-from sim_backend.port import VirtualPort
-from sim_backend.world import World
+from sim_backend.mechanics.plant import WorldPlant
+from sim_backend.scene.world import World
+from sim_backend.wire.port import VirtualPort
 
 
 @pytest.mark.parametrize(

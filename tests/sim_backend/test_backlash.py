@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim_backend.backlash import OUTPUT_SHARE, motor_name
-from sim_backend.plant import Coupling, WorldPlant
-from sim_backend.world import World
+from sim_backend.mechanics.backlash import OUTPUT_SHARE, motor_name
+from sim_backend.mechanics.plant import Coupling, WorldPlant
+from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import JOINTS
 
 GAP = 0.02

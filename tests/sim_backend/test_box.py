@@ -7,8 +7,8 @@ from drivers.bus.types import ServoFault
 from drivers.servos import sts
 from sim_backend.box import VirtualBox, plugged
 from sim_backend.clock import SimulatedClock
-from sim_backend.port import VirtualPort
-from sim_backend.servo import VirtualServo
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.port import VirtualPort
 
 
 class Line:

@@ -10,11 +10,11 @@ from drivers.port.line import Line
 from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.dynamixel_servo import VirtualXServo
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
-from sim_backend.protocol2_servo import REBOOT_S
+from sim_backend.dynamixel.protocol2_servo import REBOOT_S
+from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

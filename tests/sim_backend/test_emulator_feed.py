@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import PortBusy
-from sim_backend.world_feed import PERIOD_S, WorldFeed, WorldFeedClient, feed_path
+from sim_backend.scene.world_feed import PERIOD_S, WorldFeed, WorldFeedClient, feed_path
 
 
 @dataclass(frozen=True)

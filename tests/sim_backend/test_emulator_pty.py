@@ -17,11 +17,11 @@ import pytest
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortError
 from drivers.servos import sts
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
-from sim_backend.plant import BenchPlant
-from sim_backend.pty_link import PtyLink
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.pty_link import PtyLink
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
@@ -31,9 +31,9 @@ IDS = (1, 2, 3)
 EMULATE = """
 import signal, sys
 from pathlib import Path
-from sim_backend.bus import VirtualBus
+from sim_backend.wire.bus import VirtualBus
 from sim_backend.emulator import serve
-from sim_backend.plant import BenchPlant
+from sim_backend.mechanics.plant import BenchPlant
 ended = []
 signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
 serve(VirtualBus.of(BenchPlant((1, 2, 3))), Path(sys.argv[1]), stop=lambda: bool(ended))

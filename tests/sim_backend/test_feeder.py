@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from sim_backend.feeder import Feeder
-from sim_backend.world import World
+from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import READY
 
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55, 0.0)

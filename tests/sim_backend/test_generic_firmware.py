@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.servos import sts
 from sim_backend.generic.motion_profile import UNLIMITED, MotionProfile
-from sim_backend.motor import MotorConstants, Thermometer
+from sim_backend.mechanics.motor import MotorConstants, Thermometer
 
 DT_S = 0.001
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sim_backend.picture import Recorder, View
-from sim_backend.rays import VISIBLE_GROUPS, cast, visible
-from sim_backend.world import World
+from sim_backend.scene.picture import Recorder, View
+from sim_backend.scene.rays import VISIBLE_GROUPS, cast, visible
+from sim_backend.scene.world import World
 
 
 def test_rays_hit_what_mujoco_says_they_hit():

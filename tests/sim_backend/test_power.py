@@ -5,13 +5,13 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoState
 from drivers.servos import sts, x
-from sim_backend.bus import VirtualBus
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
-from sim_backend.power import BROWN_OUT_V, feed, restart, watch_supply
-from sim_backend.servo import REBOOT_S
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.mechanics.power import BROWN_OUT_V, feed, restart, watch_supply
+from sim_backend.sts.servo import REBOOT_S
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
 
 IDS = (1, 2)
 

@@ -3,12 +3,12 @@
 import pytest
 
 from drivers.servos import sts
-from sim_backend.bus import VirtualBus
-from sim_backend.packet_servo import PacketServo
-from sim_backend.plant import Coupling, WorldPlant
-from sim_backend.rig import Rig, Supply
-from sim_backend.servo import VirtualServo
-from sim_backend.world import World
+from sim_backend.generic.packet_servo import PacketServo
+from sim_backend.mechanics.plant import Coupling, WorldPlant
+from sim_backend.mechanics.rig import Rig, Supply
+from sim_backend.scene.world import World
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
 from tests.sim_backend.robot_arm import JOINTS
 
 COUPLINGS = [

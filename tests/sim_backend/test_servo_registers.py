@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.instructions import Instruction
-from sim_backend.servo import REBOOT_S, VirtualServo
-from sim_backend.sts_wire import Code, status_packet
+from sim_backend.sts.servo import REBOOT_S, VirtualServo
+from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.sts_wire import Code, status_packet
 
 DT_S = 0.001
 

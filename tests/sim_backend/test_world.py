@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.world import World
+from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import JOINTS, READY
 
 POSES = {

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from sim_backend.world import World
+from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import READY
 
 STALL_NM: Final = 2.94

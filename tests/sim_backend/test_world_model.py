@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_backend.world import SCENE, World
+from sim_backend.scene.world import SCENE, World
 
 URDF: Final = SCENE.with_name("robot_arm.urdf")
 ROOT: Final = ET.parse(URDF).getroot()

@@ -12,13 +12,13 @@ from drivers.port.line import Line
 from drivers.servos import x, xl320
 from drivers.servos.register import Access, Register
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.plant import BenchPlant
-from sim_backend.port import VirtualPort
-from sim_backend.protocol2_servo import REBOOT_S
-from sim_backend.rig import Supply
-from sim_backend.xl320_memory import FACTORY
-from sim_backend.xl320_servo import VirtualXl320Servo
+from sim_backend.dynamixel.protocol2_servo import REBOOT_S
+from sim_backend.dynamixel.xl320_memory import FACTORY
+from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.mechanics.rig import Supply
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.bus.types import ServoGoal
 from hal.gate import Gated, SafetyGate
-from hal.joint_buses import JointBuses
 from hal.lifecycle import LifecycleState
+from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
 from nodes.pick_place.settings import Settings
 from servoloop.campaign.end_invariants import EndsAsChosen, GoalsEnd

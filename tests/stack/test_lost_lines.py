@@ -12,7 +12,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
 from servoloop.files import CONFIG, read_files
 from servoloop.simulation.stack import SimulatedStack
-from sim_backend.port import VirtualPort
+from sim_backend.wire.port import VirtualPort
 from tests.ros.two_components import ARM, write_servos
 from tests.stack.rig import CLOSED_M, PICK, READY
 

@@ -9,13 +9,13 @@ from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.servos.register import ServoModel
-from hal.component_lifecycle import configure_all
-from hal.component_set import ComponentSet
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
 from hal.joint import Joint
-from hal.servo_hardware import ServoHardware
+from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
 from servoloop.bench_bus import measure
-from sim_backend.port import VirtualPort
+from sim_backend.wire.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 
 CYCLES = 5
@@ -59,7 +59,7 @@ def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tupl
     """Of so many cycles that hold the arm, and the goals that they tell."""
     line, port = identified(kind)
     # Beside what is compared here the loop asks one servo in turn for its torque, a few times a second.
-    monkeypatch.setattr("hal.servo_faults.WATCH_S", 1e9)
+    monkeypatch.setattr("hal.servos.servo_faults.WATCH_S", 1e9)
     told: list[Mapping[int, ServoGoal]] = []
     write_goals = Bus.write_goals
 

@@ -17,8 +17,8 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.loop import ControlLoop
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.component_set import ComponentSet
-from hal.servo_faults import ServoFaults
+from hal.components.component_set import ComponentSet
+from hal.servos.servo_faults import ServoFaults
 from servoloop.simulation.recording import RecordingPort
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import ARM, BINS, PICK, READY

@@ -10,15 +10,15 @@ from controller.component_transitions import run_at_once
 from drivers.clock import Clock
 from drivers.errors import PortMissing
 from drivers.port import Port
-from hal.component_lifecycle import configure_all
+from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import Files
 from servoloop.simulation.virtual_lines import VirtualLines
 from servoloop.teleop.arms import Side, build_teleop
-from sim_backend.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.port import VirtualPort
+from sim_backend.mechanics.build import Build
+from sim_backend.wire.port import VirtualPort
 
 LEADER, FOLLOWER = read_arm_files(find_arm("so101_leader")), read_arm_files(find_arm("so101"))
 REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_flex": 0.6, "wrist_roll": 0.0}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from controller.teleop.ramp_in import SHARE, RampIn
 from drivers.clock import MonotonicClock
 from hal.errors import ActivationError
-from hal.leader_arm import LeaderArm
+from hal.servos.leader_arm import LeaderArm
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.handling.keys import FIRST_S, REPEAT_S
 from servoloop.teleop import dead_man

@@ -40,8 +40,9 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
     assert pytest_in(package, again).returncode == 1
     (diff,) = re.findall(r"```diff\n(.*?)```", TEXT, re.DOTALL)
     subprocess.run(["patch", "-p1", "--fuzz=0"], cwd=package, input=diff, text=True, check=True, capture_output=True)
-    ran = pytest_in(package)
-    assert ran.returncode == 0, ran.stdout
+    found = re.findall(r"^FAILED (\S+)", ran.stdout, re.MULTILINE)
+    ran = pytest_in(package, *found)
+    assert ran.returncode == 0 and "2 passed" in ran.stdout, ran.stdout
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=["bus", "ROS"])

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 from servoloop.arms.folder import arms, find_arm
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.colours import LOAD, PLAIN, TEMPERATURE, colour, shares

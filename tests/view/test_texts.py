@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hal.description import parse_urdf
+from hal.robot_description.description import parse_urdf
 from servoloop.view.strips import STRIPS, axis_range, strip_data
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
 from servoloop.view.watched import Watched

@@ -8,8 +8,8 @@ from commissioning.doctor.commands import on, write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
-from hal.activation import OUTSIDE_TOLERANCE
-from hal.calibration_file import CalibrationFile
+from hal.robot_file.calibration_file import CalibrationFile
+from hal.servos.activation import OUTSIDE_TOLERANCE
 
 
 def check_arm(snapshot: Snapshot) -> Iterator[Finding]:

@@ -11,9 +11,9 @@ from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
+from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
-from hal.servo_compliance import assumed_settings, compliance_of
-from hal.servo_setup import check_reach
+from hal.servos.servo_setup import check_reach
 
 WIDE_COUNTS: Final = 8
 """A dead zone of 0.7 degrees and more."""

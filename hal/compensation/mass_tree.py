@@ -1,0 +1,172 @@
+"""The moving joints of a URDF with the masses behind them, made ready for quick sums."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from hal.errors import DescriptionError
+from hal.robot_description.description import Description, UrdfJoint, Vector
+from hal.robot_description.kinematics import from_rpy, rotate
+from hal.robot_description.urdf import finite, vector
+from hal.types import FloatArray
+
+TURNING: Final = ("revolute", "continuous")
+
+Matrix = tuple[float, ...]
+"""Nine numbers, row by row."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovingJoint:
+    """A moving joint and the link behind it, with all that is fastened to that link by fixed joints.
+
+    The link's orientation in the parent's frame is ``still + sin(q) * sine + cos(q) * cosine``, its origin
+    ``place_m + q * slide``. The joint follows the one with the index ``leader`` (-1: none, it counts as standing at
+    zero) by ``multiplier`` and ``offset``.
+    """
+
+    name: str
+    parent: int
+    """Index of the moving joint before it; -1: the root link."""
+    turns: bool
+    still: Matrix
+    sine: Matrix
+    cosine: Matrix
+    place_m: Vector
+    slide: Vector
+    axis: Vector
+    leader: int
+    multiplier: float
+    offset: float
+    moment: Vector
+    """First moment of the link's own mass (kg m)."""
+    carried_kg: float
+    """The mass of the link and of all links behind it."""
+
+
+class _Tree:
+    """A tree that grows from the root link, each joint behind its parent."""
+
+    def __init__(self, description: Description, joints: Sequence[str]) -> None:
+        self.found: list[MovingJoint] = []
+        self._joints = tuple(joints)
+        self._description = description
+        self._masses = _masses(description.xml)
+        self._below: dict[str, list[UrdfJoint]] = {}
+        for joint in description.joints.values():
+            self._below.setdefault(joint.parent, []).append(joint)
+
+    def grow(self, link: str, parent: int, to: FloatArray, at: FloatArray) -> tuple[float, FloatArray]:
+        """Add all joints behind a link that is fastened at ``to`` (rotation), ``at`` (m) in the parent's frame.
+
+        Returns the mass of the link and of all behind it, and the first moment of those that move with the parent.
+        """
+        kg, centre = self._masses.get(link, (0.0, np.zeros(3)))
+        moment = kg * (at + to @ centre)
+        for joint in self._below.get(link, []):
+            turned, place = to @ _rotation(joint), at + to @ np.array(joint.xyz_m)
+            if joint.kind == "fixed":
+                more_kg, more = self.grow(joint.child, parent, turned, place)
+                moment = moment + more
+            else:
+                more_kg = self._grow_moving(joint, parent, turned, place)
+            kg += more_kg
+        return kg, moment
+
+    def _grow_moving(self, joint: UrdfJoint, parent: int, turned: FloatArray, place: FloatArray) -> float:
+        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+        cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+        turns, along = joint.kind in TURNING, np.outer(axis, axis)
+        leader, multiplier, offset = self._leader(joint)
+        node = MovingJoint(
+            name=joint.name,
+            parent=parent,
+            turns=turns,
+            still=_flat(turned @ along if turns else turned),
+            sine=_flat(turned @ cross),
+            cosine=_flat(turned @ (np.eye(3) - along)),
+            place_m=_vector(place),
+            slide=_vector(turned @ axis),
+            axis=_vector(axis),
+            leader=leader,
+            multiplier=multiplier,
+            offset=offset,
+            moment=(0.0, 0.0, 0.0),
+            carried_kg=0.0,
+        )
+        index = len(self.found)
+        self.found.append(node)
+        carried_kg, moment = self.grow(joint.child, index, np.eye(3), np.zeros(3))
+        self.found[index] = replace(node, moment=_vector(moment), carried_kg=carried_kg)
+        return carried_kg
+
+    def _leader(self, joint: UrdfJoint) -> tuple[int, float, float]:
+        """The index of the joint that is commanded, and how this one follows it, through mimics of mimics too."""
+        multiplier, offset, seen = 1.0, 0.0, {joint.name}
+        while joint.name not in self._joints and joint.mimic is not None and joint.mimic.joint not in seen:
+            offset += multiplier * joint.mimic.offset
+            multiplier *= joint.mimic.multiplier
+            joint = self._description.joints[joint.mimic.joint]
+            seen.add(joint.name)
+        if joint.name in self._joints and joint.kind in (*TURNING, "prismatic"):
+            return self._joints.index(joint.name), multiplier, offset
+        return -1, 0.0, 0.0
+
+
+def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJoint, ...]:
+    """All moving joints, each behind its parent; ``joints`` are those that are commanded, in their order.
+
+    Raises DescriptionError where a mass makes no sense.
+    """
+    tree = _Tree(description, joints)
+    children = {joint.child for joint in description.joints.values()}
+    for root in dict.fromkeys(j.parent for j in description.joints.values() if j.parent not in children):
+        tree.grow(root, -1, np.eye(3), np.zeros(3))
+    return tuple(tree.found)
+
+
+def inclination_unknown(tree: Sequence[MovingJoint]) -> set[int]:
+    """The leaders of joints behind a moving joint that nobody commands: who knows how they are inclined."""
+    unknown: set[int] = set()
+    lost: list[bool] = []
+    for node in tree:
+        before = node.parent >= 0 and lost[node.parent]
+        lost.append(before or node.leader < 0)
+        if before:
+            unknown.add(node.leader)
+    return unknown
+
+
+def _masses(xml: str) -> Mapping[str, tuple[float, FloatArray]]:
+    return dict(_inertials(ElementTree.fromstring(xml)))
+
+
+def _inertials(robot: ElementTree.Element) -> Iterator[tuple[str, tuple[float, FloatArray]]]:
+    """Yields each link's name, mass (kg) and centre of mass (m)."""
+    for link in robot.findall("link"):
+        name, mass, origin = link.get("name", ""), link.find("inertial/mass"), link.find("inertial/origin")
+        text = "0" if mass is None else mass.get("value", "")
+        try:
+            kg = finite(text)
+        except ValueError as error:
+            raise DescriptionError(f"link '{name}': mass '{text}' is not a number") from error
+        if kg < 0.0:
+            raise DescriptionError(f"link '{name}': mass {kg:g} is less than nothing")
+        yield name, (kg, np.array(vector("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), name)))
+
+
+def _rotation(joint: UrdfJoint) -> FloatArray:
+    turn = from_rpy(joint.rpy_rad)
+    return np.array([rotate(turn, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
+
+
+def _flat(matrix: FloatArray) -> Matrix:
+    return tuple(matrix.ravel().tolist())
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,1 @@
+"""Hardware components with life cycles of their own, as one hardware for the loop."""

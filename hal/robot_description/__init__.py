@@ -1,0 +1,1 @@
+"""The URDF: joints, links, masses, and ros2_control's hardware blocks."""

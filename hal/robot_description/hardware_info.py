@@ -1,0 +1,180 @@
+"""The ``<ros2_control>`` blocks of a URDF: one hardware component each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element
+
+from hal.errors import DescriptionError
+from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
+
+TYPES = ("system", "actuator", "sensor")
+COMMANDS = ("position", "velocity", "effort")
+DRIVEN = ("revolute", "continuous", "prismatic")
+NOT_DRIVEN = "<{}> is not supported: the components here have joints, and nothing else"
+
+
+@dataclass(frozen=True, slots=True)
+class HardwareInfo:
+    """The content of one ``<ros2_control>`` block: the plugin, its parameters, and interfaces of each joint."""
+
+    name: str
+    kind: str
+    plugin: str
+    parameters: Mapping[str, str]
+    command_interfaces: Mapping[str, tuple[str, ...]]
+    state_interfaces: Mapping[str, tuple[str, ...]]
+    mimics: frozenset[str] = frozenset()
+    """The block's joints that follow others by the URDF's ``<mimic>``: nothing drives them."""
+    initial_values: Mapping[str, float] = field(default_factory=dict)
+    """By state interface (``joint1/position``), where the file gives one."""
+    rw_rate: int = 0
+    """The rate (Hz) at which the component is read and written; 0: in every cycle."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that there is something to measure of, in the file's order: all but those that mimic."""
+        return tuple(name for name in self.command_interfaces if name not in self.mimics)
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The names of all command interfaces (``joint1/position``), by joint in the file's order."""
+        return tuple(f"{joint}/{name}" for joint, own in self.command_interfaces.items() for name in own)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The names of all state interfaces, likewise."""
+        return tuple(f"{joint}/{name}" for joint, own in self.state_interfaces.items() for name in own)
+
+    def flag(self, name: str) -> bool:
+        """A ``<param>`` that is true or, where it is not said, false."""
+        return self.parameters.get(name, "false").lower() == "true"
+
+
+def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
+    """The controllers see all blocks as one."""
+    if len(components) == 1:
+        return components[0]
+    return HardwareInfo(
+        name=", ".join(c.name for c in components),
+        kind="system",
+        plugin="",
+        parameters={},
+        command_interfaces={joint: names for c in components for joint, names in c.command_interfaces.items()},
+        state_interfaces={joint: names for c in components for joint, names in c.state_interfaces.items()},
+        mimics=frozenset(joint for c in components for joint in c.mimics),
+        initial_values={name: value for c in components for name, value in c.initial_values.items()},
+    )
+
+
+def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> HardwareInfo:
+    """Parse one block; ``joints`` are the URDF's. Raises DescriptionError."""
+    name = attribute(block, "name", "a <ros2_control> block")
+    hardware = block.find("hardware")
+    plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
+    if hardware is None or not plugin:
+        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
+    parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
+    kind = _kind(name, block)
+    elements = _block_joints(name, block, joints)
+    commands = {j: _interfaces(e, "command_interface") for j, e in elements.items()}
+    _check_commands(name, kind, commands, joints)
+    return HardwareInfo(
+        name=name,
+        kind=kind,
+        plugin=plugin,
+        parameters=parameters,
+        command_interfaces=commands,
+        state_interfaces={j: _interfaces(e, "state_interface") for j, e in elements.items()},
+        mimics=frozenset(j for j in elements if joints[j].mimic is not None),
+        initial_values=_initial_values(elements),
+        rw_rate=_rw_rate(name, block.get("rw_rate", parameters.get("rw_rate", "0"))),
+    )
+
+
+def _kind(name: str, block: Element) -> str:
+    kind = attribute(block, "type", f"<ros2_control name='{name}'>")
+    if kind not in TYPES:
+        raise DescriptionError(f"<ros2_control name='{name}'> has type '{kind}': it is one of {', '.join(TYPES)}")
+    return kind
+
+
+def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) -> dict[str, Element]:
+    """The block's ``<joint>`` elements by name; whatever else it has is refused by its name."""
+    elements: dict[str, Element] = {}
+    for child in block:
+        if child.tag in ("gpio", "sensor", "transmission"):
+            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)}")
+        if child.tag not in ("hardware", "joint"):
+            raise DescriptionError(f"<ros2_control name='{name}'> has the unknown tag <{child.tag}>")
+        if child.tag == "joint":
+            joint = attribute(child, "name", f"a joint of '{name}'")
+            if joint in elements:
+                raise DescriptionError(f"<ros2_control name='{name}'> has joint '{joint}' twice")
+            _check_driven(name, joint, joints)
+            elements[joint] = child
+    return elements
+
+
+def _check_driven(name: str, joint: str, joints: Mapping[str, UrdfJoint]) -> None:
+    if joint not in joints:
+        raise DescriptionError(f"<ros2_control name='{name}'> names joint '{joint}', which the URDF has not")
+    if joints[joint].kind not in DRIVEN:
+        raise DescriptionError(
+            f"<ros2_control name='{name}'> names joint '{joint}', which is {joints[joint].kind} in the URDF: "
+            f"hardware has joints that are {', '.join(DRIVEN)}"
+        )
+
+
+def _check_commands(
+    name: str, kind: str, commands: Mapping[str, tuple[str, ...]], joints: Mapping[str, UrdfJoint]
+) -> None:
+    for joint, own in commands.items():
+        if own and kind == "sensor":
+            raise DescriptionError(
+                f"<ros2_control name='{name}'> is a sensor: take the <command_interface> of joint '{joint}' out"
+            )
+        mimic = joints[joint].mimic
+        if own and mimic is not None:
+            raise DescriptionError(
+                f"<ros2_control name='{name}'>: joint '{joint}' follows '{mimic.joint}' by its <mimic>: "
+                "take its <command_interface> out"
+            )
+        for command in own:
+            if command not in COMMANDS:
+                raise DescriptionError(
+                    f"<ros2_control name='{name}'>: joint '{joint}' has the <command_interface> '{command}': "
+                    f"there are {', '.join(COMMANDS)}"
+                )
+
+
+def _rw_rate(name: str, text: str) -> int:
+    if not text.isdecimal():
+        raise DescriptionError(f"<ros2_control name='{name}'>: rw_rate '{text}' is not a whole number of hertz")
+    return int(text)
+
+
+def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:
+    """``<param name="initial_value">`` of the state interfaces."""
+    values: dict[str, float] = {}
+    for joint, element in elements.items():
+        for state in element.findall("state_interface"):
+            for parameter in state.findall("param"):
+                if parameter.get("name") == "initial_value":
+                    text = (parameter.text or "").strip()
+                    interface = f"{joint}/{state.get('name')}"
+                    values[interface] = _initial_value(interface, text)
+    return values
+
+
+def _initial_value(interface: str, text: str) -> float:
+    try:
+        return finite(text)
+    except ValueError as error:
+        raise DescriptionError(f"initial_value '{text}' of {interface} is not a number") from error
+
+
+def _interfaces(element: Element, tag: str) -> tuple[str, ...]:
+    names = tuple(attribute(e, "name", f"a <{tag}>") for e in element.findall(tag))
+    if twice := doubles(names):
+        raise DescriptionError(f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice")
+    return names

@@ -1,0 +1,1 @@
+"""The robot file and the calibration file beside it: which servo drives which joint."""

@@ -1,0 +1,97 @@
+"""Several hardware components, each with a robot file of its own, as one robot."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from hal.errors import DescriptionError, RobotFileError
+from hal.robot_description.hardware_info import HardwareInfo
+from hal.robot_description.urdf import UrdfJoint
+from hal.robot_file.robot import BusFile, JointFile, ParkFile, Robot, RobotFile
+from hal.types import JointLimits
+
+Part = tuple[HardwareInfo, Robot]
+
+SPEED_UP_S = 0.25
+"""A joint of which no robot file tells the acceleration reaches its top speed in this time,"""
+TAKE_UP_S = 0.1
+"""and that acceleration in this."""
+
+
+def together(parts: Sequence[Part]) -> Robot:
+    """Put all parts together as one robot. Where there are several, each bus is called after its component.
+
+    Raises RobotFileError where the files contradict each other.
+    """
+    if not parts:
+        return Robot((), RobotFile(joints={}))
+    if len(parts) == 1:
+        return parts[0][1]
+    policies = {robot.file.on_exit for _, robot in parts}
+    if len(policies) > 1:
+        names = " and ".join(component.name for component, _ in parts)
+        raise RobotFileError(f"the robot files of {names} differ in on_exit: the arm ends in one way, say the same")
+    joints = tuple(replace(joint, bus=bus_name(c, joint.bus)) for c, robot in parts for joint in robot.joints)
+    file = RobotFile(
+        buses=_buses(parts),
+        joints=_joint_files(parts),
+        park=_park([robot.file.park for _, robot in parts if robot.file.park]),
+        controller_defaults=_defaults(parts),
+        on_exit=policies.pop(),
+    )
+    return Robot(joints, file)
+
+
+def bus_name(component: HardwareInfo, bus: str) -> str:
+    """The name of a component's bus among all: ``hand``, or ``hand-left`` where the hand has several."""
+    name = f"{component.name}-{bus}" if bus else component.name
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+
+
+def limits_of(urdf: UrdfJoint) -> JointLimits:
+    """The limits of a joint that no robot file tells of. Raises DescriptionError."""
+    if urdf.velocity <= 0.0:
+        raise DescriptionError(f"joint '{urdf.name}' needs a speed limit in the URDF: <limit velocity=\"…\"/>")
+    lower, upper = (urdf.lower, urdf.upper) if urdf.kind != "continuous" else (-float("inf"), float("inf"))
+    acceleration = urdf.velocity / SPEED_UP_S
+    return JointLimits(lower, upper, urdf.velocity, acceleration, acceleration / TAKE_UP_S, urdf.effort)
+
+
+def _buses(parts: Sequence[Part]) -> dict[str, BusFile]:
+    return {bus_name(c, name): line for c, robot in parts for name, line in robot.file.lines().items()}
+
+
+def _joint_files(parts: Sequence[Part]) -> dict[str, JointFile]:
+    return {
+        name: joint.model_copy(update={"bus": bus_name(c, robot.file.bus_of(joint))})
+        for c, robot in parts
+        for name, joint in robot.file.joints.items()
+    }
+
+
+def _park(parks: Sequence[ParkFile]) -> ParkFile | None:
+    if not parks:
+        return None
+    pose = {joint: position for park in parks for joint, position in park.pose.items()}
+    return ParkFile(pose=pose, velocity_scale=min(park.velocity_scale for park in parks))
+
+
+def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
+    defaults: dict[str, dict[str, Any]] = {}
+    for _, robot in parts:
+        for name, values in robot.file.controller_defaults.items():
+            defaults.setdefault(name, {}).update(values)
+    return defaults
+
+
+def all_limits(
+    components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
+) -> dict[str, JointLimits]:
+    """The limits of every joint that takes commands, by robot file or else by URDF. Raises DescriptionError."""
+    limits = robot.limits()
+    for component in components:
+        for joint, commands in component.command_interfaces.items():
+            if commands and joint not in limits:
+                limits[joint] = limits_of(urdf[joint])
+    return limits

@@ -1,0 +1,148 @@
+"""The activation of servos: every goal at its measured position, on all buses and confirmed; only then the torque."""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from drivers.bus.retry import ATTEMPTS
+from drivers.bus.types import Reading, ServoGoal, ServoState
+from drivers.errors import ServoCorrupt, ServoSilent
+from hal.errors import ActivationError
+from hal.joint import Joint
+from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_setup import ServoSetup
+
+LOG = logging.getLogger("servoloop.hal")
+
+OUTSIDE_TOLERANCE: Final = 0.05
+"""How far outside its limits (as a share of their span) a joint may stand when torque goes on."""
+
+
+class Activation:
+    """One activation of a component's servos; ``run`` raises where one of them must not have torque."""
+
+    def __init__(
+        self, joints: Sequence[Joint], buses: JointBuses, measured: Callable[[Mapping[str, Reading]], object]
+    ) -> None:
+        """``measured`` is given each measurement of all joints on the way."""
+        self._joints = tuple(joints)
+        self._buses = buses
+        self._setup = ServoSetup(buses)
+        self._measured = measured
+        self._goals: dict[str, int] = {}
+
+    def run(self) -> dict[str, int]:
+        """Switch the torque on, joint by joint; returns the goals that are held, in counts by joint name.
+
+        Where that fails, the servos that were limp before are limp again; one that a former program
+        left under torque goes on holding: letting go would drop the arm.
+        """
+        self._take_goals(self._joints)
+        limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
+        for joint in self._joints:
+            if joint not in limp:
+                self._check_turn(joint)
+        for joint in limp:
+            self._setup.forget_turns(joint)
+        try:
+            for joint in self._joints:
+                self._setup.limit_torque(joint)
+            self._take_goals(self._joints)  # a limp arm has sunk meanwhile
+            self._hold_goals()
+            for joint in self._joints:
+                self._torque_on(joint)
+        except BaseException:
+            for problem in self._setup.torque_off(limp):
+                LOG.error("torque may still be on: %s", problem)
+            raise
+        return self._goals
+
+    def _take_goals(self, joints: Sequence[Joint]) -> None:
+        """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""
+        states = self._measure_all()
+        self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
+
+    def _measure_all(self) -> dict[str, ServoState]:
+        readings = self._setup.measure()
+        silent = [
+            f"{self._buses.label(joint)}: {reading.text}"
+            for joint in self._joints
+            if not isinstance(reading := readings[joint.name], ServoState)
+        ]
+        if silent:
+            raise ActivationError("not activated: " + "; ".join(silent))
+        self._measured(readings)
+        return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
+
+    def _start_goal(self, joint: Joint, state: ServoState) -> int:
+        """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
+        position = joint.position(state.position_counts)
+        lower, upper = joint.limits.lower, joint.limits.upper
+        slack = OUTSIDE_TOLERANCE * (upper - lower)
+        if not lower - slack <= position <= upper + slack:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} stands at {position:.4f}, outside "
+                f"its limits {lower:.4f} to {upper:.4f}. Move it by hand, or correct zero_counts"
+            )
+        if not lower <= position <= upper:
+            self._check_own_limits(joint, state.position_counts)
+        return state.position_counts
+
+    def _check_own_limits(self, joint: Joint, counts: int) -> None:
+        """Within the joint's limits the set-up has seen to it. Beyond its own a servo drives to them at once."""
+        limits = self._setup.position_limits(joint)
+        if limits is not None and not limits[0] <= counts <= limits[1]:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} stands at {counts} counts, outside the servo's own limits "
+                f"{limits[0]} to {limits[1]}, and would drive there at once. Move it by hand, or widen them"
+            )
+
+    def _check_turn(self, joint: Joint) -> None:
+        """A servo that holds a goal far from what it reports counts turns, and would take any goal for one of another.
+
+        What it reports may be the place within the turn alone; only limp servos can be made to forget the others.
+        """
+        held, measured = self._setup.goal(joint), self._goals[joint.name]
+        if abs(held - measured) > joint.model.counts_per_turn // 2:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} is held at {held} counts and reports {measured}, as one that is "
+                "held a turn away. Hold the arm, and switch the servos' supply off and on"
+            )
+
+    def _hold_goals(self) -> None:
+        """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""
+        goals = {name: ServoGoal(counts) for name, counts in self._goals.items()}
+        for _ in range(ATTEMPTS):
+            self._buses.write_goals(goals)
+            wrong = [joint for joint in self._joints if self._setup.goal(joint) != self._goals[joint.name]]
+            if not wrong:
+                return
+        self._confirm_goal(wrong[0])
+
+    def _confirm_goal(self, joint: Joint) -> None:
+        held, wanted = self._setup.goal(joint), self._goals[joint.name]
+        if held != wanted:
+            raise ActivationError(
+                f"not activated: {self._called(joint)} holds goal {held}, not {wanted}: check the cable and the supply"
+            )
+
+    def _torque_on(self, joint: Joint) -> None:
+        """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
+
+        That takes time, in which limp joints may move: they are measured once more. Of those that their goals have
+        switched on already the goals stay: what gives way a little must not give way again with every lost packet.
+        """
+        later = self._joints[self._joints.index(joint) :]
+        for _ in range(ATTEMPTS - 1):
+            try:
+                self._setup.torque_on(joint)
+                return
+            except (ServoSilent, ServoCorrupt):
+                self._confirm_goal(joint)
+                self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
+                self._setup.limit_torque(joint)
+                self._hold_goals()
+        self._setup.torque_on(joint)
+
+    def _called(self, joint: Joint) -> str:
+        return f"{self._buses.label(joint)} (servo {joint.servo_id})"

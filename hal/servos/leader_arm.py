@@ -1,0 +1,56 @@
+"""A leader arm as a hardware component: its servos are limp and only read, a hand moves it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from hal.errors import ActivationError
+from hal.joint import Joint
+from hal.servos.servo_hardware import ServoHardware
+from hal.servos.servo_setup import ServoSetup
+from hal.types import JointState
+
+LEADER: Final = "leader"
+
+
+def leader_joint(joint: str) -> str:
+    """The name of a leader's joint among those of both arms."""
+    return f"{LEADER}/{joint}"
+
+
+class LeaderArm(ServoHardware):
+    """A leader takes no commands, and stays inactive: nothing here can switch its torque on.
+
+    Its joints are called ``leader/NAME``, for a follower may have some of the same names.
+    """
+
+    def __init__(
+        self, joints: Sequence[Joint], open_buses: Callable[[], Bus | Mapping[str, Bus]], clock: Clock
+    ) -> None:
+        super().__init__(LEADER, [replace(one, name=leader_joint(one.name)) for one in joints], open_buses, clock)
+        self.command_interfaces = ()
+        self.asked_s = self.measured_s = 0.0
+        """When it was asked, and when it was asked for what was measured last, on the clock."""
+
+    def configure(self) -> None:
+        """Find all servos, and let go of them. Raises ActivationError where one may still hold."""
+        super().configure()
+        problems = ServoSetup(self._opened("let go")).torque_off(self._joints)
+        if problems:
+            self.cleanup()
+            raise ActivationError(f"the leader must be limp to be moved by hand: {'; '.join(problems)}")
+
+    def activate(self) -> None:
+        """Raises ActivationError: a leader is never driven."""
+        raise ActivationError("a leader is moved by hand: it gets no torque")
+
+    def request(self, deadline_s: float | None = None) -> None:
+        self.asked_s = self._clock.now()
+        super().request(deadline_s)
+
+    def read(self) -> JointState:
+        state = super().read()
+        self.measured_s = self.asked_s  # its angles are no older
+        return state

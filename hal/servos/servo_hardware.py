@@ -1,0 +1,127 @@
+"""Serial bus servos as a hardware component: real or virtual, the difference is below the port."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from hal.compensation.gravity_compensation import GravityCompensation
+from hal.joint import Joint
+from hal.lifecycle import LifecycleState, require, require_configured
+from hal.servos.activation import Activation
+from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_goals import ServoGoals
+from hal.servos.servo_setup import ServoSetup
+from hal.servos.servo_states import ServoStates
+from hal.types import JointCommand, JointState
+
+READ_SHARE = 0.5
+"""The share of the period that a read may take where nobody gave it a deadline."""
+FIRST_PERIOD_S = 0.05
+"""The period until a command tells it."""
+
+
+class ServoHardware:
+    """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several."""
+
+    def __init__(
+        self,
+        name: str,
+        joints: Sequence[Joint],
+        open_buses: Callable[[], Bus | Mapping[str, Bus]],
+        clock: Clock,
+        compensation: GravityCompensation | None = None,
+    ) -> None:
+        """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
+        self.name = name
+        self.joints = tuple(joint.name for joint in joints)
+        self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
+        self.state = LifecycleState.UNCONFIGURED
+        self._joints = tuple(joints)
+        self._open_buses = open_buses
+        self._buses: JointBuses | None = None
+        self._clock = clock
+        self.compensation = compensation
+        self._period_s = FIRST_PERIOD_S
+        self._goals = ServoGoals(joints)
+        self._states = ServoStates(joints, clock)
+        self._requested = self._measured = False
+        self._deadline_s = math.inf
+
+    def configure(self) -> None:
+        require(self.state, LifecycleState.UNCONFIGURED, "configure")
+        opened = self._open_buses()
+        buses = opened if isinstance(opened, Mapping) else {self._joints[0].bus: opened}
+        self._buses = JointBuses(self._joints, buses)
+        self.state = LifecycleState.INACTIVE
+        self._states.reset()
+        try:
+            ServoSetup(self._buses).check()
+            self.read()
+        except BaseException:
+            self.cleanup()
+            raise
+
+    def activate(self) -> None:
+        """Switch the torque on with every goal at its measured position: see ``Activation``."""
+        require(self.state, LifecycleState.INACTIVE, "activate")
+        buses = self._opened("activate")
+        self._states.faults.forget()
+        held = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
+        self._goals.hold(held)
+        if self.compensation is not None:
+            self.compensation.restart()
+        self.state = LifecycleState.ACTIVE
+        self.read()
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        require(self.state, LifecycleState.ACTIVE, "deactivate")
+        self.state = LifecycleState.INACTIVE
+        return ServoSetup(self._opened("deactivate")).torque_off(self._joints) if relax else []
+
+    def cleanup(self) -> None:
+        self.state = LifecycleState.UNCONFIGURED
+        if self._buses is not None:
+            self._buses.close()
+            self._buses = None
+
+    def request(self, deadline_s: float | None = None) -> None:
+        """Ask all servos for their states, on all buses."""
+        buses = self._opened("read")
+        self._deadline_s = self._clock.now() + READ_SHARE * self._period_s if deadline_s is None else deadline_s
+        buses.request(self._deadline_s)
+        self._requested = True
+
+    def read(self) -> JointState:
+        """Take the servos' answers that come by the deadline. A silent servo keeps its last values and is named."""
+        if not self._requested:
+            self.request()
+        self._requested = False
+        buses = self._opened("read")
+        ask_until_s = self._deadline_s if self.state is LifecycleState.ACTIVE else None
+        state = self._states.update(buses.receive(), buses, ask_until_s)
+        self._measured = True
+        return state
+
+    def write(self, command: JointCommand) -> None:
+        """Send one packet a bus with a goal for each of its servos; the command has passed the safety gate.
+
+        A servo that may be limp gets none: it would take it for the order to switch its torque on.
+        """
+        require(self.state, LifecycleState.ACTIVE, "write")
+        self._period_s = command.period_s
+        wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
+        # Kept before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
+        measured = self._states.measured if self._measured else {}
+        self._measured = False  # a component that has lost a line is not asked in the next cycle
+        goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.faults.withheld)
+        try:
+            self._opened("write").write_goals(goals)
+        finally:
+            if self.compensation is not None:
+                self.compensation.update(command, self._states)  # for the next command
+
+    def _opened(self, what: str) -> JointBuses:
+        require_configured(self.state, what)
+        assert self._buses is not None
+        return self._buses

@@ -1,0 +1,103 @@
+"""The settings in servos' EEPROM that the robot file names: written at set-up where a servo has others, and said.
+
+What the file does not name stays as it is. Where that changes how far a joint gives way or lags, it is said too: the
+compensation goes by the factory's gains.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Final
+
+from calibration.eeprom import update
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.errors import ServoError, ServoRefused
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Access, Register, ServoModel
+from hal.compensation.servo_compliance import assumed_settings, compliance_of
+from hal.joint import Joint
+
+LOG = logging.getLogger("servoloop.hal")
+
+NOT_HERE: Final = frozenset(
+    {
+        *("id", "baud_rate", "protocol_type", "status_level", "status_return_level", "secondary_id"),
+        *("operating_mode", "drive_mode", "phase", "homing_offset", "external_port_mode"),
+    }
+)
+"""Persistent registers that say who and where a servo is, and which way it turns: not to be changed in passing."""
+
+
+def settings_of(model: ServoModel) -> dict[str, Register]:
+    """The settings of a servo that a robot file may name, by name."""
+    return {
+        register.name: register
+        for register in series_of(model).registers
+        if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_HERE
+    }
+
+
+def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
+    """The settings that this servo does not have or cannot take."""
+    known = settings_of(model)
+    problems: list[str] = []
+    for name, value in settings.items():
+        if name not in known:
+            problems.append(f"{model.name} has no setting {name}: it has {', '.join(sorted(known))}")
+        elif not known[name].smallest <= value <= known[name].largest:
+            problems.append(f"{name} takes {known[name].smallest} to {known[name].largest}, not {value}")
+    return problems
+
+
+def check_homing_offset(joint: Joint, bus: Bus) -> None:
+    """Raise ServoRefused where the servo counts from another place than when the joint's zero was found."""
+    if joint.homing_offset is None:
+        return
+    register = next(one for one in series_of(joint.model).registers if one.name == "homing_offset")
+    held = retry(partial(bus.read, joint.servo_id, register))
+    if held != joint.homing_offset:
+        raise ServoRefused(
+            joint.servo_id,
+            f"has homing_offset {held}, and {joint.name} was calibrated with {joint.homing_offset}: was the servo "
+            "changed, or reset? Calibrate the arm again, or write the register back",
+        )
+
+
+def apply_settings(joint: Joint, bus: Bus) -> None:
+    """Write what the robot file names and the servo has otherwise. Raises ServoError with servo and register.
+
+    The EEPROM is not written under torque: then a servo that differs is refused.
+    """
+    known = settings_of(joint.model)
+    wanted = {known[name]: value for name, value in joint.settings}
+    lock = series_of(joint.model).lock
+    for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
+        LOG.info("%s (servo %d): %s is %d now, was %d", joint.name, joint.servo_id, change.register.name,
+                 change.new, change.old)  # fmt: skip
+    _warn_of_others(joint, bus, known)
+
+
+def _warn_of_others(joint: Joint, bus: Bus, known: Mapping[str, Register]) -> None:
+    """Say which gains the servo has that nobody reckons with, where they change how it gives way or lags."""
+    named = dict(joint.settings)
+    assumed = {name: value for name, value in assumed_settings(joint.model).items() if name not in named}
+    held = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in assumed}
+    if compliance_of(joint.model, settings=named | held) != compliance_of(joint.model, settings=named):
+        others = {name: value for name, value in held.items() if value != assumed[name]}
+        LOG.warning(
+            "%s (servo %d) has other gains than the factory's, so it will follow less well than it could. Name them "
+            "in the robot file, as they are or as you want them: settings: %s",
+            *(joint.name, joint.servo_id, str(others).replace("'", "")),
+        )
+
+
+def settle(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
+    """Apply the settings of all these joints; what failed, by servo."""
+    errors: dict[int, ServoError] = {}
+    for joint in joints:
+        try:
+            apply_settings(joint, bus)
+        except ServoError as error:
+            errors[joint.servo_id] = error
+    return errors

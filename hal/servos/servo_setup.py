@@ -1,0 +1,179 @@
+"""The set-up of the servos behind the joints: checks with diagnosis, measurements without a hurry, and their torque."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
+
+from calibration.eeprom import EepromError
+from drivers.bus.bus import Bus
+from drivers.bus.retry import ATTEMPTS, retry
+from drivers.bus.types import Reading, ServoFault
+from drivers.errors import DriverError, PortError, ServoError, ServoRefused
+from drivers.servos import sts
+from hal.joint import Joint
+from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
+from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_settings import check_homing_offset, settle
+
+Result = TypeVar("Result")
+
+
+class ServoSetup:
+    """The set-up asks and tells servos one by one, and takes its time: none of this belongs into a cycle."""
+
+    def __init__(self, buses: JointBuses) -> None:
+        self._buses = buses
+
+    def check(self) -> None:
+        """Check that every servo is there and is what the robot file says, and make its settings those of the file.
+
+        Raises DriverError with all that are not, or whose settings could not be made so.
+        """
+        buses = self._buses.buses.items()
+        problems = [problem for name, bus in buses for problem in self._strangers(name, bus)]
+        problems = problems or [problem for name, bus in buses for problem in self._unsettled(name, bus)]
+        if problems:
+            raise DriverError("\n".join(problems))
+
+    def _unsettled(self, name: str, bus: Bus) -> list[str]:
+        joints = self._buses.joints_on[name]
+        with self._buses.named(name):
+            errors = settle(joints, bus)
+        problems = {i: str(e) if isinstance(e, EepromError) else now_and_then(i) for i, e in errors.items()}
+        return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
+
+    def _strangers(self, name: str, bus: Bus) -> list[str]:
+        joints = self._buses.joints_on[name]
+        with self._buses.named(name):
+            errors = _unidentified(joints, bus)
+            unheard = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
+            causes = diagnose(bus, unheard) if unheard else {}
+            # Two of one model and one ID have the same number: only their states give them away.
+            known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
+            causes |= _stateless(bus, _states(bus, known)) if known else {}
+        if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
+            which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
+            return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
+        problems = {i: now_and_then(i) if i in unheard else str(error) for i, error in errors.items()} | causes
+        return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
+
+    def measure(self) -> dict[str, Reading]:
+        """Measure every servo once, without a hurry, by joint name; a fault has its cause, if one is found."""
+        readings: dict[str, Mapping[int, Reading]] = {}
+        for name, bus in self._buses.buses.items():
+            with self._buses.named(name):
+                found = _states(bus, [joint.servo_id for joint in self._buses.joints_on[name]])
+                causes = _stateless(bus, found)
+                readings[name] = {i: _with_cause(reading, causes.get(i)) for i, reading in found.items()}
+        return self._buses.by_joint(readings)
+
+    def goal(self, joint: Joint) -> int:
+        """The goal that the servo holds, in counts."""
+        return self._ask(joint, lambda bus: bus.goal(joint.servo_id))
+
+    def position_limits(self, joint: Joint) -> tuple[int, int] | None:
+        """The servo's own position limits in counts; None where it has none."""
+        return self._ask(joint, lambda bus: bus.position_limits(joint.servo_id))
+
+    def torque_is_on(self, joint: Joint) -> bool:
+        """Whether the servo drives its motor."""
+        return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))
+
+    def forget_turns(self, joint: Joint) -> None:
+        """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
+        if joint.model in sts.MODELS.values():
+            self._ask(joint, lambda bus: retry(lambda: bus.forget_turns(joint.servo_id)))
+
+    def limit_torque(self, joint: Joint) -> None:
+        """Limit the servo's drive to the joint's share of full drive."""
+        self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
+
+    def torque_on(self, joint: Joint) -> None:
+        """Drive the motor."""
+        self._ask(joint, lambda bus: bus.torque_on(joint.servo_id))
+
+    def _ask(self, joint: Joint, question: Callable[[Bus], Result]) -> Result:
+        with self._buses.named(joint.bus):
+            return question(self._buses.buses[joint.bus])
+
+    def torque_off(self, joints: Sequence[Joint]) -> list[str]:
+        """Let go of these joints, on every bus whatever becomes of the others; returns what failed."""
+        problems: list[str] = []
+        for name, bus in self._buses.buses.items():
+            on = [joint for joint in joints if joint.bus == name]
+            try:
+                with self._buses.named(name):
+                    failed = bus.torque_off([joint.servo_id for joint in on]) if on else []
+                problems += [self._said(on, error) for error in failed]
+            except PortError as error:
+                problems.append(str(error))
+        return problems
+
+    def _said(self, joints: Sequence[Joint], error: ServoError) -> str:
+        if len(self._buses.buses) == 1:
+            return str(error)
+        joint = next(joint for joint in joints if joint.servo_id == error.servo_id)
+        return f"{self._buses.label(joint)}: {error}"
+
+
+def _unidentified(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
+    errors: dict[int, ServoError] = {}
+    for joint in joints:
+        try:
+            bus.identify(joint.servo_id, joint.model)
+            check_reach(joint, bus.position_limits(joint.servo_id))
+            check_homing_offset(joint, bus)
+        except ServoError as error:
+            errors[joint.servo_id] = error
+    return errors
+
+
+def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
+    """The servos' states without a hurry; whoever gave none is asked again."""
+    found: dict[int, Reading] = {}
+    missing = list(servo_ids)
+    for _ in range(ATTEMPTS):
+        found |= bus.read_states(missing)
+        missing = [i for i, reading in found.items() if isinstance(reading, ServoFault)]
+        if not missing:
+            break
+    return found
+
+
+def _stateless(bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
+    """The cause for each servo known to be there that gave no state, if one is found."""
+    missing = [i for i, reading in readings.items() if isinstance(reading, ServoFault)]
+    return diagnose_known(bus, missing) if missing else {}
+
+
+def _with_cause(reading: Reading, cause: str | None) -> Reading:
+    """A fault with its cause for a text, where there is one."""
+    return reading._replace(text=cause) if cause and isinstance(reading, ServoFault) else reading
+
+
+def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
+    """Check that the servo's own position limits (counts; None: it has none) hold the joint's. Raises ServoRefused.
+
+    Beyond its own limits a servo does not go, and does not tell: some stop there, others forget the goal.
+    """
+    if limits is None:
+        return
+    last = joint.model.last_count
+    lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
+    if limits[0] <= lowest and highest <= limits[1]:
+        return
+    raise ServoRefused(
+        joint.servo_id,
+        f"has position limits of its own, {limits[0]} to {limits[1]} counts, and its joint goes from {lowest} to "
+        f"{highest}: widen them in the servo, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+    )
+
+
+def _advice(joint: Joint, lowest: int, highest: int) -> str:
+    """The limits that the joint may have, in joint units to six digits, rounded inwards."""
+    if lowest >= highest:
+        return "correct zero_counts: the two hardly overlap"
+    lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
+    return (
+        f"narrow the joint's in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"
+    )

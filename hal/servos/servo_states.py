@@ -1,0 +1,76 @@
+"""The joints' states by their servos' readings."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.bus.types import Reading, ServoState
+from drivers.clock import Clock
+from hal.joint import Joint
+from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_faults import ServoFaults
+from hal.types import JointState, ServoHealth
+
+
+class ServoStates:
+    """The states of one component's joints: a silent servo keeps its last values."""
+
+    def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
+        self.measured: dict[str, int] = {}
+        """Counts by joint name, where the servo answered in the last exchange."""
+        self.faults = ServoFaults(joints, clock)
+        self._joints = tuple(joints)
+        self._zero = np.array([joint.zero_counts for joint in joints])
+        self._units_per_count = np.array([joint.units_per_count for joint in joints])
+        self._signed_effort = np.array([joint.full_effort * joint.sign for joint in joints])
+        self._clock = clock
+        self._last = self._unknown()
+
+    def reset(self) -> None:
+        """Forget all that is known of the joints."""
+        self.faults.forget()
+        self._last = self._unknown()
+
+    def update(
+        self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
+    ) -> JointState:
+        """The joints' state after these readings (by joint name).
+
+        ``ask_until_s``: servos that are to drive their motors are asked for that until then.
+        """
+        raw = np.full((3, len(self._joints)), np.nan)  # counts, counts/s, share of full drive
+        health = dict(self._last.health)
+        counters = buses.counters()
+        self.measured.clear()
+        for index, joint in enumerate(self._joints):
+            reading = readings[joint.name]
+            account = counters[joint.bus].servos[joint.servo_id]
+            if isinstance(reading, ServoState):
+                self.measured[joint.name] = reading.position_counts
+                if reading.alarms and ask_until_s is not None:
+                    self.faults.note_alarms(joint, reading.alarms, buses)
+                raw[:, index] = reading.position_counts, reading.velocity_counts_s, reading.load
+                load = reading.load * joint.sign
+                current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
+                health[joint.name] = ServoHealth(
+                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
+                )
+                continue
+            self.faults.note_missing(joint.name, reading, self._last.stamp_s)
+            if joint.name in health:  # what is counted of a silent servo goes on
+                health[joint.name] = replace(health[joint.name], counters=account)
+        faults = self.faults.present(self.measured, buses, ask_until_s)
+        lines = {buses.port(name): account for name, account in counters.items()}
+        last = self._last
+        answered = ~np.isnan(raw[0])
+        position = np.where(answered, (raw[0] - self._zero) * self._units_per_count, last.position)
+        velocity = np.where(answered, raw[1] * self._units_per_count, last.velocity)
+        effort = np.where(answered, raw[2] * self._signed_effort, last.effort)
+        self._last = JointState(self._clock.now(), position, velocity, effort, faults, health, lines=lines)
+        return self._last
+
+    def _unknown(self) -> JointState:
+        unknown = np.full(len(self._joints), np.nan)
+        return JointState(self._clock.now(), unknown, unknown, unknown)

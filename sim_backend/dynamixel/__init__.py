@@ -1,0 +1,1 @@
+"""Virtual Dynamixel servos: control tables, firmware, identified motors."""

@@ -1,0 +1,29 @@
+"""One virtual X series servo: its control table below its firmware."""
+
+from typing import ClassVar
+
+from drivers.servos import x
+from drivers.servos.register import ServoModel
+from sim_backend.dynamixel.firmware import XFirmware
+from sim_backend.dynamixel.memory import XMemory
+from sim_backend.dynamixel.models import reads_fast
+from sim_backend.dynamixel.motors import motor_of
+from sim_backend.dynamixel.protocol2_servo import Protocol2Servo, Registers
+
+
+class VirtualXServo(Protocol2Servo):
+    """A servo of the X series, or an MX with that firmware."""
+
+    REGISTERS: ClassVar[Registers] = Registers(*x.REGISTERS)
+
+    def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
+        """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""
+        own = x.MODELS[model.name]
+        motor = motor_of(own)
+        super().__init__(own, motor.gears)
+        self.memory: XMemory = XMemory(own, servo_id, firmware)
+        self.firmware: XFirmware = XFirmware(self.memory, own, motor)
+
+    @property
+    def reads_fast(self) -> bool:
+        return reads_fast(x.MODELS[self.model.name], self.memory.get(x.firmware_version))

@@ -1,0 +1,1 @@
+"""Motors, gears, backlash and supply: the servos' physics in SI units."""

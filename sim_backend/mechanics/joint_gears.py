@@ -1,0 +1,50 @@
+"""Identified gears in a MuJoCo model: their friction follows the torque that went through them in the last timestep.
+
+MuJoCo solves for friction as a constraint with a largest torque, so it holds a joint and never turns it round, at any
+timestep; only that largest torque is renewed here, before each step.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from sim_backend.mechanics.gears import Gears
+
+LEAST_FRICTION_NM: Final = 1e-9
+"""MuJoCo has no constraint for a joint without friction, and the places of the others would shift."""
+
+
+class JointGears:
+    """Keeps the friction of some degrees of freedom of one model."""
+
+    def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
+        """``gears`` by degree of freedom, beside those of ``before``."""
+        self._model, self._data = model, data
+        self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
+        self._dofs = np.array(sorted(self._gears))
+        for dof, own in self._gears.items():
+            model.dof_armature[dof] = own.rotor_kg_m2
+            model.dof_damping[dof] = own.viscous_nm_s
+            model.dof_frictionloss[dof] = max(LEAST_FRICTION_NM, own.friction_nm(0.0, 0.0))
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the inertias
+        mujoco.mj_forward(model, data)
+
+    def update(self) -> None:
+        """Renew the largest friction from the last timestep's torques."""
+        dofs, data, friction = self._dofs, self._data, self._model.dof_frictionloss
+        motor = data.qfrc_actuator[dofs]
+        world = data.qfrc_constraint[dofs] - self._friction_now() - data.qfrc_bias[dofs]
+        loads, speeds = (motor - world).tolist(), data.qvel[dofs].tolist()
+        for dof, load, speed in zip(dofs.tolist(), loads, speeds, strict=True):
+            friction[dof] = max(LEAST_FRICTION_NM, self._gears[dof].friction_nm(load, speed))
+
+    def _friction_now(self) -> Any:
+        """The share of friction in the constraint forces, by degree of freedom: it is not what friction depends on."""
+        data = self._data
+        rows = slice(data.ne, data.ne + data.nf)
+        share = np.zeros(self._model.nv)
+        joints = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        share[data.efc_id[rows][joints]] = data.efc_force[rows][joints]
+        return share[self._dofs]

@@ -1,0 +1,219 @@
+"""What the servos' shafts are fastened to: the simulated arm, or a test bench. SI units.
+
+A servo knows only its shaft. A ``Coupling`` says which joint the shaft moves and how; forces go
+back by the same ratio, so no energy appears or is lost on the way.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import copysign, pi
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.mechanics.gears import Gears
+from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """One servo on one joint: position = sign * transmission * (shaft angle - angle at the zero).
+
+    ``transmission`` is rad per rad for a revolute joint, metres per radian for a prismatic one.
+    ``zero_counts`` is what the encoder says, without homing offset, where the joint is at zero.
+    """
+
+    servo_id: int
+    joint: str
+    sign: int = 1
+    zero_counts: int = 2048
+    transmission: float = 1.0
+    counts_per_turn: int = 4096
+
+    @property
+    def zero_rad(self) -> float:
+        """The shaft's angle where the joint is at zero: mid-count, not at the count's edge."""
+        return (self.zero_counts + 0.5) * 2.0 * pi / self.counts_per_turn
+
+    @property
+    def ratio(self) -> float:
+        """Joint units per radian of the shaft, with the sign."""
+        return self.sign * self.transmission
+
+
+Floats = NDArray[np.float64]
+ShaftTable = NDArray[np.void]
+"""An array with one record of ``SHAFT`` for each shaft."""
+
+SHAFT: Final = np.dtype(
+    [
+        # Where the shaft's joint is in the arrays.
+        ("position_at", "i8"),
+        ("velocity_at", "i8"),
+        ("effort_at", "i8"),
+        # Shaft angle = joint position * per_unit + zero_rad; joint effort = torque * per_unit.
+        ("per_unit", "f8"),
+        ("zero_rad", "f8"),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class JointArrays:
+    """The state of joints where it really is: who reads sees it change, who writes an effort has it act."""
+
+    position: Floats
+    velocity: Floats
+    effort: Floats
+    position_at: Sequence[int]
+    """Where the joints are in ``position``, and so on."""
+    velocity_at: Sequence[int]
+    effort_at: Sequence[int]
+
+
+class Plant(ABC):
+    """Shafts in the order of ``couplings``, all advanced together by a fixed step.
+
+    Compiled servos work on ``joints`` and ``shafts`` and the others call its methods.
+    """
+
+    def __init__(
+        self, couplings: Sequence[Coupling], timestep_s: float, joints: JointArrays, shafts: ShaftTable
+    ) -> None:
+        self.couplings = tuple(couplings)
+        self.timestep_s = timestep_s
+        self.joints = joints
+        self.shafts = shafts
+        self._rows: list[tuple[int, int, int, float, float]] = shafts.tolist()
+
+    def angles(self) -> list[float]:
+        """The shafts' angles, rad."""
+        position = self.joints.position.tolist()
+        return [position[at] * per_unit + zero_rad for at, _, _, per_unit, zero_rad in self._rows]
+
+    def velocities(self) -> list[float]:
+        """The shafts' velocities, rad/s."""
+        velocity = self.joints.velocity.tolist()
+        return [velocity[at] * per_unit for _, at, _, per_unit, _ in self._rows]
+
+    def push(self, torques: Sequence[float]) -> None:
+        """The servos' torques (N m) for the timestep to come."""
+        effort = self.joints.effort
+        for (_, _, at, per_unit, _), torque in zip(self._rows, torques, strict=True):
+            effort[at] = torque * per_unit
+
+    def slip(self, number: int, angle_rad: float) -> None:
+        """The shaft at this place has slipped: it is so much further at the same joint position from now on."""
+        self.shafts["zero_rad"][number] += angle_rad
+        self._rows = self.shafts.tolist()
+
+    @abstractmethod
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        """Give shafts the inertia and friction of these gears; None leaves a shaft as the plant has it."""
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Advance one timestep under the efforts that are in ``joints``."""
+
+
+class JointWorld(Protocol):
+    """What a plant needs of ``sim_backend.scene.world.World``."""
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+
+    @property
+    def timestep_s(self) -> float: ...
+
+    @property
+    def time_s(self) -> float: ...
+
+    @property
+    def arrays(self) -> JointArrays: ...
+
+    def fit_gears(self, gears: Mapping[str, Gears]) -> None: ...
+
+    def advance(self) -> None: ...
+
+
+class WorldPlant(Plant):
+    """The servos on a simulated arm. Joints without a servo swing freely.
+
+    ``after_step(time_s)`` is called after every step with the world's time: for what happens in the
+    world beside the arm, in world time, so that it is the same in every run.
+    """
+
+    def __init__(
+        self,
+        world: JointWorld,
+        couplings: Sequence[Coupling],
+        after_step: Callable[[float], None] | None = None,
+    ) -> None:
+        unknown = [c.joint for c in couplings if c.joint not in world.joints]
+        if unknown:
+            raise ValueError(f"the world has no joint {', '.join(unknown)}; it has {world.joints}")
+        arrays, places = world.arrays, [world.joints.index(c.joint) for c in couplings]
+        rows = [
+            (arrays.position_at[i], arrays.velocity_at[i], arrays.effort_at[i], 1.0 / c.ratio, c.zero_rad)
+            for i, c in zip(places, couplings, strict=True)
+        ]
+        super().__init__(couplings, world.timestep_s, arrays, np.array(rows, SHAFT))
+        self._world = world
+        self._after_step = after_step
+
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        pairs = zip(self.couplings, gears, strict=True)
+        self._world.fit_gears({c.joint: own.behind(1.0 / c.ratio) for c, own in pairs if own is not None})
+
+    def advance(self) -> None:
+        self._world.advance()
+        if self._after_step is not None:
+            self._after_step(self._world.time_s)
+
+
+class BenchPlant(Plant):
+    """Servos on a bench, each with its own load: inertia, a constant torque, friction of both kinds. No joints.
+
+    ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands. A servo whose gears
+    were identified brings them along; the others have what is said here.
+    """
+
+    def __init__(
+        self,
+        servo_ids: Sequence[int],
+        *,
+        timestep_s: float = 0.001,
+        inertia_kg_m2: float = ROTOR_INERTIA_KG_M2,
+        friction_nm: float = GEAR_FRICTION_NM,
+        damping_nm_s: float = GEAR_DAMPING_NM_S,
+    ) -> None:
+        couplings = [Coupling(i, f"shaft{i}") for i in servo_ids]
+        places = range(len(couplings))
+        angles = np.array([c.zero_rad for c in couplings])
+        joints = JointArrays(angles, np.zeros(len(places)), np.zeros(len(places)), places, places, places)
+        # A joint's position is its shaft's angle.
+        super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
+        self.load_nm = [0.0] * len(couplings)
+        self._gears = [Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)] * len(couplings)
+
+    def fit(self, gears: Sequence[Gears | None]) -> None:
+        self._gears = [own or usual for own, usual in zip(gears, self._gears, strict=True)]
+
+    def place(self, angles: Sequence[float]) -> None:
+        """Turn the shafts to these angles (rad), at rest."""
+        self.joints.position[:] = angles
+        self.joints.velocity[:] = 0.0
+
+    def advance(self) -> None:
+        position, velocities = self.joints.position, self.joints.velocity
+        for i, torque in enumerate(self.joints.effort.tolist()):
+            gears, load, velocity = self._gears[i], self.load_nm[i], float(velocities[i])
+            per_nm = self.timestep_s / gears.rotor_kg_m2
+            friction = gears.friction_nm(torque - load, velocity) * per_nm
+            velocity += (torque + load - gears.viscous_nm_s * velocity) * per_nm
+            # Friction takes speed away but never turns it round.
+            velocity = copysign(max(0.0, abs(velocity) - friction), velocity)
+            velocities[i] = velocity
+            position[i] += velocity * self.timestep_s

@@ -1,0 +1,1 @@
+"""The arm and its surroundings in MuJoCo, and their pictures."""

@@ -1,0 +1,142 @@
+"""The arm in MuJoCo as a hardware component, without servos and without a wire.
+
+Each joint follows the line between two commands by a stiff spring with damping, as strong as the servo
+that the robot file names. For what a servo and its bus do to a command, take the virtual bus.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import Clock
+from hal.joint import Joint
+from hal.lifecycle import LifecycleState, require, require_configured
+from hal.types import FloatArray, JointCommand, JointState
+from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.world import World
+from sim_backend.sts.compiled import compiled
+
+IntArray = NDArray[np.int64]
+
+STIFFNESS = 15.0
+"""Share of the stall torque per radian of shaft error: all of it at four degrees."""
+LONGEST_CATCH_UP_S = 0.2
+"""More simulated time than this is never made up for after the program was held up."""
+
+
+@compiled
+def drive(
+    position: FloatArray,
+    velocity: FloatArray,
+    effort: FloatArray,
+    position_at: IntArray,
+    velocity_at: IntArray,
+    effort_at: IntArray,
+    begin: FloatArray,
+    end: FloatArray,
+    share: float,
+    stiffness: FloatArray,
+    strongest: FloatArray,
+    damping: FloatArray,
+) -> None:
+    """Springs pull joints to where they are to be after ``share`` of the way from ``begin`` to ``end``."""
+    for i in range(len(begin)):
+        error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
+        pull = min(max(stiffness[i] * error, -strongest[i]), strongest[i])
+        effort[effort_at[i]] = pull - damping[i] * velocity[velocity_at[i]]
+
+
+class MujocoHardware:
+    """The life cycle of hal.hardware.Hardware over a World. Its time is the clock's."""
+
+    def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
+        self.name = name
+        self.joints = tuple(joint.name for joint in joints)
+        self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
+        self.state = LifecycleState.UNCONFIGURED
+        self._world = world
+        self._feeder = Feeder()
+        self._clock = clock
+        self._order = [world.joints.index(joint) for joint in self.joints]
+        self._strength = np.array([j.full_effort * j.torque_limit for j in joints])
+        self._full = np.array([j.full_effort for j in joints])
+        ratio = np.array([j.transmission for j in joints])
+        self._stiffness = self._full * STIFFNESS / ratio
+        self._damping = self._full / ratio / np.array([j.model.no_load_speed_rad_s for j in joints])
+        arrays = world.arrays
+        self._arrays = (arrays.position, arrays.velocity, arrays.effort)
+        self._at: tuple[IntArray, IntArray, IntArray] = (
+            np.array(arrays.position_at)[self._order],
+            np.array(arrays.velocity_at)[self._order],
+            np.array(arrays.effort_at)[self._order],
+        )
+        self._from = self._to = self._measured()
+        self._driven = False
+        self._progress_s = 0.0
+        self._period_s = world.timestep_s
+        self._last_s = clock.now()
+
+    def configure(self) -> None:
+        require(self.state, LifecycleState.UNCONFIGURED, "configure")
+        self.state = LifecycleState.INACTIVE
+        self._last_s = self._clock.now()
+
+    def activate(self) -> None:
+        require(self.state, LifecycleState.INACTIVE, "activate")
+        self._from = self._to = self._measured()
+        self._driven = True
+        self.state = LifecycleState.ACTIVE
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        require(self.state, LifecycleState.ACTIVE, "deactivate")
+        self.state = LifecycleState.INACTIVE
+        self._driven = not relax
+        return []
+
+    def cleanup(self) -> None:
+        self.state = LifecycleState.UNCONFIGURED
+
+    def read(self) -> JointState:
+        """Bring the world up to now and look at it."""
+        require_configured(self.state, "read")
+        now_s = self._clock.now()
+        due_s = min(now_s - self._last_s, LONGEST_CATCH_UP_S)
+        steps = round(due_s / self._world.timestep_s)
+        self._last_s += steps * self._world.timestep_s + (now_s - self._last_s - due_s)
+        for _ in range(steps):
+            self._step()
+        velocity = self._world.velocity()[self._order]
+        return JointState(now_s, self._measured(), velocity, self._effort())
+
+    def write(self, command: JointCommand) -> None:
+        require(self.state, LifecycleState.ACTIVE, "write")
+        self._from, self._to = self._target(), command.values.copy()
+        self._progress_s, self._period_s = 0.0, command.period_s
+
+    def _measured(self) -> FloatArray:
+        position: FloatArray = self._world.position()[self._order]
+        return position
+
+    def _target(self) -> FloatArray:
+        share = min(1.0, self._progress_s / self._period_s)
+        target: FloatArray = self._from + (self._to - self._from) * share
+        return target
+
+    def _effort(self) -> FloatArray:
+        if not self._driven:
+            return np.zeros(len(self.joints))
+        error = self._target() - self._measured()
+        drive = np.clip(self._stiffness * error, -self._strength, self._strength)
+        effort: FloatArray = drive - self._damping * self._world.velocity()[self._order]
+        return effort
+
+    def _step(self) -> None:
+        share = min(1.0, self._progress_s / self._period_s)
+        if self._driven:
+            drive(*self._arrays, *self._at, self._from, self._to, share, self._stiffness, self._strength, self._damping)
+        else:
+            self._world.arrays.effort[:] = 0.0
+        self._progress_s += self._world.timestep_s
+        self._world.advance()
+        self._feeder.update(self._world, self._world.time_s)

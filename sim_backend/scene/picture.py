@@ -1,0 +1,192 @@
+"""Pictures of the arm at work, by ray casting in numpy: no OpenGL, so they work on every machine.
+
+One ray a pixel from the camera, one from the lamp for its shadow, Lambert shading. Smooth pictures are
+the mean of four, each with the rays a quarter of a pixel off and the lamp moved a little.
+Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from sim_backend.scene.rays import PLANE, FloatArray, cast, turn, visible
+from sim_backend.scene.world import World
+
+Picture = NDArray[np.uint8]
+
+CAMERA: Final = "overview"
+SKY: Final = np.array([0.93, 0.95, 0.97])
+AMBIENT: Final = 0.48
+LAMP_M: Final = 0.02
+"""How far the lamp is moved to either side for a soft shadow."""
+TILE_M: Final = 0.1
+FADE_M: Final = (0.7, 2.2)
+"""Where the floor begins to turn into sky, and where it has."""
+TOUCH_M: Final = 1e-4
+"""A hit so near to a point is the point itself."""
+QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
+
+
+class View:
+    """What a camera that stands still sees of one model. What never moves is cast and shaded once, for all pictures."""
+
+    def __init__(
+        self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
+    ) -> None:
+        """``data``: with the kinematics up to date, whatever the pose. Smooth costs four times as much."""
+        self._shape = (height, width, 3)
+        view = data.cam(camera)
+        focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
+        self._passes = []
+        for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
+            rays = turn(_rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3).T)
+            lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
+            self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
+
+    def picture(self, data: Any) -> Picture:
+        """The picture of a pose whose kinematics are up to date."""
+        total = sum(one.colours(data) for one in self._passes)
+        shades = np.clip(total / len(self._passes), 0.0, 1.0)
+        return (255.0 * shades + 0.5).astype(np.uint8).reshape(self._shape)
+
+
+class _Pass:
+    """One ray a pixel, and the lamp at one place. ``_still`` are the geoms that are fixed to the world."""
+
+    def __init__(self, model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> None:
+        self._model, self._eye, self._rays, self._lamp = model, eye, rays, lamp
+        self._all = visible(model)
+        is_still = model.body_weldid[model.geom_bodyid[self._all]] == 0
+        self._still, self._moving = self._all[is_still], self._all[~is_still]
+        self._hits = cast(model, data, eye, rays, self._still)
+        geom, distance, normal = self._hits
+        seen = np.flatnonzero(geom >= 0)
+        point = eye + rays[seen] * distance[seen, None]
+        toward, reach = _from(lamp, point)
+        _, first, _ = cast(model, data, lamp, toward, self._still)
+        lit = _lit(first, reach, normal[seen], toward)
+        self._colours = np.tile(SKY, (len(rays), 1))
+        self._colours[seen] = _colours(model, geom[seen], point, _light(normal[seen], lit))
+        # Only what is in the light can come into the shadow of something that moves.
+        bright = np.flatnonzero(lit > 0.0)
+        self._bright, self._toward, self._reach = seen[bright], toward[bright], reach[bright]
+        dark = _light(normal[self._bright], np.zeros(len(bright)))
+        self._dark = _colours(model, geom[self._bright], point[bright], dark)
+
+    def colours(self, data: Any) -> FloatArray:
+        """Colours of all rays, shape (n, 3), 0 to 1."""
+        model, colours = self._model, self._colours.copy()
+        _, first, _ = cast(model, data, self._lamp, self._toward, self._moving)
+        shadow = first <= self._reach - TOUCH_M
+        colours[self._bright[shadow]] = self._dark[shadow]
+        geom, distance, normal = cast(model, data, self._eye, self._rays, self._moving, self._hits)
+        changed = np.flatnonzero(distance < self._hits[1])
+        point = self._eye + self._rays[changed] * distance[changed, None]
+        toward, reach = _from(self._lamp, point)
+        _, first, _ = cast(model, data, self._lamp, toward, self._all)
+        lit = _lit(first, reach, normal[changed], toward)
+        colours[changed] = _colours(model, geom[changed], point, _light(normal[changed], lit))
+        return colours
+
+
+def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The way from the lamp to each point: unit vectors, and how far it is."""
+    away = point - lamp
+    reach = np.linalg.norm(away, axis=1)
+    return away / reach[:, None], reach
+
+
+def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
+    """How much of the lamp's light falls on each point; none where its ``first`` hit on the way is another one."""
+    return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
+
+
+def _light(normal: FloatArray, lit: FloatArray) -> FloatArray:
+    """All light on each point: the lamp's, and a little from everywhere, most of it from above."""
+    light: FloatArray = AMBIENT * (0.8 + 0.2 * normal[:, 2]) + (1.0 - AMBIENT) * lit
+    return light
+
+
+def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatArray:
+    """Unit vectors through all pixels in the camera's frame (x right, y up, z back), shape (n, 3)."""
+    x, y = np.meshgrid(np.arange(width) + 0.5 + dx - width / 2, height / 2 - np.arange(height) - 0.5 - dy)
+    rays = np.stack([x, y, np.full_like(x, -focal)], axis=-1).reshape(-1, 3)
+    unit: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return unit
+
+
+def _colours(model: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
+    """The geoms' own colours in this light; the floor has tiles and fades into the sky."""
+    colour: FloatArray = model.geom_rgba[geom, :3] * light[:, None]
+    floor = model.geom_type[geom] == PLANE
+    x, y = point[floor, 0], point[floor, 1]
+    tile = (np.floor(x / TILE_M) + np.floor(y / TILE_M)) % 2
+    near, far = FADE_M
+    fade = np.clip((np.hypot(x - 0.2, y) - near) / (far - near), 0.0, 1.0)[:, None]
+    colour[floor] = colour[floor] * (1.0 - 0.06 * tile[:, None]) * (1.0 - fade) + SKY * fade
+    return colour
+
+
+def save_png(path: Path, image: Picture) -> None:
+    """Write one picture."""
+    Image.fromarray(image).save(path, optimize=True)
+
+
+def save_gif(path: Path, images: Sequence[Picture], fps: float) -> None:
+    """Write a film that repeats. One palette for all frames: smaller, and it does not flicker."""
+    palette = Image.fromarray(np.concatenate(images[:: max(1, len(images) // 4)])).quantize(256, kmeans=2)
+    frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0)
+
+
+class Recorder:
+    """Remembers how the world stood, to draw it when there is time. Rests are left out."""
+
+    def __init__(self, world: World, period_s: float = 0.3, frames: int = 75) -> None:
+        """Look every `period_s` of world time; keep at most the first `frames` of those in which it moved."""
+        self._world = world
+        self._period_s = period_s
+        self._frames = frames
+        self._next_s = world.time_s
+        self._taken: list[FloatArray] = []
+        self._best = world.configuration()
+
+    def update(self, time_s: float) -> None:
+        """To be called at least once a period; costs next to nothing in between."""
+        if time_s < self._next_s:
+            return
+        self._next_s = time_s + self._period_s
+        now = self._world.configuration()
+        self._best = max(self._best, now, key=self._world.cube_height_m)
+        still = self._taken and np.abs(now - self._taken[-1]).max() < 1e-3
+        if len(self._taken) < self._frames and not still:
+            self._taken.append(now)
+
+    def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
+        """Draw `arm.png` (the cube held at its highest) and `arm.gif`, half as wide, into `folder`."""
+        folder.mkdir(parents=True, exist_ok=True)
+        save_png(folder / "arm.png", *self._draw([self._best], width, smooth=True))
+        save_gif(folder / "arm.gif", self._draw(self._taken or [self._best], width // 2, smooth=False), fps)
+
+    def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
+        model = self._world.model
+        data = mujoco.MjData(model)  # its own: drawing must not disturb the world
+        _place(model, data, configurations[0])
+        view = View(model, data, width=width, height=width * 3 // 4, smooth=smooth)
+        pictures = []
+        for configuration in configurations:
+            _place(model, data, configuration)
+            pictures.append(view.picture(data))
+        return pictures
+
+
+def _place(model: Any, data: Any, configuration: FloatArray) -> None:
+    """Bring geoms, cameras and lamps to where they are in a ``configuration``."""
+    data.qpos[:] = configuration
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)

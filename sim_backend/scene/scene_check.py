@@ -1,0 +1,187 @@
+"""Whether a scene is the arm that the robot description says, and has what a world needs.
+
+MuJoCo reads the description too, so that two models are compared: each body's place in the one before it at random
+poses, ranges, masses, couplings.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from sim_backend.scene.world import BINS, READY, FloatArray
+
+NOTHING: Final = 1e-6
+"""The mass (kg) that a link without any is given."""
+POSES: Final = 10
+SEED: Final = 1
+APART_M: Final = 1e-4
+APART_RAD: Final = 1e-3
+APART_SHARE: Final = 0.01
+"""Of a mass or an inertia."""
+NEEDED: Final = {
+    "key": (READY,),
+    "joint": ("cube",),
+    "geom": ("cube", "stand", "cube_place"),
+    "body": ("base_link", *(f"bin_{name}" for name in BINS)),
+    "site": tuple(f"bin_{name}_inside" for name in BINS),
+    "cam": ("overview",),
+}
+"""What ``World`` and the pictures look for, by kind and name."""
+
+
+def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str]) -> list[str]:
+    """All that is wrong with a scene. ``driven``: the joints that have servos."""
+    try:
+        model: Any = mujoco.MjModel.from_xml_path(str(scene))
+    except ValueError as error:
+        return [f"MuJoCo cannot read it: {' '.join(str(error).split())}"]
+    try:
+        described = described_model(urdf_xml)
+    except ValueError as error:
+        return [f"MuJoCo cannot read the URDF: {' '.join(str(error).split())}"]
+    return [
+        *_missing(model, driven),
+        *_joints(model, described),
+        *_bodies(model, described),
+        *_places(model, described),
+    ]
+
+
+def described_model(urdf_xml: str) -> Any:
+    """A model of the arm in a robot description, without its shapes: their files may be anywhere."""
+    robot = ElementTree.fromstring(urdf_xml)
+    for link in robot.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    # As it is, nothing joined; but a link without a mass must not hide what else is wrong.
+    bounds = {"boundmass": str(NOTHING), "boundinertia": str(NOTHING**2)}
+    as_it_is = {"fusestatic": "false", "balanceinertia": "false", **bounds}
+    ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", as_it_is)
+    return mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
+
+
+def names(model: Any, kind: str) -> list[str]:
+    """The names of all ``kind`` ("joint", "body" and so on) of a model."""
+    count = getattr(model, {"joint": "njnt", "actuator": "nu"}.get(kind, f"n{kind}"))
+    return [str(getattr(model, kind)(i).name) for i in range(count)]
+
+
+def _missing(model: Any, driven: Sequence[str]) -> Iterator[str]:
+    for kind, needed in NEEDED.items():
+        there = names(model, kind)
+        what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
+        yield from (f"it has no {what} {name}" for name in needed if name not in there)
+    motors = names(model, "actuator")
+    yield from (
+        f"it has no actuator {joint}: each joint with a servo needs one" for joint in driven if joint not in motors
+    )
+    yield from (f"its actuator {motor} is of no joint with a servo" for motor in motors if motor not in driven)
+
+
+def _joints(model: Any, described: Any) -> Iterator[str]:
+    """Yields joints that are missing or have another range, and couplings that are not as the description's mimics."""
+    there = names(model, "joint")
+    for name in names(described, "joint"):
+        if name not in there:
+            yield f"it has no joint {name}, which the URDF has"
+        elif np.abs(model.joint(name).range - described.joint(name).range).max() > APART_RAD:
+            here_to, said_to = _span(model.joint(name).range), _span(described.joint(name).range)
+            yield f"{name} goes from {here_to} here and from {said_to} in the URDF"
+    here, said = _couplings(model), _couplings(described)
+    for (follower, leader), wanted in said.items():
+        got = here.get((follower, leader))
+        if got is None:
+            yield f"{follower} does not follow {leader} here: an <equality> of the two joints is missing"
+        elif not np.allclose(got, wanted, atol=APART_M):
+            offset, multiplier = got
+            yield (
+                f"{follower} follows {leader} by {multiplier:g} and {offset:g} here, and by {wanted[1]:g} and "
+                f"{wanted[0]:g} in the URDF"
+            )
+
+
+def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
+    """Offset and multiplier by follower and leader."""
+    rows = [i for i in range(model.neq) if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[i] >= 0]
+    return {
+        (model.joint(model.eq_obj1id[i]).name, model.joint(model.eq_obj2id[i]).name): tuple(
+            model.eq_data[i, :2].tolist()
+        )
+        for i in rows
+    }
+
+
+def _bodies(model: Any, described: Any) -> Iterator[str]:
+    there = names(model, "body")
+    for name in names(described, "body"):
+        if name not in there:
+            if described.body(name).jntnum[0]:
+                yield f"it has no body {name}, which is a link of the URDF that moves"
+            continue
+        here, said = model.body(name), described.body(name)
+        if name == "base_link" or not said.jntnum[0] or said.mass[0] <= NOTHING:
+            continue  # what is fastened may be joined with what it is fastened to
+        if abs(here.mass[0] - said.mass[0]) > APART_SHARE * said.mass[0]:
+            yield f"{name} weighs {here.mass[0]:g} kg here and {said.mass[0]:g} kg in the URDF"
+        if np.abs(here.ipos - said.ipos).max() > APART_M:
+            yield f"{name} has its centre of mass at {_vector(here.ipos)} here and at {_vector(said.ipos)} in the URDF"
+        if not np.allclose(sorted(here.inertia), sorted(said.inertia), rtol=APART_SHARE):
+            principal, wanted = _vector(here.inertia), _vector(said.inertia)
+            yield f"{name} has the principal inertias {principal} here and {wanted} in the URDF"
+
+
+def _places(model: Any, described: Any) -> Iterator[str]:
+    """Yields moving links that are elsewhere in the link before them than the description says, at any of the poses."""
+    common = [name for name in names(described, "joint") if name in names(model, "joint")]
+    links = [_link(described, name) for name in common]
+    links = [(link, before) for link, before in links if {link, before} <= set(names(model, "body"))]
+    off: dict[str, tuple[float, float]] = {}
+    random = np.random.default_rng(SEED)
+    for _ in range(POSES):
+        pose = {name: random.uniform(*described.joint(name).range) for name in common}
+        one, other = _posed(model, pose), _posed(described, pose)
+        for link, before in links:
+            apart = _apart(one, other, link, before)
+            off[link] = max(off.get(link, (0.0, 0.0)), apart)
+    for link, (metres, radians) in off.items():
+        if metres > APART_M or radians > APART_RAD:
+            yield f"{link} is up to {metres:.4f} m and {radians:.3f} rad away from where the URDF has it"
+
+
+def _link(model: Any, joint: str) -> tuple[str, str]:
+    """The names of the body that a joint moves and of the one before it."""
+    body = model.joint(joint).bodyid[0]
+    return model.body(body).name, model.body(model.body_parentid[body]).name
+
+
+def _posed(model: Any, pose: dict[str, float]) -> Any:
+    data: Any = mujoco.MjData(model)
+    for name, position in pose.items():
+        data.joint(name).qpos = position
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def _apart(one: Any, other: Any, link: str, before: str) -> tuple[float, float]:
+    """How far the link is from where it is in the other model, both seen from the link before it: m and rad."""
+    (place, turn), (other_place, other_turn) = _seen(one, link, before), _seen(other, link, before)
+    between = turn.T @ other_turn
+    return float(np.linalg.norm(place - other_place)), float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1.0, 1.0)))
+
+
+def _seen(data: Any, link: str, before: str) -> tuple[FloatArray, FloatArray]:
+    here, there = data.body(before), data.body(link)
+    frame = here.xmat.reshape(3, 3)
+    return frame.T @ (there.xpos - here.xpos), frame.T @ there.xmat.reshape(3, 3)
+
+
+def _span(limits: Sequence[float]) -> str:
+    return f"{limits[0]:g} to {limits[1]:g}"
+
+
+def _vector(values: Sequence[float]) -> str:
+    return " ".join(f"{value:.4g}" for value in values)
