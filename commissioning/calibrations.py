@@ -13,7 +13,7 @@ from commissioning.whole_file import write_whole
 from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path, load_calibration
-from hal.robot_file.robot import RobotFile
+from hal.robot_file.robot_file import RobotFile
 from hal.yaml_file import load
 
 

@@ -1,14 +1,19 @@
-"""The diagnostics of a stack: the loop, each component, each servo and each serial line, as /diagnostics shows them."""
+"""The diagnostics of a stack as /diagnostics shows them: loop, controllers, components, servos and serial lines."""
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Final
 
 from controller.loop import ControlLoop
 from hal.components.component import Component
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
+
+LOOP: Final = "servoloop: control loop"
+CONTROLLERS: Final = "servoloop: controllers"
+"""The status whose values are the controllers' states, by name."""
 
 
 class Level(IntEnum):
@@ -39,6 +44,7 @@ def statuses(
     measurement, None before the first.
     """
     yield _loop_status(loop, hardware_id)
+    yield _controllers_status(loop, hardware_id)
     for component in loop.hardware.components:
         yield _component_status(component)
         for joint in component.hardware.joints:
@@ -62,7 +68,15 @@ def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
         longest_cycle_ms=f"{figures.longest_cycle_s * 1e3:.3f}",
         mean_cycle_ms=f"{figures.busy_s / max(1, figures.cycles) * 1e3:.3f}",
     )
-    return Status(level, "servoloop: control loop", figures.summary, hardware_id, values)
+    return Status(level, LOOP, figures.summary, hardware_id, values)
+
+
+def _controllers_status(loop: ControlLoop, hardware_id: str) -> Status:
+    """Always well: a controller that is not active was not wanted."""
+    loaded = loop.manager.registry.loaded
+    active = sum(entry.active for entry in loaded.values())
+    states = {name: entry.state.name.lower() for name, entry in loaded.items()}
+    return Status(Level.OK, CONTROLLERS, f"{active} of {len(loaded)} active", hardware_id, states)
 
 
 def _component_status(component: Component) -> Status:

@@ -12,7 +12,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError
-from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo
+from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
 from servoloop.verbs.demo import demo
@@ -20,13 +20,17 @@ from servoloop.verbs.doctor import doctor
 from servoloop.verbs.emulate import emulate
 from servoloop.verbs.fault import fault
 from servoloop.verbs.jog import jog
+from servoloop.verbs.monitor import monitor
 from servoloop.verbs.pick import pick
 from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
+from servoloop.verbs.record import record
+from servoloop.verbs.replay import replay
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
 from servoloop.verbs.teleop import teleop
+from servoloop.verbs.tune import tune
 from servoloop.verbs.up import up
 from servoloop.verbs.view import view
 
@@ -40,9 +44,9 @@ app = typer.Typer(
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
-    "Look at it": (view, plot),
-    "Move it by hand": (jog, teleop),
-    "Get servos ready": (ports, scan, setup, calibrate, doctor),
+    "Look at it": (view, monitor, record, plot),
+    "Move it by hand": (jog, teleop, replay),
+    "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),
 }
@@ -62,6 +66,7 @@ for group, name in (
     (register, "register"),
 ):
     app.add_typer(group.app, name=name)
+app.add_typer(teach.app, name="teach", rich_help_panel="Move it by hand")
 
 
 def main() -> None:

@@ -10,7 +10,8 @@ from drivers.errors import DriverError
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import Description, merged, parse_urdf
 from hal.robot_description.hardware_info import HardwareInfo
-from hal.robot_file.robot import Robot, assemble, load_robot_file
+from hal.robot_file.robot import Robot, assemble
+from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
 from hal.types import JointLimits
 

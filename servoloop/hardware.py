@@ -24,11 +24,12 @@ from hal.errors import DescriptionError, HalError
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.mock_hardware import MockHardware
-from hal.robot_description.description import Description, Vector
+from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
-from hal.robot_description.kinematics import Quaternion
-from hal.robot_file.robot import RobotFile, require_positions
+from hal.robot_file.robot import require_positions
+from hal.robot_file.robot_file import RobotFile
 from hal.servos.servo_hardware import ServoHardware
+from servoloop.emulated_scene import EmulatedScene, Pose
 from servoloop.files import Files
 from servoloop.line_rate import Line
 from servoloop.ports import world_feed
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("servoloop")
 
-Pose = tuple[Vector, Quaternion]
 OpenPort = Callable[[str, int, Clock], Port]
 """Opens a device at a rate in bit/s."""
 AnyLine = TypeVar("AnyLine", bound=Line)
@@ -118,7 +118,7 @@ def build(
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
     feed = _feed(devices) if servos and not virtual else None
-    scene = world.scene if world else virtual.scene if virtual else Scene(feed) if feed else dict
+    scene = world.scene if world else virtual.scene if virtual else EmulatedScene(feed) if feed else dict
     users = any(kind not in tuple(HardwareKind) for kind in kinds.values())
     real = users or (bool(servos) and feed is None and virtual is None)
     rate_hz = files.controllers.update_rate_hz
@@ -186,8 +186,8 @@ def _made(
     )
 
 
-def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
-    """The gravity compensation of a component's joints; None where the robot file does without.
+def compensation(joints: Sequence[Joint], description: Description, guided: bool = False) -> GravityCompensation | None:
+    """The gravity compensation of a component's joints; None where the robot file does without. ``guided``: by a hand.
 
     Joints of whose servos too little is known are named in the log.
     """
@@ -196,7 +196,7 @@ def compensation(joints: Sequence[Joint], description: Description) -> GravityCo
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
         LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
-    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
+    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
 
 
 def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str, AnyLine]:
@@ -280,20 +280,3 @@ def _driven(robot: RobotFile, port: Port, clock: Clock, name: str) -> Bus:
     except BaseException:
         port.close()
         raise
-
-
-class Scene:
-    """The newest poses that an emulator published."""
-
-    def __init__(self, client: WorldFeedClient) -> None:
-        self._client = client
-        self._poses: dict[str, Pose] = {}
-
-    def __call__(self) -> Mapping[str, Pose]:
-        newest = self._client.newest()
-        if newest is not None:
-            self._poses = {
-                name: (tuple(pose["position_m"]), tuple(pose["quaternion_xyzw"]))
-                for name, pose in newest["poses"].items()
-            }
-        return self._poses

@@ -16,6 +16,7 @@ from servoloop.live.feed import LiveFeed
 from servoloop.live.folder import make_live_folder, socket_path
 from servoloop.recorder.bus_tap import BusTaps
 from servoloop.recorder.fault_files import FOLDER, FaultFiles
+from servoloop.recorder.link_poses import Scene
 from servoloop.recorder.messages import Messages
 from servoloop.recorder.recorder import Recorder, Sink
 from servoloop.recorder.recording_file import RecordingFile
@@ -37,10 +38,13 @@ class StackRecording:
         return self._taps.tap(port, clock)
 
     @contextmanager
-    def of(self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool]) -> Iterator[None]:
+    def of(
+        self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool], scene: Scene = dict
+    ) -> Iterator[None]:
         """Record what the loop does while the context lasts, behind its other observers.
 
-        ``offset_s``: from the loop's clock to ROS time; ``failed`` is asked in the end. Raises RecordingError.
+        ``offset_s``: from the loop's clock to ROS time; ``failed`` is asked in the end; ``scene`` in the recorder's
+        thread. Raises RecordingError.
         """
         hardware, shown = loop.hardware, loop.on_cycle
         messages = Messages(files.description, hardware.joints, hardware.command_interfaces, offset_s)
@@ -49,7 +53,7 @@ class StackRecording:
             sinks.append(RecordingFile(self._path, messages))
         sinks += _live_feed(files.arm, messages)
         sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
-        recorder = Recorder(sampler, self._taps, sinks)
+        recorder = Recorder(sampler, self._taps, sinks, scene)
 
         def on_cycle(state: JointState) -> None:
             shown(state)

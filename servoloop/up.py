@@ -26,6 +26,7 @@ from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread
 from servoloop.ports import device_paths
 from servoloop.realtime import claim_realtime_priority
+from servoloop.recorder.link_poses import Scene
 from servoloop.ros import require_ros
 from servoloop.signals import Signals
 from servoloop.stack_recording import StackRecording
@@ -158,7 +159,7 @@ def _run(
         claim_realtime_priority()
     surface = Surface(stack)
     try:
-        _record_and_serve(run, surface, ready, activate, simulated, recording)
+        _record_and_serve(run, surface, ready, activate, simulated, recording, stack.scene)
     finally:
         surface.close()
     return 1 if run.failed else 0
@@ -171,6 +172,7 @@ def _record_and_serve(
     activate: Callable[[], None],
     simulated: "SimulatedTime | None",
     recording: StackRecording,
+    scene: Scene,
 ) -> None:
     """Activate the hardware and serve until the end; the loop's cycles go to the ROS side and into the recordings."""
     loop = run.loop
@@ -179,7 +181,7 @@ def _record_and_serve(
         simulated.connect(loop, surface)
         run.before_cycle = simulated.before_cycle
     offset_s = 0.0 if simulated else wall_offset_s(loop.clock, time)
-    with recording.of(loop, run.files, offset_s, lambda: run.failed):
+    with recording.of(loop, run.files, offset_s, lambda: run.failed, scene):
         activate()
         _serve_clients(run, surface, ready, simulated)
 

@@ -13,11 +13,11 @@ from playwright.sync_api import sync_playwright
 
 from nodes.pick_place.settings import Settings
 from servoloop.files import read_files
+from servoloop.live.recording import Recording
 from servoloop.recorder.reader import read_recording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.view.page import Page
-from servoloop.view.recording import Recording
 from servoloop.view.server import PageServer
 
 SIZE = {"width": 1400, "height": 820}

@@ -15,7 +15,7 @@ from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
-from hal.robot_file.robot import RobotFile
+from hal.robot_file.robot_file import RobotFile
 
 FACTORY_ID: Final = 1
 """Of every new servo, whatever its make."""

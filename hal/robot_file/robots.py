@@ -8,7 +8,8 @@ from typing import Any
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_description.urdf import UrdfJoint
-from hal.robot_file.robot import BusFile, JointFile, ParkFile, Robot, RobotFile
+from hal.robot_file.robot import Robot
+from hal.robot_file.robot_file import BusFile, JointFile, ParkFile, RobotFile
 from hal.types import JointLimits
 
 Part = tuple[HardwareInfo, Robot]

@@ -7,7 +7,8 @@ from controller.manager.controllers_file import ControllersFile, ControllersFile
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
-from hal.robot_file.robot import Robot, RobotFile, assemble, load_robot_file
+from hal.robot_file.robot import Robot, assemble
+from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.arms.folder import ARM_FILE, Arm, read_arm
 from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.arms.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from commissioning.slow_arm import SPEED_SHARE
-from hal.robot_file.robot import ExitFile, ParkFile
+from hal.robot_file.robot_file import ExitFile, ParkFile
 from hal.types import JointLimits
 from servoloop.arms.pick_place import PickPlace
 from servoloop.files import Files

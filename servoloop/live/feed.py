@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Final
 
 from servoloop.live.errors import LiveError
+from servoloop.live.robot_state import GOAL, RESULT
 from servoloop.live.viewer import Viewer
 from servoloop.recorder.bus_tap import Transfer
 from servoloop.recorder.definitions import definition, typestore
 from servoloop.recorder.messages import Messages, Recorded
-from servoloop.recorder.sampler import CycleSample, GoalBegin
+from servoloop.recorder.sampler import CycleSample
 
 WAITING: Final = 8
 """So many who want to look on wait until the next cycle takes them in."""
@@ -30,7 +31,7 @@ class LiveFeed:
         self._viewers: list[Viewer] = []
         self._cycles = 0
         self._goals: dict[str, Recorded] = {}
-        """The newest goal of each controller, for those who come while it is under way."""
+        """The newest goal of each controller, and its result behind it, by topic: for those who come later."""
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:
@@ -55,9 +56,9 @@ class LiveFeed:
         if new:
             self._send(new, [*self._messages.latched(sample.state.stamp_s), *self._goals.values()])
             self._viewers += new
-        if any(isinstance(goal, GoalBegin) for goal in sample.goals) or self._viewers:
+        if sample.goals or self._viewers:
             messages = list(self._messages.of_cycle(sample))
-            self._goals |= {one.topic: one for one in messages if one.topic.endswith("/goal")}
+            self._keep_goals(messages)
             self._send(self._viewers, messages)
 
     def flush(self) -> None:
@@ -70,9 +71,18 @@ class LiveFeed:
         """End. Who looks on is told by the end of the stream."""
         self._path.unlink(missing_ok=True)
         self._server.close()
+        self._send(self._viewers, self._messages.of_transfers(transfers))
         for viewer in self._viewers:
             viewer.send()
             viewer.close()
+
+    def _keep_goals(self, messages: Iterable[Recorded]) -> None:
+        for one in messages:
+            if one.topic.endswith(GOAL):
+                self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)  # of the goal before
+                self._goals[one.topic] = one
+            elif one.topic.endswith(RESULT):
+                self._goals[one.topic] = one
 
     def _accept(self) -> list[Viewer]:
         new = []

@@ -4,18 +4,28 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
 from servoloop.live.history import Curves, History, Row
 from servoloop.live.stream import Received
+from servoloop.recorder.messages import SCENE
 
 RESULTS: Final = 50
 """So many ends of goals are kept."""
 GOAL, RESULT = "/goal", "/goal_result"
 NOBODY: Final = np.empty(0)
+
+
+class ScenePose(NamedTuple):
+    """The pose of a thing in the world: metres and a unit quaternion (x, y, z, w)."""
+
+    position_m: Vector
+    quaternion: Quaternion
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +74,8 @@ class Snapshot:
     """By controller."""
     results: tuple[tuple[float, str], ...] = ()
     """The ends of goals: ROS time and text, the newest last."""
+    scene: Mapping[str, ScenePose] = field(default_factory=dict)
+    """The things around the arm, by name; empty where no simulation knows them."""
     lost_cycles: int = 0
     """Cycles that this program was too slow to take."""
 
@@ -121,6 +133,8 @@ class RobotState:
             )
         elif topic == "/diagnostics":
             self._now = replace(self._now, statuses={one.name: _status(one) for one in message.status})
+        elif topic == SCENE:
+            self._now = replace(self._now, scene=dict(map(_thing, message.transforms)))
         elif topic == "/robot_description":
             self._now = replace(self._now, description_xml=message.data)
         elif topic.endswith(GOAL):
@@ -173,6 +187,11 @@ class RobotState:
         if controller in goals:
             goals[controller] = replace(goals[controller], ended=text)
         self._now = replace(self._now, goals=goals, results=tuple(self._results))
+
+
+def _thing(transform: Any) -> tuple[str, ScenePose]:
+    place, turn = transform.transform.translation, transform.transform.rotation
+    return transform.child_frame_id, ScenePose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
 
 
 def _status(one: Any) -> StatusNow:

@@ -1,7 +1,7 @@
 """The poses of a robot's links in their parents, for the transforms of a recording."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 from hal.robot_description.description import UrdfJoint, Vector
 from hal.robot_description.kinematics import Quaternion, child_pose
@@ -17,6 +17,17 @@ class LinkPose(NamedTuple):
     child: str
     position_m: Vector
     quaternion: Quaternion
+
+
+Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
+"""Says where things stand around the arm, by name, in the world; nothing where no simulation knows."""
+WORLD: Final = "base_link"
+"""The frame of the things in a scene, as in ROS 2's /tf."""
+
+
+def scene_poses(scene: Scene) -> tuple[LinkPose, ...]:
+    """The poses of the things around the arm now."""
+    return tuple(LinkPose(WORLD, name, *pose) for name, pose in scene().items())
 
 
 class LinkPoses:

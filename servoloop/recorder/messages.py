@@ -26,6 +26,7 @@ from servoloop.recorder.definitions import (
 from servoloop.recorder.link_poses import LinkPose, LinkPoses
 from servoloop.recorder.sampler import CycleSample, CycleTiming, GoalBegin, GoalEnd, Tracked
 
+SCENE = "/servoloop/scene"
 KINDS = ("position", "velocity", "effort")
 NONE = np.empty(0)
 
@@ -77,6 +78,8 @@ class Messages:
         for goal in sample.goals:
             yield self._goal_begin(goal, stamp_s) if isinstance(goal, GoalBegin) else self._goal_end(goal, stamp_s)
         yield self._of("/tf", TF, stamp_s, self._transforms(self._links.moving(state.position), stamp_s))
+        if sample.scene:
+            yield self._of(SCENE, TF, stamp_s, self._transforms(sample.scene, stamp_s))
         if sample.diagnostics:
             yield self._of("/diagnostics", DIAGNOSTICS, stamp_s, self._diagnostics(sample))
 

@@ -21,7 +21,7 @@ class RecordingError(DriverError):
 def check_path(path: Path) -> None:
     """Check that a recording can begin there. Raises RecordingError."""
     if path.suffix != SUFFIX:
-        raise RecordingError(f"--record takes a file that ends in {SUFFIX}, not {path}")
+        raise RecordingError(f"a recording is a file whose name ends in {SUFFIX}, not {path}")
     if path.exists():
         raise RecordingError(f"{path} is there already: name another file, or delete it")
     if not path.parent.is_dir():

@@ -4,12 +4,14 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import Final, Protocol
 
 from drivers.errors import DriverError
 from hal.types import JointState
 from servoloop.recorder.bus_tap import BusTaps, Transfer
+from servoloop.recorder.link_poses import Scene, scene_poses
 from servoloop.recorder.sampler import CycleSample, Sampler
 
 LOG = logging.getLogger("servoloop")
@@ -43,10 +45,10 @@ class Sink(Protocol):
 class Recorder:
     """The recorder gives each cycle to all sinks. A sink that fails is given up, and the others go on."""
 
-    def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink]) -> None:
+    def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink], scene: Scene = dict) -> None:
         self.dropped = 0
         """Cycles that are in no recording, because the disk was too slow."""
-        self._sampler, self._taps = sampler, taps
+        self._sampler, self._taps, self._scene = sampler, taps, scene
         self._sinks = list(sinks)
         self._waiting: deque[CycleSample] = deque()
         self._ended = False
@@ -86,6 +88,8 @@ class Recorder:
     def drain(self) -> None:
         """Give the sinks all that waits."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if samples:  # the scene as it is now: of the cycles before nobody has looked
+            samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()
         due = now_s - self._flushed_s >= FLUSH_S

@@ -1,19 +1,17 @@
-"""A recording's file: MCAP with ROS 2 messages, in small chunks, so that what a killed program leaves can be read."""
+"""A recording's file: each cycle as ROS 2 messages."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO
 
 from servoloop.recorder.bus_tap import Transfer
 from servoloop.recorder.definitions import definition, typestore
-from servoloop.recorder.mcap_stream import McapStream
+from servoloop.recorder.mcap_file import McapFile
 from servoloop.recorder.messages import Messages, Recorded
-from servoloop.recorder.record_option import RecordingError
 from servoloop.recorder.sampler import CycleSample
 
 
 class RecordingFile:
-    """One file. ``close`` ends it; a file that was not closed lacks its index, and has all that was flushed."""
+    """One file, as McapFile."""
 
     eager = False
 
@@ -23,11 +21,7 @@ class RecordingFile:
         self._messages = messages
         self._begun = False
         self._encode = typestore().serialize_cdr
-        try:
-            self._stream: IO[bytes] = path.open("xb")
-        except OSError as error:
-            raise self._error(error) from error
-        self._mcap = McapStream(self._stream, chunked=True)
+        self._file = McapFile(path)
 
     def write(self, sample: CycleSample) -> None:
         """Write one cycle. Raises RecordingError."""
@@ -38,35 +32,19 @@ class RecordingFile:
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record. Raises RecordingError."""
-        try:
-            self._mcap.add_metadata(name, values)
-        except OSError as error:
-            raise self._error(error) from error
+        self._file.add_metadata(name, values)
 
     def flush(self) -> None:
         """Hand all to the system: from here on it outlives this program. Raises RecordingError."""
-        try:
-            self._mcap.flush()
-        except OSError as error:
-            raise self._error(error) from error
+        self._file.flush()
 
     def close(self, transfers: Sequence[Transfer] = (), failed: bool = False) -> None:
         """End the file with its index, behind the bus traffic since the last cycle. Raises RecordingError."""
-        try:
-            self._write(self._messages.of_transfers(transfers))
-            with self._stream:
-                self._mcap.finish()
-        except OSError as error:
-            raise self._error(error) from error
+        self._write(self._messages.of_transfers(transfers))
+        self._file.close()
 
     def _write(self, messages: Iterable[Recorded]) -> None:
-        try:
-            for topic, kind, stamp_ns, message in messages:
-                if not self._mcap.knows(topic):
-                    self._mcap.add_channel(topic, kind, definition(kind))
-                self._mcap.add_message(topic, stamp_ns, bytes(self._encode(message, kind)))
-        except OSError as error:
-            raise self._error(error) from error
-
-    def _error(self, error: OSError) -> RecordingError:
-        return RecordingError(f"cannot record into {self.path}: {error.strerror or error}")
+        for topic, kind, stamp_ns, message in messages:
+            if not self._file.knows(topic):
+                self._file.add_channel(topic, kind, definition(kind))
+            self._file.add_message(topic, stamp_ns, bytes(self._encode(message, kind)))

@@ -14,6 +14,7 @@ from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointState
 from servoloop.recorder.bus_tap import BusTaps, Transfer
+from servoloop.recorder.link_poses import LinkPose
 
 DIAGNOSTICS_S: Final = 1.0
 """The time between two diagnostics while nothing changes, as on /diagnostics."""
@@ -78,6 +79,8 @@ class CycleSample:
     """Of the cycle before."""
     transfers: tuple[Transfer, ...]
     """Since the cycle before."""
+    scene: tuple[LinkPose, ...] = ()
+    """The things around the arm, where they were looked at."""
 
 
 class Sampler:

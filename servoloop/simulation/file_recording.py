@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from drivers.port import Port
@@ -15,6 +16,7 @@ from servoloop.simulation.stack import SimulatedStack
 @contextmanager
 def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
     """Record all cycles of the block into a new file, from before the stack is up. Raises RecordingError."""
+    from servoloop.recorder.link_poses import scene_poses
     from servoloop.recorder.messages import Messages  # takes a tenth of a second, which most runs save
     from servoloop.recorder.recording_file import RecordingFile
 
@@ -29,7 +31,7 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
 
     def on_state(state: JointState) -> None:
         look_on(state)
-        file.write(sampler.sample(state))
+        file.write(replace(sampler.sample(state), scene=scene_poses(stack.scene)))
 
     stack.tap, stack.on_state = tap, on_state
     try:

@@ -60,6 +60,7 @@ class SimulatedStack:
         self.trace = Trace()
         virtual = VirtualLines(self.files, build, start, self._after_step)
         self.world = virtual.world
+        self.scene = virtual.scene
         self.lines = virtual.lines if wire else {}
         self.ports = {
             name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from drivers.clock import Clock
 from drivers.port import Port
+from servoloop.emulated_scene import Pose
 from servoloop.emulator import couplings, virtual_lines
 from servoloop.files import Files
-from servoloop.hardware import Pose
 from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.feeder import Feeder

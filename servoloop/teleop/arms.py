@@ -1,6 +1,6 @@
 """Leader and follower under one loop: both are read in the same cycle."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -8,10 +8,10 @@ from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
+from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
-from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.leader_arm import LEADER, LeaderArm, leader_joint
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
@@ -63,17 +63,25 @@ class Teleop:
 
 
 def build_teleop(
-    leader: Side, follower: Side, clock: Clock, worker: BackgroundWorker | Callable[[Callable[[], None]], None]
+    leader: Side,
+    follower: Side,
+    clock: Clock,
+    worker: BackgroundWorker | Callable[[Callable[[], None]], None],
+    tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> Teleop:
     """Make both arms' hardware, the controller and the loop, at the rate of the follower's controllers file.
 
-    Raises TeleopError where a joint of the follower has none to follow.
+    ``tap`` may put something around each port. Raises TeleopError where a joint of the follower has none to follow.
     """
     files = follower.files
-    setup = hardware.build(HardwareKind.SERVOS, files, follower.devices, clock, follower.lines)
+
+    def open_leader(device: str, baud: int, clock: Clock) -> Port:
+        return tap(leader.open_port(device, baud, clock), clock)
+
+    setup = hardware.build(HardwareKind.SERVOS, files, follower.devices, clock, follower.lines, tap)
     read = LeaderArm(
         leader.files.robot.joints,
-        lambda: open_buses(leader.files.robot.file, leader.devices, clock, open_port=leader.open_port),
+        lambda: open_buses(leader.files.robot.file, leader.devices, clock, open_port=open_leader),
         clock,
     )
     components = ComponentSet([*(one.hardware for one in setup.hardware.components), read], clock)
@@ -98,7 +106,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
         raise TeleopError(
             f"{leader.arm} has no {', '.join(missing)}, which {follower.arm} has: a leader has joints of the same names"
         )
-    hands = _hands(follower, follower.description.components)
+    hands = hand_joints(follower)
     made = []
     for joint in follower.robot.joints:
         gain, offset, theirs_too = 1.0, 0.0, theirs[joint.name]
@@ -114,7 +122,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
     return made
 
 
-def _hands(files: Files, components: Sequence[HardwareInfo]) -> set[str]:
+def hand_joints(files: Files) -> set[str]:
     """The joints of controllers that are no arm's: of grippers and forward commands."""
     arm = {
         joint
@@ -122,4 +130,4 @@ def _hands(files: Files, components: Sequence[HardwareInfo]) -> set[str]:
         if spec.kind.endswith("JointTrajectoryController")
         for joint in getattr(spec.parameters, "joints", ())
     }
-    return {joint for component in components for joint in component.joints} - arm
+    return {joint for component in files.description.components for joint in component.joints} - arm

@@ -1,26 +1,23 @@
 """One teleoperation from start to end: the loop in its thread, the person at the terminal in this one."""
 
-import gc
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from drivers.clock import MonotonicClock
+from drivers.clock import MonotonicClock, wall_offset_s
 from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LEADER
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
-from servoloop.loop_thread import LEFT, LoopThread
+from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
+from servoloop.stack_recording import StackRecording
 from servoloop.teleop.arms import Side, Teleop, build_teleop
 from servoloop.teleop.dead_man import Permission
 
-LOOK_S: Final = 0.02
-"""So often the person is asked and shown what happens."""
 AGAIN_S: Final = 1.0
 """So often a lost leader is looked for."""
 
@@ -35,11 +32,12 @@ def teleop(
     """Let the follower follow until a signal, the person's word, or a fault; the exit status.
 
     ``show`` is called many times a second. The follower ends held or parked, as its robot file says, and the leader
-    as it is, limp. Raises as bringing up an arm does, and TeleopError.
+    as it is, limp. Who looks on finds both under the follower's name. Raises as bringing up an arm does, and
+    TeleopError.
     """
     files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
-    clock, worker = MonotonicClock(), BackgroundWorker()
-    both = build_teleop(leader, replace(follower, files=files), clock, worker)
+    clock, worker, recording = MonotonicClock(), BackgroundWorker(), StackRecording(None)
+    both = build_teleop(leader, replace(follower, files=files), clock, worker, recording.tap)
     loop, exits = both.loop, files.robot.file.on_exit
     relax = (exits.virtual if both.setup.virtual else exits.real) == "relax"
     with Signals(LEFT) as signals:
@@ -47,9 +45,10 @@ def teleop(
         configure_all(loop.hardware)
         try:
             check_rates(both.setup.buses, both.setup.rates_hz, files.robot, files.controllers.path)
-            loop.activate(keep_inactive=[LEADER])
             claim_realtime_priority()
-            _run(run, both, permission, show)
+            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, both.setup.scene):
+                loop.activate(keep_inactive=[LEADER])
+                _run(run, both, permission, show)
         finally:
             if not run.hangs():
                 clean_up_all(loop.hardware)
@@ -58,25 +57,20 @@ def teleop(
 
 def _run(run: LoopThread, both: Teleop, permission: Permission, show: Callable[[Teleop], None]) -> None:
     """The loop runs in its thread until this one says that it is enough."""
-    sys.setswitchinterval(0.0001)  # so long the loop waits at most for this thread to let go
-    gc.collect()
-    gc.freeze()
-    thread = run.start()
     looked_s = 0.0
+
+    def look() -> None:
+        nonlocal looked_s
+        now_s = time.monotonic()
+        both.controller.allowed = permission.allowed(now_s)
+        if permission.ended() or both.lost:
+            run.signals.ask()
+        if both.leader.error is not None and now_s - looked_s > AGAIN_S:
+            looked_s = now_s
+            both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
+        show(both)
+
     try:
-        while not (run.done or run.hangs()):
-            now_s = time.monotonic()
-            both.controller.allowed = permission.allowed(now_s)
-            if permission.ended() or both.lost:
-                run.signals.ask()
-            if both.leader.error is not None and now_s - looked_s > AGAIN_S:
-                looked_s = now_s
-                both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
-            show(both)
-            time.sleep(LOOK_S)
+        run_beside(run, look)
     finally:
         both.controller.allowed = False
-        run.signals.ask()
-        while thread.is_alive() and not run.hangs():
-            thread.join(0.1)
-        gc.unfreeze()

@@ -9,7 +9,7 @@ import typer
 
 from commissioning.calibrate.plan import JointPlan
 from hal.joint import Joint
-from hal.robot_file.robot import RobotFile
+from hal.robot_file.robot_file import RobotFile
 from servoloop.arms.folder import find_arm, read_arm_files
 
 ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]

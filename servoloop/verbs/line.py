@@ -1,7 +1,7 @@
 """The line that a verb works on: the options that say which, and the bus or the one servo on it."""
 
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -73,15 +73,7 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
         yield bus
 
 
-def adapter_serial(device: str) -> str | None:
-    """The serial number of the USB adapter behind a device; None where it has none."""
-    from serial.tools.list_ports import comports
-
-    path = Path(device).resolve()
-    return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)
-
-
-def devices_of(said: Sequence[str] | None, buses: Sequence[str]) -> dict[str, str]:
+def devices_of(said: list[str] | None, buses: list[str]) -> dict[str, str]:
     """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
     from commissioning.errors import CommissioningError
     from commissioning.ports.adapters import only_port
@@ -90,3 +82,11 @@ def devices_of(said: Sequence[str] | None, buses: Sequence[str]) -> dict[str, st
     if not said and len(buses) > 1:
         raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
     return parse_ports(said or [only_port()], buses) or {}
+
+
+def adapter_serial(device: str) -> str | None:
+    """The serial number of the USB adapter behind a device; None where it has none."""
+    from serial.tools.list_ports import comports
+
+    path = Path(device).resolve()
+    return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)

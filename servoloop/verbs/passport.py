@@ -18,7 +18,7 @@ from commissioning.passport.restore import Restoration, plan_replacement, plan_r
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.servos.catalog import MODELS
-from hal.robot_file.robot import RobotFile, load_robot_file
+from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.arms.folder import find_arm
 from servoloop.verbs.line import PortOption, adapter_serial, interruptible, open_line
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json

@@ -34,16 +34,16 @@ def view(
         raise DriverError("the view needs viser: pip install 'servoloop[view]'")
     if recording is not None and arm is not None:
         raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
+    from servoloop.live.live_source import LiveSource
+    from servoloop.live.recording import Recording
     from servoloop.signals import Signals
-    from servoloop.view.live_source import LiveSource
     from servoloop.view.page import Page
     from servoloop.view.player import Player
-    from servoloop.view.recording import Recording
     from servoloop.view.server import PageServer
     from servoloop.view.view import show
 
-    found = LiveSource(arm) if recording is None else Recording(recording)
     clock = MonotonicClock()
+    found = LiveSource(arm, clock) if recording is None else Recording(recording)
     with Signals() as signals:
         server = PageServer(host, port)
         page = Page(server)

@@ -1,6 +1,6 @@
 """The arm in 3-D: measured solid, commanded as a ghost, the newest goal's path, what stands around it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -8,12 +8,13 @@ import viser
 
 from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
+from servoloop.live.robot_state import ScenePose
 from servoloop.recorder.link_poses import LinkPose
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.colours import colour
 from servoloop.view.shapes import Rgb, Shape
 
-MEASURED, COMMANDED, PATH, CELL = "/measured", "/commanded", "/path", "/cell"
+MEASURED, COMMANDED, PATH, CELL, THINGS = "/measured", "/commanded", "/path", "/cell", "/things"
 GHOST: Final[Rgb] = (70, 130, 220)
 GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
@@ -31,8 +32,14 @@ class ArmScene:
     """The arm of one robot description in the page."""
 
     def __init__(
-        self, server: viser.ViserServer, model: ArmModel, visuals: Iterable[Shape], around: Iterable[Shape]
+        self,
+        server: viser.ViserServer,
+        model: ArmModel,
+        visuals: Iterable[Shape],
+        around: Iterable[Shape] = (),
+        things: Iterable[Shape] = (),
     ) -> None:
+        """``around`` stands where it is; ``things`` are drawn once somebody says where they are."""
         self._server, self._model = server, model
         visuals = list(visuals)
         self._solid = _Robot(server, model, MEASURED, visuals)
@@ -40,12 +47,24 @@ class ArmScene:
         self._path: viser.LineSegmentsHandle | None = None
         for number, shape in enumerate(around):
             _add(server, f"{CELL}/{number}", shape)
+        self._things: dict[str, viser.FrameHandle] = {}
+        for number, shape in enumerate(things):
+            root = f"{THINGS}/{shape.link}"
+            self._things[shape.link] = server.scene.add_frame(root, show_axes=False, visible=False)
+            _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
         """Move the arm and its ghost to joint positions (n,); what is not commanded stands where it is measured."""
         with self._server.atomic():
             self._solid.move(self._model.moving(position))
             self._ghost.move(self._model.moving(np.where(np.isnan(command), position, command)))
+
+    def show_things(self, poses: Mapping[str, ScenePose]) -> None:
+        """Move the things around the arm; one whose place is not known is not shown."""
+        for name, frame in self._things.items():
+            frame.visible = name in poses
+            if frame.visible:
+                frame.position, frame.wxyz = poses[name].position_m, _wxyz(poses[name].quaternion)
 
     def colour(self, shares: FloatArray) -> None:
         """Colour each joint's link by its share (n,) of the scale; NaN: as the robot description says."""
@@ -71,7 +90,7 @@ class ArmScene:
     def remove(self) -> None:
         """Take the arm and what stands around it out of the page."""
         self.show_path(None)
-        for name in (MEASURED, COMMANDED, CELL):
+        for name in (MEASURED, COMMANDED, CELL, THINGS):
             self._server.scene.remove_by_name(name)
 
 

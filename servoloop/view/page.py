@@ -1,6 +1,6 @@
 """The page: the arm in 3-D, what is shown of it, strips of one joint, tables of servos and of the loop."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Final
@@ -12,13 +12,13 @@ from hal.robot_description.description import Description, parse_urdf
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
+from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import ArmScene, add_ground
 from servoloop.view.colours import CHOICES, PLAIN, shares
-from servoloop.view.shapes import scene_shapes, shapes
+from servoloop.view.shapes import Shape, scene_shapes, shapes, thing_shapes
 from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
-from servoloop.view.watched import Watched, health
 
 NO_JOINTS: Final = ("–",)
 
@@ -26,6 +26,13 @@ NO_JOINTS: Final = ("–",)
 def known_arm(xml: str) -> Arm | None:
     """The arm in config/arms with this robot description; None where there is none."""
     return next((arm for arm in arms() if arm.urdf.read_text() == xml), None)
+
+
+def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
+    """The things that stand around an arm, and those that lie there; none of an arm that nobody knows."""
+    if known is None or not known.scene.is_file():
+        return (), ()
+    return scene_shapes(known.scene), thing_shapes(known.scene)
 
 
 class Page:
@@ -54,9 +61,10 @@ class Page:
         self._frames.on_update(self._chosen)
         self._ghost.on_update(self._chosen)
 
-    def status(self, text: str) -> None:
-        """Say what is shown: a running stack, a recording, or that the stack has ended."""
-        content = f"<p style='margin:0.5em 1em'><b>{escape(text)}</b></p>"
+    def status(self, text: str, well: bool = True) -> None:
+        """Say what is shown: a running stack, a recording, or, in red, that the stack has ended."""
+        red = "" if well else ";color:#d2322d"
+        content = f"<p style='margin:0.5em 1em{red}'><b>{escape(text)}</b></p>"
         if content != self._status.content:
             self._status.content = content
 
@@ -70,6 +78,7 @@ class Page:
         if self._arm is None:
             return
         self._arm.show(snapshot.position, snapshot.command)
+        self._arm.show_things(snapshot.scene)
         self._show_goal(watched, snapshot)
 
     def show_numbers(self, watched: Watched) -> None:
@@ -106,8 +115,7 @@ class Page:
         known = known_arm(snapshot.description_xml)
         folder: Path | None = known.urdf.parent if known else None
         visuals, missing = shapes(snapshot.description_xml, folder)
-        around = scene_shapes(known.scene) if known and known.scene.is_file() else ()
-        self._arm = ArmScene(self._server, self._model, visuals, around)
+        self._arm = ArmScene(self._server, self._model, visuals, *_around(known))
         self._chosen()
         self._joint.options = snapshot.joints
         if missing:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
+import mujoco
 import numpy as np
 import trimesh
 
@@ -69,26 +70,44 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
 
 
 def scene_shapes(path: Path) -> Iterator[Shape]:
-    """The boxes that stand around the arm in a MuJoCo scene, in the world: bins and stand. The link is the body's name.
+    """The boxes that stand around the arm in a MuJoCo scene, in the world: bins, stand. The link is the body's name."""
+    model, data = _scene(path)
+    for geom, name in _boxes(model):
+        if name.startswith(("bin_", "stand")):
+            turn = np.empty(4)
+            mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
+            yield _box(model, geom, name, data.geom_xpos[geom], turn)
 
-    The cube is none of them: it moves, and nobody measures where it is.
-    """
-    import mujoco
 
+def thing_shapes(path: Path) -> Iterator[Shape]:
+    """The boxes that lie free in a MuJoCo scene, each in its body: the cube. The link is the body's name."""
+    model, _ = _scene(path)
+    for geom, name in _boxes(model):
+        body = model.body(name)
+        if body.jntnum[0] and model.jnt_type[body.jntadr[0]] == mujoco.mjtJoint.mjJNT_FREE:
+            yield _box(model, geom, name, model.geom_pos[geom], model.geom_quat[geom])
+
+
+def _scene(path: Path) -> tuple[Any, Any]:
     model: Any = mujoco.MjModel.from_xml_path(str(path))
     data: Any = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+def _boxes(model: Any) -> Iterator[tuple[int, str]]:
+    """The numbers of all boxes, and their bodies' names."""
     for geom in range(model.ngeom):
-        name = model.body(model.geom_bodyid[geom]).name
-        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX or not name.startswith(("bin_", "stand")):
-            continue
-        box = trimesh.creation.box(extents=2.0 * model.geom_size[geom])
-        turn = np.empty(4)
-        mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
-        w, x, y, z = turn.tolist()
-        place: Vector = tuple(data.geom_xpos[geom].tolist())
-        rgb: Rgb = tuple(round(255 * part) for part in model.geom_rgba[geom][:3].tolist())
-        yield Shape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+            yield geom, model.body(model.geom_bodyid[geom]).name
+
+
+def _box(model: Any, geom: int, name: str, position_m: FloatArray, wxyz: FloatArray) -> Shape:
+    box = trimesh.creation.box(extents=2.0 * model.geom_size[geom])
+    w, x, y, z = wxyz.tolist()
+    place: Vector = tuple(position_m.tolist())
+    rgb: Rgb = tuple(round(255 * part) for part in model.geom_rgba[geom][:3].tolist())
+    return Shape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
 
 
 def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:

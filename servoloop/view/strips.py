@@ -1,69 +1,16 @@
-"""Strips: the numbers of one joint over the last minute."""
+"""The strips in the page: the numbers of one joint over the last minute."""
 
-import math
-from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-import numpy as np
 import viser
 import viser.uplot as uplot
 
-from hal.types import FloatArray
 from servoloop.live.history import KEPT_S
-from servoloop.view.watched import Health, Watched, health_column
+from servoloop.live.strips import STRIPS, Strip, axis_range, strip_data
+from servoloop.live.watched import Watched
 
 HEIGHT_PX: Final = 150
-MOST: Final = 600
-"""Points in a strip; of more every so many-th is shown."""
-
-
-class Strip(NamedTuple):
-    """A plot: its title, and the numbers in it."""
-
-    title: str
-    columns: tuple[str, ...]
-    least: float
-    """The smallest range of its axis: what is less is noise."""
-
-
-STRIPS: Final = (
-    Strip("position, command (rad, m)", ("position", "command"), 0.02),
-    Strip("error (rad, m)", ("error",), 0.002),
-    Strip("velocity (1/s)", ("velocity",), 0.1),
-    Strip("load (N m, N)", ("effort",), 0.5),
-    Strip("voltage (V)", ("voltage_v",), 2.0),
-    Strip("temperature (°C)", ("temperature_c",), 10.0),
-)
 COLOURS: Final = ("#d2522d", "#4682dc")
-
-
-def strip_data(watched: Watched, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
-    """Seconds before the newest cycle, and for each column its numbers of the joint at ``place``."""
-    curves, rows = watched.state.curves(), watched.health()
-    if columns[0] in Health._fields:
-        times = np.array([row.stamp_s for row in rows])
-        values = [health_column(rows, name, place) for name in columns]
-    else:
-        times, values = curves.time_s, [_column(getattr(curves, name), place) for name in columns]
-    if not len(times):
-        return tuple(np.zeros(1) for _ in range(len(columns) + 1))
-    step = -(-len(times) // MOST)
-    now = max([*curves.time_s[-1:], times[-1]])
-    return times[::step] - now, *(column[::step] for column in values)
-
-
-def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, float]:
-    """The range of an axis: all numbers that are there, at least ``least``, in steps so that it seldom changes."""
-    values = np.concatenate(columns)
-    values = values[np.isfinite(values)]
-    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
-    step = 2.0 ** math.ceil(math.log2(max(high - low, least) / 4.0))
-    return math.floor(low / step - 0.25) * step, math.ceil(high / step + 0.25) * step
-
-
-def _column(values: FloatArray, place: int) -> FloatArray:
-    """A column of (m, n), none where nothing has been measured."""
-    return values[:, place] if values.size else np.empty(0)
 
 
 class Strips:
@@ -74,8 +21,9 @@ class Strips:
 
     def show(self, watched: Watched, place: int) -> None:
         """Draw the joint at ``place``."""
+        minute = watched.minute()
         for strip, plot in zip(STRIPS, self._plots, strict=True):
-            data = strip_data(watched, strip.columns, place)
+            data = strip_data(minute, strip.columns, place)
             scales = _scales(axis_range(data[1:], strip.least))
             if scales != plot.scales:  # the plot is made anew
                 plot.scales = scales
@@ -84,7 +32,7 @@ class Strips:
     def _add(self, server: viser.ViserServer, strip: Strip) -> viser.GuiUplotHandle:
         axes: Any = (uplot.Axis(size=30), uplot.Axis(size=52))
         return server.gui.add_uplot(
-            strip_data(Watched(), strip.columns, 0),
+            strip_data(Watched().minute(), strip.columns, 0),
             (
                 uplot.Series(label="s"),
                 *(

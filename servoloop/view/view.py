@@ -1,11 +1,11 @@
 """The view's loop: from a source into the page, until it is told to end."""
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 from drivers.clock import Clock
+from servoloop.live.source import Source
 from servoloop.view.page import Page
-from servoloop.view.watched import Watched
 
 ARM_S: Final = 0.05
 """The arm moves in the page this often,"""
@@ -13,22 +13,12 @@ NUMBERS: Final = 7
 """and numbers are renewed every so many times."""
 
 
-class Source(Protocol):
-    """Where a robot's state comes from."""
-
-    @property
-    def watched(self) -> Watched: ...
-    @property
-    def status(self) -> str: ...
-    def close(self) -> None: ...
-
-
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool]) -> None:
     """Show the source until ``stop`` says so."""
     turn = 0
     while not stop():
         watched = source.watched
-        page.status(source.status)
+        page.status(source.status, source.well)
         page.show_arm(watched)
         if turn % NUMBERS == 0:
             page.show_numbers(watched)

@@ -23,6 +23,8 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
 from tests.servoloop.served import eventually, served
 
+pytestmark = pytest.mark.slow
+
 KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults"}
 
 

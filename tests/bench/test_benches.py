@@ -14,6 +14,8 @@ from bench.bus import CLIENTS, compare, show, wire_us
 from bench.busy import without_priority
 from bench.stalls import JointSteps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("make", CLIENTS)
 @pytest.mark.parametrize("options", [(), ("--paced", "1000000")], ids=["unpaced", "paced"])

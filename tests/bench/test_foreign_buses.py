@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 
 from servoloop.cli import app
 
+pytestmark = pytest.mark.slow
+
 CYCLES = 60
 
 

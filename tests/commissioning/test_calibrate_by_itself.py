@@ -84,6 +84,7 @@ def test_no_joint_is_ever_faster_than_tools_may_be() -> None:
     assert fastest < 2.0 * FASTEST_RAD_S
 
 
+@pytest.mark.slow
 def test_a_joint_without_a_stop_ends_it_by_name() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint2").range = (-20.0, 20.0)

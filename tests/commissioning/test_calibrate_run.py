@@ -68,6 +68,7 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
     assert not any((again.changes or {}).values()), "what fits is not written again"
 
 
+@pytest.mark.slow
 def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
@@ -84,6 +85,7 @@ def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) 
     assert torque(arm) == [2]
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, no=(STORE,))
@@ -114,6 +116,7 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
     assert torque(arm) == [] and calibration_path(robot).exists()
 
 
+@pytest.mark.slow
 def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)

@@ -15,6 +15,8 @@ from sim_backend.mechanics.build import Build
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 
+pytestmark = pytest.mark.slow
+
 GEARS = {"1:191": 345 / 191, "1:147": 345 / 147}
 PAN = 1
 LIFT = 2

@@ -19,7 +19,7 @@ from drivers.servos.sts import STS3215
 from drivers.servos.x import MODELS as X_MODELS
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
-from hal.robot_file.robot import load_robot_file
+from hal.robot_file.robot_file import load_robot_file
 from hal.types import JointLimits
 
 RANGES = {

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.robot_file.robot import load_robot_file
+from hal.robot_file.robot_file import load_robot_file
 from sim_backend.scene.world import World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controllers, groups, read
 

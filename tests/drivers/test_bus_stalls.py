@@ -92,7 +92,9 @@ class Stalling:
             self.cycle()
 
 
-@pytest.mark.parametrize("period_s", PERIODS_S)
+@pytest.mark.parametrize(
+    "period_s", [pytest.param(one, marks=() if one in (0.005, 0.05) else pytest.mark.slow) for one in PERIODS_S]
+)
 @every_kind
 def test_no_old_state_comes_out_of_a_stall_and_the_servos_come_back(kind: Kind, period_s: float) -> None:
     for hold_s in HOLDS_S:

@@ -125,8 +125,7 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
     assert alone_s < FIRST_REPLY_S
 
 
-@pytest.mark.parametrize("dead_first", [True, False], ids=["dead first", "dead last"])
-@pytest.mark.parametrize("period_s", [0.02, 0.05])
+@pytest.mark.parametrize(("period_s", "dead_first"), [(0.02, True), (0.05, False)], ids=["dead first", "dead last"])
 @pytest.mark.parametrize("dead", PLAIN, ids=lambda kind: f"{kind.name} dead")
 @pytest.mark.parametrize("alive", PLAIN, ids=lambda kind: kind.name)
 def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: float, dead_first: bool) -> None:

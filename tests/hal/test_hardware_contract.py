@@ -20,7 +20,8 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot_description.description import parse_urdf
-from hal.robot_file.robot import assemble, load_robot_file
+from hal.robot_file.robot import assemble
+from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointState
 from sim_backend.clock import SimulatedClock

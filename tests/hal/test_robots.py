@@ -8,7 +8,8 @@ from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_description.hardware_info import HardwareInfo
-from hal.robot_file.robot import Robot, assemble, load_robot_file
+from hal.robot_file.robot import Robot, assemble
+from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, limits_of, together
 
 FILE = """\

@@ -12,7 +12,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
-from hal.robot_file.robot import load_robot_file
+from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_settings import NOT_HERE, settings_of
 from servoloop.files import CONFIG
 from tests.hal.bench import JOINTS, Bench

@@ -12,6 +12,7 @@ from servoloop.live import viewer
 from servoloop.live.errors import LiveError
 from servoloop.live.folder import RunningStack, find_stack, live_folder, make_live_folder, running_stacks, socket_path
 from servoloop.live.stream import open_live, open_recording
+from servoloop.recorder.bus_tap import Transfer
 from tests.live.rig import LiveRig, Onlooker, runtime_folder
 from tests.stack.rig import READY
 
@@ -55,6 +56,35 @@ def test_who_comes_while_a_goal_is_under_way_sees_it() -> None:
     rig.play(0.1)
     rig.feed.close((), failed=False)
     assert onlooker.to_its_end().snapshot.goals["arm_controller"].ended == ""
+
+
+def test_who_comes_behind_the_end_of_a_goal_sees_how_it_ended() -> None:
+    """And not a goal that is under way for ever."""
+    rig = LiveRig()
+    for joint6 in (0.2, 0.4):
+        rig.stack.go([*READY[:5], READY[5] + joint6], 0.5)
+        rig.play(1.5)
+    onlooker = Onlooker(open_live(find_stack()))
+    rig.play(0.1)
+    rig.stack.go([*READY[:5], READY[5]], 1.0)
+    rig.play(0.1)
+    late = Onlooker(open_live(find_stack()))
+    rig.play(0.1)
+    rig.feed.close((), failed=False)
+    snapshot = onlooker.to_its_end().snapshot
+    ((_, text),) = snapshot.results
+    assert text == "arm_controller: succeeded Goal successfully reached!"
+    goal = late.to_its_end().snapshot.goals["arm_controller"]
+    assert goal.ended == "" and goal.positions[0][5] == READY[5], "the result was of the goal before"
+
+
+def test_the_bytes_behind_the_last_cycle_are_told_too() -> None:
+    rig = LiveRig()
+    stream = open_live(find_stack())
+    rig.play(0.2)
+    rig.feed.close([Transfer(9.0, "bus", True, b"last")], failed=False)
+    *_, last = stream
+    assert last.topic == "/servoloop/bus_traffic" and bytes(last.message.data) == b"last"
 
 
 def test_one_who_is_too_slow_loses_whole_cycles_and_knows_how_many(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,8 @@ import pytest
 from tests.peers.conftest import Serve
 from tests.peers.waiting import eventually
 
+pytestmark = pytest.mark.slow
+
 
 class Feetech:
     """The program at one line."""

@@ -14,6 +14,8 @@ import pytest
 from tests.peers.conftest import Serve
 from tests.peers.waiting import eventually
 
+pytestmark = pytest.mark.slow
+
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 IDS = (1, 2, 3)

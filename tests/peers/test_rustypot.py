@@ -9,6 +9,8 @@ import pytest
 from tests.peers.conftest import Serve
 from tests.peers.waiting import eventually
 
+pytestmark = pytest.mark.slow
+
 # By name: a compiled module.
 rustypot: Any = importlib.import_module("rustypot")
 IDS = [1, 2, 3]

@@ -11,6 +11,8 @@ import pytest
 from tests.peers.conftest import Serve
 from tests.peers.waiting import eventually
 
+pytestmark = pytest.mark.slow
+
 # By name, because it has no types.
 servolab: Any = importlib.import_module("servolab")
 

@@ -9,6 +9,8 @@ import pytest
 from tests.peers.conftest import Serve
 from tests.peers.waiting import eventually
 
+pytestmark = pytest.mark.slow
+
 # By name: a compiled module whose types need another package.
 library: Any = importlib.import_module("st3215_bus")
 

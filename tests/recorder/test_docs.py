@@ -4,6 +4,9 @@ import re
 import shlex
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,7 +19,9 @@ from servoloop.recorder.fault_files import FILES, KEPT_S
 from servoloop.recorder.recorder import WAITING
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
+from tests.live.rig import LiveRig, runtime_folder
 from tests.recorder.reading import by_mcap, by_rosbags
+from tests.servoloop.served import eventually
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "recordings.md").read_text()
 PROSE = " ".join(TEXT.split())
@@ -27,7 +32,8 @@ def blocks(language: str) -> list[str]:
 
 
 SIMULATE, *OTHERS = blocks("sh")[0].splitlines()
-PLOT = blocks("sh")[1].strip()
+RUNNING = blocks("sh")[1].splitlines()
+PLOT = blocks("sh")[2].strip()
 READING, RECOVERING = blocks("python")
 
 
@@ -51,6 +57,34 @@ def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     assert result.exit_code == 0 and result.output.startswith("job.html: "), result.output
 
 
+def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until it ends, and for ten seconds of its time."""
+    monkeypatch.chdir(tmp_path)
+    for command, words, seconds in zip(RUNNING, ("out/", "run.mcap: "), (1.0, 10.0), strict=True):
+        with runtime_folder(monkeypatch), ended_after(seconds + 0.2):
+            result = CliRunner().invoke(app, shlex.split(command)[1:])
+        assert result.exit_code == 0 and result.stdout.startswith(words), result.output
+    (unnamed,) = (tmp_path / "out").iterdir()
+    assert len(by_rosbags(unnamed)["/joint_states"]) > 20
+    assert len(by_rosbags(tmp_path / "run.mcap")["/joint_states"]) in (200, 201)
+
+
+@contextmanager
+def ended_after(seconds: float) -> Iterator[None]:
+    """A stack that runs so long from the moment at which somebody looks on."""
+    rig = LiveRig()
+
+    def run() -> None:
+        eventually(lambda: rig.play(0.05) and rig.feed.eager)
+        rig.play(seconds)
+        rig.feed.close((), failed=False)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    yield
+    thread.join(30.0)
+
+
 def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
     simulate(read_files(), Settings(), Schedule(job=("B",)), tmp_path / "job.mcap")
     found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}
@@ -58,6 +92,7 @@ def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
     assert {name for cell in first_cells for name in re.findall("`(.*?)`", cell)} == found
 
 
+@pytest.mark.slow
 def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -59,6 +59,7 @@ def test_while_all_is_well_nothing_is_written(rig: Watched) -> None:
     assert not rig.folder.exists()
 
 
+@pytest.mark.slow
 def test_a_servo_that_falls_silent_leaves_the_time_before(rig: Watched, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     rig.pass_on(40.0)
@@ -74,6 +75,7 @@ def test_a_servo_that_falls_silent_leaves_the_time_before(rig: Watched, caplog: 
     assert "joint3: servo 3 does not answer" in texts
 
 
+@pytest.mark.slow
 def test_what_goes_wrong_soon_afterwards_is_in_a_second_file_without_a_gap(rig: Watched) -> None:
     rig.pass_on(5.0)
     for servo_id in (3, 5, 6):  # each is well again before the next

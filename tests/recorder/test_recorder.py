@@ -50,6 +50,20 @@ def recording(*sinks: Sink) -> tuple[Rig, Recorder]:
     return rig, recorder
 
 
+def test_where_things_are_is_in_the_cycle_in_which_they_were_looked_at() -> None:
+    kept, rig = Kept(), Rig()
+    recorder = Recorder(rig.sampler, rig.taps, [kept], rig.stack.scene)
+    rig.stack.on_state = recorder.post
+    rig.run(0.3)
+    recorder.drain()
+    rig.stack.world.data.joint("cube").qpos[0] += 0.1
+    rig.run(0.3)
+    recorder.drain()
+    seen = [{one.child: one.position_m for one in sample.scene} for sample in kept.samples]
+    before, after = (places["cube"] for places in seen if places)
+    assert after[0] > before[0] + 0.05 and seen[-1]["cube"] == after
+
+
 def test_every_cycle_reaches_every_sink_in_its_order_and_the_rest_of_the_traffic_too() -> None:
     one, other = Kept(), Kept()
     rig, recorder = recording(one, other)

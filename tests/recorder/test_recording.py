@@ -36,6 +36,7 @@ TOPICS = {
     "/arm_controller/goal_result": "servoloop_msgs/msg/GoalResult",
     "/servoloop/commands": "sensor_msgs/msg/JointState",
     "/servoloop/cycles": "servoloop_msgs/msg/Cycle",
+    "/servoloop/scene": "tf2_msgs/msg/TFMessage",
     "/servoloop/bus_traffic": "servoloop_msgs/msg/BusTraffic",
 }
 
@@ -121,6 +122,17 @@ def test_links_and_description_are_the_robots(read: Read) -> None:
     joint1 = transforms[0]
     assert (joint1.header.frame_id, joint1.child_frame_id) == ("base_link", "link1")
     assert joint1.transform.rotation.z == pytest.approx(np.sin(state.position[0] / 2.0))
+
+
+def test_the_cube_goes_from_the_stand_into_its_bin(read: Read) -> None:
+    """In the world; a thing's place is that of the cycle in which it is told."""
+    scenes = [{one.child_frame_id: one.transform for one in message.transforms} for message in read["/servoloop/scene"]]
+    assert len(scenes) == len(read["/joint_states"]) and set(scenes[0]) == {"cube", "bin_A", "bin_B", "bin_C"}
+    assert {one.header.frame_id for one in read["/servoloop/scene"][0].transforms} == {"base_link"}
+    begin, end = (np.array([place.x, place.y]) for place in (s["cube"].translation for s in (scenes[0], scenes[-1])))
+    bin_b = scenes[-1]["bin_B"].translation
+    assert np.linalg.norm(begin - (0.291, 0.0)) < 0.005
+    assert np.linalg.norm(end - (bin_b.x, bin_b.y)) < 0.1 and np.linalg.norm(end - begin) > 0.05
 
 
 def test_nothing_is_compiled_any_more_while_a_loop_runs(tmp_path: Path) -> None:

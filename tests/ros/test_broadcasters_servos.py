@@ -25,6 +25,7 @@ servo_states:
 """
 
 
+@pytest.mark.slow
 def test_each_servo_says_how_it_is(ros_domain: int, tmp_path: Path) -> None:
     controllers = tmp_path / "controllers.yaml"
     controllers.write_text(CONTROLLERS)

@@ -157,6 +157,7 @@ def test_reload_controller_libraries(client: ManagerClient) -> None:
     assert client.states() == {}
 
 
+@pytest.mark.slow
 def test_fifty_that_list_and_a_burst_of_a_hundred_switches(client: ManagerClient, stack: StackProcess) -> None:
     # Every client hears the answers to all: one that keeps only the last ten can lose its own among them.
     all_of_them = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)

@@ -391,6 +391,7 @@ def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_p
         assert "Traceback" not in cell.log()
 
 
+@pytest.mark.slow
 def test_wrong_parameters_are_named(ros_domain: int) -> None:
     command = [sys.executable, "-m", "nodes.vision_pick_place_controller", "--ros-args"]
     command += ["-p", "grades:=[A, D]", "-p", "poses.pick:=[1.0]"]

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.ros
 DEMO_S = 110.0
 OWN = "servoloop_msgs"
 """No ROS package: rclpy cannot know it."""
+SCENE = "/servoloop/scene"
 EVERY_CYCLE = ("/joint_states", "/servoloop/commands", "/arm_controller/controller_state", "/tf")
 _, DEMO, UP = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text().partition("```sh\n")[2].split("\n")[:3]
 """The page's commands."""
@@ -65,6 +66,7 @@ def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
     yield Recorded(folder / "run.mcap", stack.words, begun_s)
 
 
+@pytest.mark.slow
 def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded) -> None:
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
@@ -76,6 +78,11 @@ def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
     (goal,), (result,) = (recorded.messages[f"/arm_controller/{name}"] for name in ("goal", "goal_result"))
     assert list(goal.points[0].positions) == list(PICK)
     assert result.status == "aborted" and "servo 3 does not answer" in result.error_string
+
+
+def test_where_the_cube_is_stands_in_it_with_an_emulated_arm(recorded: Recorded) -> None:
+    places = [one for message in recorded.messages[SCENE] for one in message.transforms if one.child_frame_id == "cube"]
+    assert len(places) > 2 and places[-1].transform.translation.x == pytest.approx(0.291, abs=0.01)
 
 
 def test_the_bus_traffic_begins_with_the_first_byte(recorded: Recorded) -> None:
@@ -94,6 +101,7 @@ def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded
     assert "joint3: servo 3 does not answer" in texts
 
 
+@pytest.mark.slow
 def test_simulated_time_is_in_the_recording_of_a_stack_that_runs_on_it(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,7 +131,7 @@ def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
             read.add(channel.topic)
             if channel.topic == "/arm_controller/controller_state":
                 assert len(decoded.reference.positions) == 6 and decoded.speed_scaling_factor == 1.0
-    assert read == {*EVERY_CYCLE, "/arm_controller/goal", "/diagnostics", "/robot_description", "/tf_static"}
+    assert read == {*EVERY_CYCLE, "/arm_controller/goal", "/diagnostics", "/robot_description", "/tf_static", SCENE}
 
 
 @pytest.mark.slow

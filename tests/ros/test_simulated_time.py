@@ -174,6 +174,7 @@ def test_ctrl_c_ends_a_paused_stack(ros_domain: int, tmp_path: Path) -> None:
     assert "0.0 s simulated in 0.0 s" in stack.words
 
 
+@pytest.mark.slow
 def test_whoever_waits_for_steps_is_told_of_the_end(client: ManagerClient, stack: StackProcess) -> None:
     """The last one of this file, as it ends the stack."""
     steps = client.client(StepSimulation, "/ros2_control_node/step_simulation")

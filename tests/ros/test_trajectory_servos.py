@@ -89,6 +89,7 @@ def test_a_start_that_is_a_little_off_is_accepted_without_a_step(
 
 
 @pytest.mark.row("moveit-cancel", "golden-cancel")
+@pytest.mark.slow
 def test_a_cancel_is_accepted_at_once_and_its_result_comes_when_the_arm_rests(servos: TrajectoryClient) -> None:
     before = servos.now()
     sent = servos.send(goal_of(planned(measured(servos), 1.0, 2.0, 8)))

@@ -245,6 +245,7 @@ def test_activated_again_it_holds_the_last_command_not_what_is_measured(stuck: T
 
 
 @pytest.mark.row("jtc-24")
+@pytest.mark.slow
 def test_the_error_of_a_continuous_joint_is_the_shorter_way(stuck: TrajectoryClient) -> None:
     names = ["joint6"]
     goal = T(P((2.4,), 0.65), P((3.6,), 1.0), names=names)

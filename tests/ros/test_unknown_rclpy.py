@@ -97,6 +97,7 @@ def test_the_report_comes_once_a_second(stack: StackProcess) -> None:
         assert reports[-1].status[0].name == "servoloop: control loop"
 
 
+@pytest.mark.slow
 def test_a_signal_ends_it_calmly(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", module="tests.ros.unknown_rclpy") as stack:
         assert stack.end(signal.SIGTERM) == 0

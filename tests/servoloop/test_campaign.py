@@ -25,6 +25,7 @@ KEPT = sorted((ROOT / "tests" / "schedules").glob("*.yaml"))
 SCENARIO = Scenario(seconds=1.5, faults=3, within_s=1.2)
 
 
+@pytest.mark.slow
 def test_any_number_of_processes_gives_the_same_reports_in_the_same_order() -> None:
     alone, together = list(campaign(SCENARIO, range(3, 9), 1)), list(campaign(SCENARIO, range(3, 9), 2))
     assert alone == together
@@ -43,6 +44,7 @@ def test_what_a_campaign_once_found_stays_mended(file: Path) -> None:
     assert run_schedule_of(read_schedule(file)).violations == ()
 
 
+@pytest.mark.slow
 def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def broken(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})

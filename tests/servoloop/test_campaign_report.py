@@ -166,6 +166,7 @@ def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyP
     assert (written.read_bytes(), path.with_suffix(".csv").read_bytes()) == before
 
 
+@pytest.mark.slow
 def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
     open_gate: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

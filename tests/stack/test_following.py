@@ -113,6 +113,7 @@ def test_after_switching_on_the_offsets_come_slowly() -> None:
 
 
 @each_robot
+@pytest.mark.slow
 def test_an_arm_at_rest_stays_at_rest(robot: Path) -> None:
     """Friction and a slow correction can make a joint creep to and fro about its goal. A count is what friction that
     gives way a little lets the servo do by itself."""

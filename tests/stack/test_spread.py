@@ -42,6 +42,7 @@ def test_any_arm_gets_its_cube_into_the_bin(seed: int, backlash_deg: float) -> N
 
 
 @pytest.mark.parametrize(("seed", "jobs"), [(9, 5), (13, 3)])
+@pytest.mark.slow
 def test_at_rest_between_jobs_no_joint_swings_through_its_backlash(seed: int, jobs: int) -> None:
     """A job's first goal is for where the arm is already: it ends no rest, nor what calms it."""
     rig = SimulatedStack(build=Build(1.0, seed)).up()

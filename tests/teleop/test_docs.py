@@ -10,8 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.live.rig import runtime_folder
+from tests.recorder.reading import by_rosbags
 from tests.servoloop.served import eventually
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "teleop.md").read_text()
@@ -44,6 +47,22 @@ def pan(arm: str, folder: Path) -> float:
     return float(json.loads(run(f"servoloop hand ./{arm} look --json", folder).stdout)["shoulder_pan"]["position"])
 
 
+@pytest.fixture(autouse=True)
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with runtime_folder(monkeypatch):
+        yield
+
+
+def look_on(folder: Path) -> None:
+    """Record the teleoperation that runs: both arms are in it, and what goes over both lines."""
+    recorded = run("servoloop record both.mcap --arm so101 --seconds 1", folder)
+    assert recorded.returncode == 0, recorded.stderr
+    found = by_rosbags(folder / "both.mcap")
+    state = found["/joint_states"][-1]
+    assert {"shoulder_pan", "leader/shoulder_pan"} <= set(state.name) and np.isfinite(state.position).all()
+    assert {traffic.header.frame_id for traffic in found["/servoloop/bus_traffic"]} == {"./leader", "./follower"}
+
+
 def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: Path) -> None:
     with started(LEADER, tmp_path, "ready"), started(FOLLOWER, tmp_path, "ready"):
         assert run("servoloop hand ./leader hold", tmp_path).returncode == 0
@@ -51,6 +70,7 @@ def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: 
             assert run(HAND, tmp_path).returncode == 0
             eventually(lambda: pan("follower", tmp_path) > 0.3)
             eventually(lambda: abs(pan("follower", tmp_path) - pan("leader", tmp_path)) < 0.03)
+            look_on(tmp_path)
             teleop.send_signal(signal.SIGINT)
             assert teleop.stdout is not None
             said = teleop.stdout.read()

@@ -31,6 +31,7 @@ def test_the_page_shows_every_file_as_it_is() -> None:
     assert shown == FILES
 
 
+@pytest.mark.slow
 def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> None:
     ran = pytest_in(package)
     assert ran.returncode == 1 and "2 failed, 11 passed" in ran.stdout, ran.stdout
@@ -46,6 +47,7 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=["bus", "ROS"])
+@pytest.mark.slow
 def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
     if "rclpy" in program:
         pytest.importorskip("rclpy")

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from servoloop.live.stream import Received
+from servoloop.live.watched import Watched
 from servoloop.recorder.sampler import CycleSample
-from servoloop.view.watched import Watched
 from tests.recorder.rig import Rig
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from servoloop.live.playback import SPEEDS
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.view.colours import COLD_C, HOT_C
-from servoloop.view.player import SPEEDS
 from tests.recorder.rig import Rig
 from tests.view.view_process import viewing
 

@@ -1,4 +1,4 @@
-"""What the page is told, without a browser: arm, ghost, path and colours, and a stack that ends and comes back."""
+"""What the page is told, without a browser: arm, ghost, path and colours."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,20 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servoloop.live.folder import socket_path
-from servoloop.view import live_source
+from servoloop.live.watched import health
+from servoloop.recorder.link_poses import scene_poses
 from servoloop.view.arm_model import ArmModel
-from servoloop.view.arm_scene import CELL, COMMANDED, MEASURED, PATH
+from servoloop.view.arm_scene import CELL, COMMANDED, MEASURED, PATH, THINGS
 from servoloop.view.colours import HOT_C, TEMPERATURE, colour
-from servoloop.view.live_source import LiveSource
 from servoloop.view.page import Page
 from servoloop.view.server import PageServer
-from servoloop.view.watched import health
-from tests.live.rig import LiveRig, runtime_folder
+from servoloop.view.shapes import thing_shapes
 from tests.recorder.rig import Rig
-from tests.servoloop.served import eventually
 from tests.stack.rig import READY
-from tests.view.rig import watched
+from tests.view.rig import received, watched
 
 HAND = "/base_link/link1/link2/link3/link4/link5/gripper_base_link"
 
@@ -49,6 +46,24 @@ def test_the_arm_stands_where_it_is_measured_and_the_ghost_where_it_is_commanded
         w, *_, z = node(server, root + HAND).wxyz
         assert 2.0 * np.arctan2(z, w) == pytest.approx(angle, abs=1e-6)
     assert node(server, f"{COMMANDED}{HAND}/shape15").opacity < 1.0 and node(server, f"{CELL}/0") is not None
+
+
+def test_the_cube_is_where_the_simulation_says_and_nowhere_where_none_does(server: PageServer) -> None:
+    rig, page = Rig(), Page(server)
+    rig.run(0.2)
+    looked_at = watched(rig)
+    page.show_arm(looked_at)
+    cube = node(server, f"{THINGS}/cube")
+    assert not cube.visible and node(server, f"{THINGS}/bin_A") is None
+    sample = replace(rig.samples[-1], scene=scene_poses(rig.stack.scene))
+    for one in received(rig, [sample]):
+        looked_at.take(one)
+    page.show_arm(looked_at)
+    place, turn = rig.stack.scene()["cube"]
+    assert cube.visible and tuple(cube.position) == pytest.approx(place)
+    assert tuple(cube.wxyz) == pytest.approx((turn[3], *turn[:3]))
+    (shape,) = thing_shapes(rig.stack.files.scene)
+    assert np.ptp(shape.vertices, axis=0) == pytest.approx([0.045] * 3) and shape.rgb[0] > shape.rgb[1]
 
 
 def test_the_path_is_there_while_its_goal_is_under_way(server: PageServer) -> None:
@@ -96,22 +111,3 @@ def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatc
     assert node(server, f"{MEASURED}/base_link/link1/link2/link3") is None
     assert node(server, f"{MEASURED}/base_link/link1/link2/forearm") is not None
     assert node(server, f"{CELL}/0") is None, "nothing is known of what stands around it"
-
-
-def test_a_stack_that_ends_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_source, "AGAIN_S", 0.01)
-    with runtime_folder(monkeypatch):
-        rig = LiveRig()
-        source = LiveSource(None)
-        eventually(lambda: rig.play(0.05) and source.connected)
-        assert source.status == "robot_arm: live"
-        before = source.watched
-        rig.feed.close((), failed=False)
-        eventually(lambda: not source.connected)
-        assert "has ended" in source.status and source.watched is before, "the last state stays"
-        assert not socket_path("robot_arm", 1).exists()
-        again = LiveRig(pid=2)
-        eventually(lambda: again.play(0.05) and source.connected)
-        assert source.watched is not before
-        source.close()
-        again.feed.close((), failed=False)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from servoloop.live.recording import Recording
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.view.player import Player
-from servoloop.view.recording import Recording
 from servoloop.view.server import PageServer
 from sim_backend.clock import SimulatedClock
 from tests.recorder.rig import Rig

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hal.robot_description.description import parse_urdf
-from servoloop.view.strips import STRIPS, axis_range, strip_data
+from servoloop.live.strips import STRIPS, axis_range, strip_data
+from servoloop.live.watched import Watched
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
-from servoloop.view.watched import Watched
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import parse
@@ -77,15 +77,15 @@ def test_what_a_stack_says_is_text_and_no_markup(looked_at: Watched) -> None:
 
 
 def test_a_strip_has_the_last_minute_up_to_now(rig: Rig, looked_at: Watched) -> None:
-    times, position, command = strip_data(looked_at, COLUMNS["position"], 0)
+    times, position, command = strip_data(looked_at.minute(), COLUMNS["position"], 0)
     assert times[-1] == 0.0 and times[0] == pytest.approx(rig.samples[0].state.stamp_s - rig.samples[-1].state.stamp_s)
     assert position[-1] == rig.samples[-1].state.position[0] and command[-1] == pytest.approx(0.2)
-    times, voltage = strip_data(looked_at, COLUMNS["voltage_v"], 0)
+    times, voltage = strip_data(looked_at.minute(), COLUMNS["voltage_v"], 0)
     assert len(times) == len(voltage) >= 4 and (voltage > 11.0).all() and times[0] < times[-1] <= 0.0
 
 
 def test_a_strip_of_nothing_can_be_drawn() -> None:
-    assert [len(data) for data in strip_data(Watched(), ("position", "command"), 0)] == [1, 1, 1]
+    assert [len(data) for data in strip_data(Watched().minute(), ("position", "command"), 0)] == [1, 1, 1]
 
 
 def test_an_axis_holds_all_numbers_and_does_not_follow_noise() -> None:

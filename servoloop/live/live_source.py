@@ -1,22 +1,27 @@
-"""A running stack as the source of a page: it waits for the stack to come back when it has ended."""
+"""A running stack as a source: it waits for the stack to come back when it has ended."""
 
 import threading
 from typing import Final
 
+from drivers.clock import Clock
 from servoloop.live.errors import LiveError
 from servoloop.live.folder import find_stack
 from servoloop.live.stream import MessageStream, open_live
-from servoloop.view.watched import Watched
+from servoloop.live.watched import Watched
 
 AGAIN_S: Final = 1.0
 """So long until it looks again for a stack that has ended."""
+
+SILENT_S: Final = 2.0
+"""A stack that has given no cycle for so long is not called live."""
 
 
 class LiveSource:
     """The newest state of a running stack; its thread reads the stack's feed."""
 
-    def __init__(self, arm: str | None) -> None:
+    def __init__(self, arm: str | None, clock: Clock) -> None:
         """``arm``: its name, None for the only one that runs. Raises LiveError where none runs."""
+        self._clock, self._heard_s = clock, clock.now()
         self._arm = find_stack(arm).arm
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
@@ -27,10 +32,21 @@ class LiveSource:
 
     @property
     def status(self) -> str:
-        """What the page says of it."""
-        if self.connected:
-            return f"{self._arm}: live"
-        return f"{self._arm}: the stack has ended. Waiting for it to come back"
+        """Whether the stack runs, and whether it gives cycles."""
+        if not self.connected:
+            return f"{self._arm}: the stack has ended. Waiting for it to come back"
+        if not self.well:
+            return f"{self._arm}: no cycle for {self._silent_s:.0f} s. The stack is paused, or it hangs"
+        return f"{self._arm}: live"
+
+    @property
+    def well(self) -> bool:
+        """Whether cycles come."""
+        return self.connected and self._silent_s <= SILENT_S
+
+    @property
+    def _silent_s(self) -> float:
+        return self._clock.now() - self._heard_s
 
     def close(self) -> None:
         """End."""
@@ -57,5 +73,6 @@ class LiveSource:
         with stream:
             for received in stream:
                 watched.take(received)
+                self._heard_s = self._clock.now()
                 if not self.connected and watched.state.snapshot.joints:
                     self.watched, self.connected = watched, True

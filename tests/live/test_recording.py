@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from servoloop.live.errors import LiveError
+from servoloop.live.recording import Recording
 from servoloop.recorder.record_option import RecordingError
 from servoloop.recorder.recording_file import RecordingFile
-from servoloop.view.recording import Recording
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hal.types import FloatArray
-from servoloop.live.history import KEPT_S
+from servoloop.live.history import KEPT_S, Curves
 from servoloop.live.robot_state import GoalPath, RobotState, Snapshot
 from servoloop.live.servo_status import servo_status
 from servoloop.live.stream import Received
@@ -22,6 +22,13 @@ class Health(NamedTuple):
     stamp_s: float
     voltage_v: FloatArray
     temperature_c: FloatArray
+
+
+class Minute(NamedTuple):
+    """The last minute: each cycle, and what the servos said of themselves."""
+
+    curves: Curves
+    health: Sequence[Health]
 
 
 class Watched:
@@ -41,9 +48,9 @@ class Watched:
         while now - self._health[0].stamp_s > KEPT_S:
             self._health.popleft()
 
-    def health(self) -> list[Health]:
-        """The last minute, about once a second."""
-        return list(self._health)
+    def minute(self) -> Minute:
+        """The last minute; of the servos' health about once a second."""
+        return Minute(self.state.curves(), list(self._health))
 
     def start(self, goal: GoalPath) -> FloatArray | None:
         """The joints' positions (n,) when a goal began; None where that was not seen."""

@@ -6,9 +6,9 @@ from typing import Final
 
 from servoloop.live.history import KEPT_S
 from servoloop.live.stream import Received, open_recording
+from servoloop.live.watched import Watched
 from servoloop.recorder.reader import STATES
 from servoloop.recorder.record_option import RecordingError
-from servoloop.view.watched import Watched
 
 GOAL: Final = "/goal"
 UNSEEN: Final = ("/servoloop/bus_traffic", "/tf", "/tf_static")

@@ -1,0 +1,95 @@
+"""The gains of a servo's position loop by the names that people use, and what a servo holds of them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+from commissioning.registers.tables import registers_of
+from commissioning.tune.errors import TuneError
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Access, Register, ServoModel
+from hal.compensation.servo_compliance import assumed_settings
+from hal.joint import Joint
+
+LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "P": ("position_p", "position_p_gain", "p_gain"),
+    "I": ("position_i", "position_i_gain", "i_gain"),
+    "D": ("position_d", "position_d_gain", "d_gain"),
+}
+OTHERS: Final = ("cw_dead_zone", "ccw_dead_zone", "minimum_startup_force")
+BOTH: Final[Mapping[str, tuple[str, ...]]] = {"dead_zone": ("cw_dead_zone", "ccw_dead_zone")}
+"""Names for several registers at once."""
+_PAIR: Final = re.compile(r"(\w+)=(\d+)")
+
+
+def gains_of(model: ServoModel) -> dict[str, Register]:
+    """The gains that a servo has, by name; none where its table has none."""
+    table = {register.name: register for register in registers_of(model) if register.access is Access.READ_WRITE}
+    found = {letter: table[name] for letter, names in LETTERS.items() for name in names if name in table}
+    return found | {name: table[name] for name in OTHERS if name in table}
+
+
+def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
+    """Parse ``P=24 D=32``, in one word or several. Raises TuneError with all that is wrong."""
+    known = gains_of(model)
+    if not known:
+        raise TuneError(f"{model.name} has no gains")
+    names = [*known, *(both for both, parts in BOTH.items() if set(parts) <= known.keys())]
+    found: dict[str, int] = {}
+    problems: list[str] = []
+    for word in re.split(r"[\s,]+", " ".join(words).strip()):
+        match = _PAIR.fullmatch(word)
+        name = match[1].upper() if match and match[1].upper() in LETTERS else match[1] if match else ""
+        if match is None or name not in names:
+            problems.append(f"{word or 'nothing'}: a gain is one of {', '.join(names)}, as in P=24")
+            continue
+        found |= dict.fromkeys(BOTH.get(name, (name,)), int(match[2]))
+    problems += [problem for name, value in found.items() if (problem := _misfit(name, known[name], value))]
+    if problems:
+        raise TuneError(f"{model.name}: {'; '.join(problems)}")
+    return found
+
+
+def _misfit(name: str, register: Register, value: int) -> str:
+    smallest = 1 if name == "P" else max(register.smallest, 0)  # without P a servo holds nothing
+    if smallest <= value <= register.largest:
+        return ""
+    return f"{name} takes {smallest} to {register.largest}, not {value}"
+
+
+def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
+    """The gains with which the joint is driven, by name: those that its servo holds. Raises ServoError.
+
+    A P that lives in RAM, and that the robot file names, comes with the torque.
+    """
+    known = gains_of(joint.model)
+    held = {name: retry(partial(bus.read, joint.servo_id, register)) for name, register in known.items()}
+    return held if joint.position_p is None else {**held, "P": joint.position_p}
+
+
+def as_held(bus: Bus, joint: Joint) -> Joint:
+    """The joint with those settings that its servo has, so that setting it up writes none. Raises ServoError."""
+    known = {register.name: register for register in registers_of(joint.model)}
+    names = [*assumed_settings(joint.model), *(one.name for one in gains_of(joint.model).values() if one.persistent)]
+    settings = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in dict.fromkeys(names)}
+    held = replace(joint, settings=tuple(settings.items()))
+    register = series_of(joint.model).position_p
+    if register is None or joint.position_p is not None:
+        return held
+    return replace(held, position_p=retry(partial(bus.read, joint.servo_id, register)))
+
+
+def with_gains(joint: Joint, values: Mapping[str, int]) -> Joint:
+    """The joint as its servo is once it holds these gains."""
+    known = gains_of(joint.model)
+    saved = {known[name].name: value for name, value in values.items() if known[name].persistent}
+    in_ram = series_of(joint.model).position_p is not None and "P" in values
+    return replace(
+        joint,
+        settings=tuple({**dict(joint.settings), **saved}.items()),
+        position_p=values["P"] if in_ram else joint.position_p,
+    )

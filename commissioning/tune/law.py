@@ -1,0 +1,164 @@
+"""The law of a servo's position loop: what other gains would make of what was measured. Predictions, no promises.
+
+At rest the error behind the dead zone makes the drive that load and friction ask for: it goes as 1/P. At constant
+speed the error makes the drive that the motor's back-EMF asks for: so the delay's part of it goes as 1/P too. D acts on
+the error's change alone, so neither depends on it. The overshoot is computed: an STS's loop on one inertia, a
+millisecond at a time; the inertia is chosen so that with the present gains it overshoots as was measured.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign
+from typing import Final
+
+from commissioning.tune.figures import Figures
+from commissioning.tune.gains import with_gains
+from commissioning.tune.plan import Plan
+from drivers.servos import sts
+from hal.compensation.servo_compliance import STS_DRIVE_PER_COUNT, STS_FRICTION_SHARE
+from hal.joint import Joint
+
+TICK_S: Final = 0.001
+D_EVERY_TICKS: Final = 20
+"""So often an STS looks how its error changes; the factory's value of register 81."""
+D_SHARE: Final = 1.0 / 8000.0
+"""Share of full drive a unit of D and count of change."""
+FULL_DRIVE: Final = 0.97
+FRICTION_SHARE: Final = 0.5 * STS_FRICTION_SHARE
+LOOKED_AT_S: Final = 1.0
+"""Behind the beginning of the step."""
+LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
+"""Of inertias, in share of full drive for each count/s²: a bare STS3215 has 7e-6."""
+HALVINGS: Final = 24
+CLEAR_COUNTS: Final = 2.0
+"""An overshoot of so little is the encoder's steps: the inertia may be any smaller one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """The figures that other gains would give, as far as a law is known. rad or m, seconds."""
+
+    sag: float | None
+    rest_error: float | None
+    delay_s: float | None
+    overshoot: float | None
+    """None where the loop's D is not known."""
+    overshoot_at_most: bool = False
+    """It was too small to be measured: the joint may be lighter than reckoned, and overshoot less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """An STS's position loop on one inertia. Counts, seconds, and shares of full drive."""
+
+    position_p: int
+    position_d: int
+    dead_zone: int
+    offset: float
+    """Register 24: the least drive."""
+    no_load_counts_s: float
+    inertia: float
+
+    def overshoot(self, way: float, speed: float) -> float:
+        """How far beyond its goal a step of ``way`` goes, whose set-point turns at ``speed``."""
+        place = rate = setpoint = set_rate = change = then = largest = 0.0
+        per_count, brakes = self.position_p * STS_DRIVE_PER_COUNT, sts.GOAL_ACCELERATION * 100.0
+        for tick in range(round(LOOKED_AT_S / TICK_S)):
+            left = way - setpoint
+            wanted = min(speed, (2.0 * brakes * max(left, 0.0)) ** 0.5)
+            set_rate = min(set_rate + brakes * TICK_S, wanted)
+            setpoint = min(setpoint + set_rate * TICK_S, way)
+            error = setpoint - place
+            behind = max(abs(error) - self.dead_zone, 0.0) * (1.0 if error > 0.0 else -1.0)
+            if tick % D_EVERY_TICKS == 0:
+                change, then = behind - then, behind
+            drive = behind * per_count + change * self.position_d * D_SHARE
+            if drive:
+                drive += self.offset if drive > 0.0 else -self.offset
+            drive = min(max(drive, -FULL_DRIVE), FULL_DRIVE) - rate / self.no_load_counts_s
+            pushed = rate + drive * TICK_S / self.inertia
+            held = FRICTION_SHARE * TICK_S / self.inertia
+            rate = pushed - held if pushed > held else pushed + held if pushed < -held else 0.0
+            place += rate * TICK_S
+            largest = max(largest, place)
+        return max(largest - way, 0.0)
+
+
+def _loop(joint: Joint, inertia: float) -> Loop:
+    held = dict(joint.settings)
+    return Loop(
+        position_p=held["position_p"],
+        position_d=held["position_d"],
+        dead_zone=max(held["cw_dead_zone"], held["ccw_dead_zone"]),
+        offset=held["minimum_startup_force"] * sts.TORQUE_UNIT,
+        no_load_counts_s=joint.model.no_load_speed_rad_s * joint.transmission / abs(joint.units_per_count),
+        inertia=inertia,
+    )
+
+
+class Law:
+    """The law of one joint that was measured with the gains that it holds."""
+
+    def __init__(self, joint: Joint, plan: Plan, measured: Figures) -> None:
+        """``joint`` as ``as_held`` makes it."""
+        self._joint, self._measured = joint, measured
+        self._count = abs(joint.units_per_count)
+        self._way, self._speed = abs(plan.step) / self._count, plan.speed / self._count
+        self._computed = joint.model in sts.MODELS.values() and not dict(joint.settings).get("position_i")
+        self._inertia = self._fitted() if self._computed else 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether anything can be said: the maker publishes the scale of P."""
+        return self._joint.compliance is not None
+
+    @property
+    def weighed(self) -> bool:
+        """Whether the joint overshoots by enough to tell its inertia."""
+        return self._measured.overshoot > CLEAR_COUNTS * self._count
+
+    def predict(self, values: Mapping[str, int]) -> Predicted:
+        """What these gains would give; those that are not named stay."""
+        now, then = self._joint, with_gains(self._joint, values)
+        before, after = now.compliance, then.compliance
+        if before is None or after is None:
+            return Predicted(None, None, None, None)
+
+        def at_rest(error: float) -> float:
+            driven = max(abs(error) - _dead(now), 0.0) * before.stiffness + _least(now)
+            left = _dead(then) + max(driven - _least(then), 0.0) / after.stiffness
+            return copysign(left if abs(error) > _dead(now) else min(left, abs(error)), error)
+
+        return Predicted(
+            sag=at_rest(self._measured.sag),
+            rest_error=at_rest(self._measured.rest_error),
+            delay_s=max(self._measured.delay_s + after.lag_s - before.lag_s, 0.0),
+            overshoot=self._overshoot(then),
+            overshoot_at_most=self._computed and not self.weighed,
+        )
+
+    def _overshoot(self, then: Joint) -> float | None:
+        if not self._computed or dict(then.settings).get("position_i"):
+            return None
+        return _loop(then, self._inertia).overshoot(self._way, self._speed) * self._count
+
+    def _fitted(self) -> float:
+        """The inertia with which the present gains overshoot as was measured."""
+        wanted = max(self._measured.overshoot / self._count, CLEAR_COUNTS)
+        low, high = LIGHTEST, HEAVIEST
+        for _ in range(HALVINGS):
+            middle = (low * high) ** 0.5
+            above = _loop(self._joint, middle).overshoot(self._way, self._speed) > wanted
+            low, high = (low, middle) if above else (middle, high)
+        return low
+
+
+def _dead(joint: Joint) -> float:
+    """The dead zone that is taken off the error, in the joint's units."""
+    held = dict(joint.settings)
+    return max(held.get("cw_dead_zone", 0), held.get("ccw_dead_zone", 0)) * abs(joint.units_per_count)
+
+
+def _least(joint: Joint) -> float:
+    """The effort of the least drive, which the servo adds to what the error asks for."""
+    return dict(joint.settings).get("minimum_startup_force", 0) * sts.TORQUE_UNIT * joint.full_effort

@@ -1,0 +1,126 @@
+"""A recording of a stack that runs already: what its live feed has, in a file as ``--record`` makes it."""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+from mcap.records import Channel, Message, Schema
+
+from servoloop.live.robot_state import GOAL, RESULT
+from servoloop.live.stream import MessageStream
+from servoloop.recorder.mcap_file import McapFile
+from servoloop.recorder.reader import STATES
+from servoloop.recorder.record_option import RecordingError
+from servoloop.recorder.recorder import FLUSH_S
+
+LOOK_S: Final = 0.1
+"""So often the end is asked for."""
+Encoded = tuple[Schema, Channel, Message]
+
+
+@dataclass(slots=True)
+class RecordedCycles:
+    """What a recording has of a run."""
+
+    cycles: int = 0
+    length_s: float = 0.0
+    """From its first cycle to its last."""
+    lost_cycles: int = 0
+    """Cycles between them that are missing: this program was too slow to take them."""
+    stack_ended: bool = False
+
+
+def record(stream: MessageStream, path: Path, seconds: float | None, stop: Callable[[], bool]) -> RecordedCycles:
+    """Record into the new file ``path`` until ``stop`` says so, the stack ends, or it has so many seconds of its time.
+
+    A stack without a single cycle leaves no file. Raises RecordingError; the file has what came before.
+    """
+    with stream:
+        recording = _LiveRecording(stream, McapFile(path), seconds)
+        recording.run(stop)
+    if not recording.recorded.cycles:
+        path.unlink()
+        raise RecordingError(
+            "not one cycle has come, so there is no recording: is the stack paused, or hangs its port?"
+        )
+    return recording.recorded
+
+
+class _LiveRecording:
+    """A thread takes the messages; the one that calls ``run`` hands them to the system and looks for the end."""
+
+    def __init__(self, stream: MessageStream, file: McapFile, seconds: float | None) -> None:
+        self.recorded = RecordedCycles()
+        self._stream, self._file = stream, file
+        self._longest_ns = None if seconds is None else round(seconds * 1e9)
+        self._begun_ns = 0
+        self._sequence = 0
+        self._stopped = False
+        self._error: RecordingError | None = None
+        self._file_lock = threading.Lock()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Record until the end, and end the file. Raises RecordingError."""
+        thread = threading.Thread(target=self._take_all, name="live feed", daemon=True)
+        thread.start()
+        looks = 0
+        while thread.is_alive() and not stop():
+            thread.join(LOOK_S)
+            looks += 1
+            if looks % round(FLUSH_S / LOOK_S) == 0:
+                with self._file_lock:
+                    self._file.flush()
+        self._stopped = True  # behind a whole cycle,
+        thread.join(FLUSH_S)
+        self._stream.close()  # unless there are no more cycles
+        thread.join()
+        if self._error is not None:
+            raise self._error
+        self._file.close()
+
+    def _take_all(self) -> None:
+        try:
+            for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
+                cycle = list(messages)  # whole when the next one begins
+                with self._file_lock:
+                    if not self._count(cycle):
+                        return
+                    self._write(cycle)
+                if self._stopped:
+                    return
+            self.recorded.stack_ended = not self._stopped
+        except RecordingError as error:
+            self._error = error
+
+    def _count(self, cycle: Sequence[Encoded]) -> bool:
+        """Count a cycle; whether it is still of the recording."""
+        recorded = self.recorded
+        for message in (message for _, channel, message in cycle if channel.topic == STATES):
+            if recorded.cycles == 0:
+                self._begun_ns, self._sequence = message.log_time, message.sequence - 1
+            length_ns = message.log_time - self._begun_ns
+            if self._longest_ns is not None and length_ns > self._longest_ns:
+                return False
+            recorded.lost_cycles += message.sequence - self._sequence - 1
+            self._sequence = message.sequence
+            recorded.cycles += 1
+            recorded.length_s = length_ns * 1e-9
+        return True
+
+    def _write(self, cycle: Sequence[Encoded]) -> None:
+        for schema, channel, message in cycle if self.recorded.cycles > 1 else _without_past_goals(cycle):
+            if not self._file.knows(channel.topic):
+                self._file.add_channel(channel.topic, schema.name, schema.data.decode())
+            self._file.add_message(channel.topic, message.log_time, message.data)
+
+
+def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
+    """The first cycle without the goals that had ended before it, of which the feed tells too."""
+    begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
+    past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
+    ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}
+    over = {name + end for name in ended for end in (GOAL, RESULT)}
+    return [one for one in cycle if one[1].topic not in over or one[2].log_time >= begun_ns]

@@ -1,0 +1,180 @@
+"""How ``tune`` leaves the arm, whatever ends it: its own end, somebody, a servo or a port that is lost, an obstacle."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from commissioning.slow_arm import StoppedError
+from commissioning.tune.errors import TuneError
+from commissioning.tune.run import tune
+from commissioning.tune.tuner import Ending, Tuner
+from drivers.bus.bus import Bus
+from drivers.errors import DriverError
+from drivers.servos import sts, x
+from hal.joint import Joint
+from servoloop.hardware import servo_bus
+from tests.commissioning.patient import Patient
+from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
+
+
+@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+def test_the_arm_is_left_as_the_robot_file_says(ending: Ending) -> None:
+    bench = TuneBench()
+    report = tune(bench.tuner(ending=ending))
+    assert bench.torque == [not ending.relax] * 3
+    if ending.relax:
+        assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
+    else:
+        assert bench.positions[0] == pytest.approx(report.before.plan.start, abs=0.1)
+
+
+def test_an_arm_that_is_to_be_held_is_let_go_for_the_write_alone() -> None:
+    bench = TuneBench({sts.position_p: 16})
+    tune(bench.tuner(ending=HELD), write={"P": 24})
+    assert bench.torque == [True] * 3
+
+
+def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
+    bench = TuneBench({sts.torque_enable: 1})
+    held = bench.tuner(ending=Ending(relax=False))
+    assert held.torque_was_on
+    with pytest.raises(TuneError, match="no park pose"):
+        tune(held, write={"P": 24})
+    assert bench.torque == [True] * 3
+
+
+def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
+    bench = TuneBench()
+    report_at_s = bench.clock.now() + 6.0
+    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+        tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
+    assert bench.torque == [False] * 3
+    assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
+
+
+def test_whoever_stops_it_between_has_nothing_written() -> None:
+    bench = TuneBench({sts.position_p: 16})
+    before = bench.saved
+    with pytest.raises(StoppedError, match="nothing was written"):
+        bench.tuner(stopped=lambda: True).write({"P": 24})
+    assert bench.saved == before
+
+
+@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+def test_a_servo_that_fails_is_named_and_the_others_are_left_on_purpose(ending: Ending) -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def silence(data: bytes) -> None:
+        if bench.clock.now() > end_s:
+            bench.line.faults.silence(2)
+
+    bench.before = silence
+    with pytest.raises(DriverError, match=r"servo 2|elbow"):
+        tune(bench.tuner(ending=ending))
+    assert [bench.torque[0], bench.torque[2]] == [not ending.relax] * 2
+
+
+def test_a_port_that_is_pulled_is_said() -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def pull(data: bytes) -> None:
+        if bench.clock.now() > end_s and bench.port is not None:
+            bench.port.unplug()
+
+    bench.before = pull
+    with pytest.raises(StoppedError, match=r"torque may still be on: .*unplugged"):
+        tune(bench.tuner())
+
+
+def test_what_was_written_is_said_where_the_second_measurement_fails() -> None:
+    bench = TuneBench()
+    written = False
+
+    def silence(data: bytes) -> None:
+        nonlocal written
+        written = written or bench.memories[0].get(sts.position_p) == 24
+        if written and all(bench.torque):
+            bench.line.faults.silence(7)
+
+    bench.before = silence
+    with pytest.raises(DriverError) as caught:
+        tune(bench.tuner(), write={"P": 24})
+    assert caught.value.__notes__ == ["written before that: P 32 to 24 (servo 1)"]
+
+
+def test_a_joint_that_cannot_hold_its_load_is_said_and_the_arm_let_go() -> None:
+    bench = TuneBench(load_nm=5.0)
+    with pytest.raises(DriverError, match=r"shoulder.* (stays|protects itself|has let go)"):
+        tune(bench.tuner())
+    assert bench.torque == [False] * 3
+
+
+def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
+    bench = TuneBench()
+    wall = bench.plant.joints.position[0] + 0.38
+    fastest_there = 0.0
+
+    def stand_in_the_way(data: bytes) -> None:
+        nonlocal fastest_there
+        if bench.plant.joints.position[0] > wall:
+            fastest_there = max(fastest_there, float(bench.plant.joints.velocity[0]))
+            bench.plant.joints.position[0], bench.plant.joints.velocity[0] = wall, 0.0
+
+    bench.before = stand_in_the_way
+    with pytest.raises(TuneError, match=r"shoulder \(servo 1\) was to move by \+0\.150 and moved by \+0\.0"):
+        tune(bench.tuner())
+    assert 0.0 < fastest_there < 0.6
+    assert bench.torque == [False] * 3
+
+
+def test_a_joint_that_is_not_there_and_a_servo_that_does_not_answer_are_named() -> None:
+    bench = TuneBench()
+    with pytest.raises(TuneError, match="no joint wrist, but shoulder, elbow, finger"):
+        bench.tuner("wrist")
+    bench.line.faults.silence(2)
+    with pytest.raises(TuneError, match="elbow: servo 2"):
+        bench.tuner()
+
+
+def test_a_defect_in_the_middle_lets_the_arm_down() -> None:
+    bench = TuneBench()
+    end_s = bench.clock.now() + 5.0
+
+    def fail(data: bytes) -> None:
+        if bench.clock.now() > end_s:
+            bench.before = lambda data: None
+            raise ZeroDivisionError
+
+    bench.before = fail
+    with pytest.raises(ZeroDivisionError):
+        tune(bench.tuner())
+    assert bench.torque == [False] * 3
+
+
+def test_an_arm_on_two_buses_is_held_and_let_go_on_both() -> None:
+    patient = Patient("robot_arm_two_buses.yaml")
+    file = patient.robot.file
+    seen: list[list[bool]] = []
+
+    def opened(joints: Sequence[Joint]) -> dict[str, Bus]:
+        return {
+            name: servo_bus(file, patient.open(f"x-{name}", line.baud), patient.clock, name)
+            for name, line in file.lines().items()
+        }
+
+    def driven() -> list[bool]:
+        arm, hand = (patient.lines[name].servos for name in ("arm", "hand"))
+        return [
+            *(one.memory.get(sts.torque_enable) == 1 for one in arm),
+            *(one.memory.get(x.torque_enable) == 1 for one in hand),
+        ]
+
+    def never() -> bool:
+        seen.append(driven())
+        return False
+
+    tune(Tuner(patient.robot.joints, "hand_right_joint", opened, patient.clock, Ending(relax=True), never))
+    assert len(seen) > 100 and all(map(all, seen))
+    assert not any(driven())

@@ -1,0 +1,133 @@
+"""``servoloop tune`` as users type it, on an arm on simulated time: the commands and the figures of docs/tune.md."""
+
+import json
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from commissioning.tune import law, plan, propose, trial
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.servos import sts
+from hal.robot_file.robot_file import RobotFile
+from servoloop.hardware import servo_bus
+from tests.commissioning.patient import Patient
+from tests.commissioning.served import run
+
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT = (DOCS / "tune.md").read_text()
+REAL, VIRTUAL, PICTURE = (block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL))
+LIFT = 2
+"""The servo of shoulder_lift."""
+
+
+@pytest.fixture
+def arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Patient:
+    """An SO-101 on simulated time behind every port; the working folder is a new one."""
+    patient = Patient("so101")
+
+    def opened(file: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, Bus]:
+        return {name: servo_bus(file, patient.open(device, 1_000_000), clock, name) for name, device in devices.items()}
+
+    monkeypatch.setattr("servoloop.hardware.open_buses", opened)
+    monkeypatch.setattr("drivers.clock.MonotonicClock", lambda: patient.clock)
+    monkeypatch.chdir(tmp_path)
+    return patient
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, command: str, answer: str = "") -> int:
+    return run(monkeypatch, *shlex.split(command)[1:], answer=answer)
+
+
+def torque(arm: Patient) -> list[int]:
+    return [servo.memory.get(sts.torque_enable) for servo in arm.line.servos]
+
+
+def test_the_first_command_asks_measures_and_writes_nothing(
+    arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = [servo.memory.read(4, 36) for servo in arm.line.servos]
+    assert typed(monkeypatch, REAL[0], answer="n\n") == 1
+    assert not any(torque(arm)) and not list(Path("out/tune").iterdir())
+    assert typed(monkeypatch, REAL[0], answer="y\n") == 0
+    said = capsys.readouterr()
+    assert "shoulder_lift (servo 2) will move under torque" in said.err
+    assert "In the end the arm goes to its park pose and is let go." in said.err
+    assert "overshoot" in said.out and "P 32" in said.out and "the picture: out/tune/shoulder_lift.svg" in said.out
+    assert [servo.memory.read(4, 36) for servo in arm.line.servos] == before
+    assert not any(torque(arm))
+    assert ElementTree.parse("out/tune/shoulder_lift.svg").getroot().tag.endswith("svg")
+
+
+def test_gains_are_written_and_both_measurements_stand_side_by_side(
+    arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert typed(monkeypatch, REAL[1], answer="y\n") == 0
+    said = capsys.readouterr()
+    assert "P=24 D=32 will be written to servo 2 when it has been measured: the arm is let go for that" in said.err
+    words = " ".join(said.out.split())
+    assert "servo 2: P (position_p) was 32, is 24" in words
+    assert "under joints, shoulder_lift: settings: {position_p: 24}" in words
+    assert "predicted for" in words
+    assert arm.line.servo(LIFT).memory.get(sts.lock) == 1
+    picture = Path("out/tune/shoulder_lift.svg").read_text()
+    assert "P 32, D 32, I 0" in picture and "P 24, D 32, I 0" in picture
+
+
+def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
+    arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last of the commands; a wide dead zone is something to propose whatever the joint carries."""
+    arm.put(LIFT, sts.cw_dead_zone, 6)
+    assert typed(monkeypatch, VIRTUAL[2]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["proposal"]["values"]["cw_dead_zone"] == 1
+    assert {"gain": "cw_dead_zone", "register": "cw_dead_zone", "old": 6, "new": 1} in told["written"]
+    assert told["after"]["gains"]["cw_dead_zone"] == 1 and told["unit"] == "rad"
+    assert told["after"]["figures"]["delay_s"] > 0.0
+    assert told["robot_file"]["settings"]["cw_dead_zone"] == 1
+    assert arm.line.servo(LIFT).memory.get(sts.cw_dead_zone) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist, but shoulder_pan"),
+        (
+            "tune shoulder_lift P=24 --arm so101 --port ./bus --yes",
+            "gains are written where --write says so: --write P=24",
+        ),
+        ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
+        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P takes 1 to 255, not 999"),
+        ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot go to 3.000"),
+        ("tune shoulder_lift --arm so101 --port virtual --yes", "servoloop emulate"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_anything_moves(
+    words: str, says: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, *shlex.split(words)) == 1
+    assert says in capsys.readouterr().err
+    assert not any(torque(arm))
+
+
+def test_the_figures_of_the_page_are_those_of_the_code() -> None:
+    assert f"goes {plan.LIFT_RAD} rad towards the middle" in TEXT and f"slowly {plan.STEP_RAD} rad\n" in TEXT
+    assert f"rests {trial.REST_S} s each time" in TEXT and f"less than\n{plan.LEAST_RAD} rad" in TEXT
+    assert f"above {propose.ALLOWED_REST_COUNTS:.0f} counts" in TEXT
+    assert f"above {propose.ALLOWED_OVERSHOOT:.0%} of the step".replace("%", " %") in TEXT
+    assert propose.MOST_D_TO_P == 2.0 and "at most twice P" in TEXT
+    assert propose.CALMER == 0.75 and f"not below {propose.LEAST_P}" in TEXT
+    assert f"above the factory's {propose.FACTORY_P}" in TEXT
+    assert f"stays {trial.BEHIND_RAD} rad behind" in TEXT
+    assert law.CLEAR_COUNTS == 2.0
+
+
+def test_the_picture_is_there_and_how_it_is_made() -> None:
+    program, script, picture = shlex.split(PICTURE[0])
+    assert program == "python" and (DOCS.parent / script).is_file()
+    assert "P 16" in (DOCS.parent / picture).read_text()

@@ -1,0 +1,53 @@
+"""The monitor's screen without a terminal, and what a user reads there."""
+
+import asyncio
+import html
+import re
+from collections.abc import Awaitable, Callable
+
+from textual.pilot import Pilot
+
+from servoloop.live.source import Source
+from servoloop.live.watched import Watched
+from servoloop.monitor.app import MonitorApp
+
+SIZE = (140, 44)
+
+
+class Looked:
+    """A source that shows always the same."""
+
+    status, well = "robot_arm: live", True
+
+    def __init__(self, watched: Watched) -> None:
+        self.watched = watched
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def on_screen(
+    source: Source,
+    look: Callable[[MonitorApp, Pilot[None]], Awaitable[None]],
+    size: tuple[int, int] = SIZE,
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Show a source, and look at it; an error of the screen is raised."""
+    app = MonitorApp(source, stop)
+
+    async def run() -> None:
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await pilot.pause()
+            await look(app, pilot)
+
+    asyncio.run(run())
+
+
+def words(app: MonitorApp) -> str:
+    """All that is to be read, line by line."""
+    texts = re.findall(r"<text[^>]* y=\"([\d.]+)\"[^>]*>([^<]*)</text>", app.export_screenshot(simplify=True))
+    lines: dict[str, str] = {}
+    for y, text in texts:
+        lines[y] = lines.get(y, "") + html.unescape(text).rstrip("\n")
+    return "\n".join(lines.values()).replace("\u00a0", " ")

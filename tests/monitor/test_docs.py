@@ -1,0 +1,87 @@
+"""docs/monitor.md: its commands; tests/ros/test_looking_on.py runs the first of them, of a running stack."""
+
+import re
+import shlex
+import signal
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from servoloop.live.playback import SPEEDS
+from servoloop.live.strips import STRIPS
+from servoloop.monitor.app import AT_FIRST, KEYS
+from servoloop.recorder.recording_file import RecordingFile
+from tests.complaint import complaint
+from tests.monitor.terminal import in_terminal
+from tests.recorder.rig import Rig
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+TEXT = (DOCS / "monitor.md").read_text()
+LIVE, PLAYED, PICTURE = (
+    line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()
+)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """``job.mcap`` in a folder."""
+    rig, path = Rig(), tmp_path / "job.mcap"
+    rig.run(0.5)
+    file = RecordingFile(path, rig.messages)
+    for sample in rig.samples:
+        file.write(sample)
+    file.close()
+    return path
+
+
+@pytest.mark.parametrize("end", ["q", "ctrl+c", "SIGTERM"])
+def test_a_recording_is_played_in_a_terminal_which_is_as_before_in_the_end(recording: Path, end: str) -> None:
+    program, *arguments = shlex.split(PLAYED)
+    assert program == "servoloop"
+    with in_terminal(*arguments, folder=recording.parent) as terminal:
+        terminal.wait_for("recording: job.mcap", "hand_right_joint", "12.0 V")
+        if end == "SIGTERM":
+            terminal.process.send_signal(signal.SIGTERM)
+        else:
+            terminal.press(b"q" if end == "q" else b"\x03")
+        assert terminal.process.wait(30.0) == 0
+        assert terminal.restored
+
+
+def test_the_keys_and_figures_are_those_of_the_code() -> None:
+    rows = dict(re.findall(r"^\| `(.)` \| (\w+)", TEXT, re.MULTILINE))
+    assert {key: rows[key] for key in KEYS} == KEYS
+    assert len(KEYS) == len(STRIPS) and all(
+        name in strip.title for name, strip in zip(KEYS.values(), STRIPS, strict=True)
+    )
+    first = [KEYS[key] for key in AT_FIRST]
+    assert f"{', '.join(first[:-1])} and {first[-1]} are drawn at first" in " ".join(TEXT.split())
+    assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT
+
+
+def test_the_first_command_is_the_one_of_the_test_with_a_stack_and_the_picture_is_there() -> None:
+    assert shlex.split(LIVE) == ["servoloop", "monitor"]
+    program, script, picture = shlex.split(PICTURE)
+    assert program == "python" and (DOCS.parent / script).is_file()
+    assert "joint6" in "".join(ElementTree.parse(DOCS.parent / picture).getroot().itertext())
+
+
+def test_without_a_terminal_it_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
+) -> None:
+    assert "has none here: run it in one" in complaint(capsys, monkeypatch, "monitor", str(recording))
+
+
+def test_without_textual_it_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install 'servoloop[monitor]'" in complaint(capsys, monkeypatch, "monitor")
+
+
+def test_an_arm_is_not_chosen_of_a_recording(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
+) -> None:
+    said = complaint(capsys, monkeypatch, "monitor", str(recording), "--arm", "so101")
+    assert "give one of them" in said

@@ -1,0 +1,55 @@
+"""The picture of docs/monitor.md: simulated jobs as `servoloop monitor` shows them.
+
+Example: `python tools/monitor_picture.py docs/monitor.svg`
+"""
+
+import asyncio
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from drivers.clock import MonotonicClock
+from nodes.pick_place.settings import Settings
+from servoloop.files import read_files
+from servoloop.live.playback import Playback
+from servoloop.live.recording import Recording
+from servoloop.monitor.app import MonitorApp
+from servoloop.recorder.reader import read_recording
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.simulate import simulate
+from sim_backend.faults.text import parse
+
+COLUMNS, LINES = 130, 44
+JOBS = ("A", "B", "C")
+FAULT = parse("silent id=5 at=20s for=0.2s")
+JOINT = "1"
+
+
+def main(picture: Path) -> None:
+    """Record the jobs, show the moment of the last one in which the arm turns fastest, and write it as SVG."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "job.mcap"
+        simulate(read_files(), Settings(), Schedule(job=JOBS, faults=(FAULT,)), path)
+        run, recording = read_recording(path), Recording(path)
+    playback = Playback(recording, MonotonicClock())
+    playback.toggle()
+    last = len(run.time_s) * (len(JOBS) - 1) // len(JOBS)
+    playback.seek(float(run.time_s[last + int(np.abs(run.velocity[last:, 0]).argmax())]))
+    picture.write_text(asyncio.run(screen(playback)))
+
+
+async def screen(playback: Playback) -> str:
+    """The screen as SVG, which asks for no fonts of other machines."""
+    app = MonitorApp(playback)
+    async with app.run_test(size=(COLUMNS, LINES)) as pilot:
+        await pilot.press(JOINT)
+        await pilot.pause()
+        drawn = app.export_screenshot(simplify=True)
+    return re.sub(r"@font-face \{.*?\}", "", drawn, flags=re.DOTALL)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
