@@ -51,12 +51,15 @@ VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Without hardware": (emulate, hand, fault, simulate, campaign),
 }
 """The verbs, by the panel of ``servoloop --help`` in which they stand."""
+NEGATIVE_NUMBERS = (hand,)
+"""The verbs whose arguments may be negative numbers: those look like options."""
 INTERRUPTED = 130
 """The exit status that a shell gives a program that Ctrl-C has ended."""
 
 for panel, verbs in VERBS.items():
     for verb in verbs:
-        app.command(rich_help_panel=panel)(verb)
+        settings = {"ignore_unknown_options": verb in NEGATIVE_NUMBERS}
+        app.command(rich_help_panel=panel, context_settings=settings)(verb)
 for group, name in (
     (arms, "arms"),
     (bench, "bench"),

@@ -3,7 +3,6 @@
 import json
 import os
 import pty
-import re
 import shlex
 import signal
 import subprocess
@@ -21,12 +20,13 @@ from servoloop.handling.live_robot import LiveRobot
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.teach.play import APPROACH
 from servoloop.teach.record import HANDS_S
+from tests.pages import DOCS, blocks
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
 from tests.teleop.test_docs import run, started
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "teach.md").read_text()
-REAL, VIRTUAL, REPLAY = (block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL))
+TEXT = (DOCS / "teach.md").read_text()
+REAL, VIRTUAL, REPLAY = (block.commands for block in blocks("teach.md"))
 EMULATE, RECORD, BEND, TURN, RELEASE, PLAY = VIRTUAL
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
@@ -86,6 +86,7 @@ def place(joint: str, folder: Path) -> float:
     return float(json.loads(run("servoloop hand ./bus look --json", folder).stdout)[joint]["position"])
 
 
+@pytest.mark.runs(*REAL, *VIRTUAL)
 def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folder: Path) -> None:
     with started(of_mine(EMULATE), folder, "ready"):
         with typing(of_mine(RECORD), folder) as record:
@@ -135,6 +136,7 @@ def test_ctrl_c_keeps_what_was_shown_and_the_arm_holds_itself(folder: Path) -> N
         assert abs(place("elbow_flex", folder) - 1.2) < 0.1
 
 
+@pytest.mark.runs(REPLAY[0])
 def test_a_recording_goes_onto_the_virtual_arm(tmp_path: Path) -> None:
     rig = Rig((0.0, 0.0, -0.6, -0.8, -0.95, -1.68))
     file = RecordingFile(tmp_path / "run.mcap", rig.messages)

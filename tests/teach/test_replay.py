@@ -105,6 +105,7 @@ def test_a_recording_without_a_movement_or_without_a_run_is_refused(tmp_path: Pa
         recorded_motion(tmp_path / "none.mcap", NAMES, LIMITS)
 
 
+@pytest.mark.runs("servoloop replay run.mcap")
 def test_without_a_port_the_recording_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Any] = []
     monkeypatch.setattr(verb, "view", lambda recording, **options: shown.append((recording, options["arm"])))
