@@ -28,7 +28,7 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.
 
 
 @contextmanager
-def interruptible(closed: str = "interrupted, and the port closed") -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out, and torque taken back.
 
     Raises Interrupted then, with what may be left behind.
@@ -38,7 +38,7 @@ def interruptible(closed: str = "interrupted, and the port closed") -> Iterator[
         yield
     except KeyboardInterrupt as error:
         left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
-        raise Interrupted(closed + left) from None
+        raise Interrupted(f"interrupted, and the port closed{left}") from None
     finally:
         signal.signal(signal.SIGTERM, former)
 
