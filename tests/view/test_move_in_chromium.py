@@ -114,7 +114,6 @@ def check_held_and_let_go(shown: OpenPage, robot: LiveRobot) -> None:
     resting(robot)
     hold(shown, BACK, moved(robot, by=-0.05))
     shown.page.mouse.move(550, 400)
-    until(moved(robot, by=-0.02))
     shown.page.mouse.up()
     resting(robot)
 
