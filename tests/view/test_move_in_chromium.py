@@ -1,5 +1,7 @@
 """Buttons of the page in a browser, of a stack as a user starts it: one that is held moves the arm, until it is not."""
 
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -135,11 +137,20 @@ def check_page_that_is_left(shown: OpenPage, robot: LiveRobot) -> None:
     resting(robot)
     shown.page.mouse.up()
     hold(shown, ON, moved(robot))
-    session = shown.page.context.new_cdp_session(shown.page)
-    session.send("Page.setWebLifecycleState", {"state": "frozen"})
+    browser = shown.page.context.browser
+    assert browser is not None
+    processes = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
+    renderers = [one["id"] for one in processes if one["type"] == "renderer"]
+    assert renderers
+    signal_all(renderers, signal.SIGSTOP)
     resting(robot)
-    session.send("Page.setWebLifecycleState", {"state": "active"})
+    signal_all(renderers, signal.SIGCONT)
     shown.page.mouse.up()
+
+
+def signal_all(pids: list[int], number: int) -> None:
+    for pid in pids:
+        os.kill(pid, number)
 
 
 def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
