@@ -1,5 +1,5 @@
 # `make demo` or `make test` is all a newcomer needs: each sets everything up first.
-.PHONY: help setup demo test test-slow test-all soak mutants check lint format lock clean
+.PHONY: help setup demo test test-slow test-all soak docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -25,6 +25,7 @@ help:
 	@echo 'make test-all  the slow ones too; make test-slow: only those'
 	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
+	@echo 'make docs    the documentation site from docs/ into build/site'
 	@echo 'make check   set-up, then lint, types, import direction and all tests: what CI runs'
 	@echo 'make lint    lint, types and import direction only'
 	@echo 'make format  format the code'
@@ -54,6 +55,10 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: setup
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo 'The site is built: build/site/index.html. With a search: $(BIN)/python -m http.server -d build/site'
 
 mutants: setup
 	$(BIN)/python tools/mutants.py $(AREAS)

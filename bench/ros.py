@@ -18,32 +18,26 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import psutil
 from control_msgs.action import FollowJointTrajectory
-from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.task import Future
 from rich.console import Console
 from rich.table import Table
-from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectoryPoint
 
+from nodes import timing_client
 from nodes.client_node import client_node
+from nodes.timing_client import Promptness, TimingClient
 from servoloop.processes import end, end_with_parent
 from servoloop.realtime import claim_realtime_priority
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]
 HERE = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 THERE = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
-PERIOD_S = 0.05
-PATIENCE_S = 30.0
+PATIENCE_S = timing_client.PATIENCE_S
 SETTLE_S = 2.0
-MOVED_RAD = 1e-6
 UPSTREAM = {
     "CPU, % of a core": "1.2",
     "memory, MB": "57",
@@ -55,82 +49,17 @@ UPSTREAM = {
 
 
 @dataclass(slots=True)
-class Figures:
+class Figures(Promptness):
     """All measured figures; seconds, but for ``cpu_share`` (of a core) and ``memory_mb``."""
 
     cpu_share: float = 0.0
     busy_cpu_share: float = 0.0
     memory_mb: float = 0.0
-    answers_s: list[float] = field(default_factory=list)
-    cancels_s: list[float] = field(default_factory=list)
-    motions_s: list[float] = field(default_factory=list)
-    stamps_s: list[float] = field(default_factory=list)
-    goals: int = 0
-    failed: int = 0
 
 
 def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """A goal of one point (rad), as most clients send it."""
-    goal = FollowJointTrajectory.Goal()
-    goal.trajectory.joint_names = JOINTS
-    point = JointTrajectoryPoint(positions=list(position))
-    point.time_from_start.sec, point.time_from_start.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
-    goal.trajectory.points = [point]
-    return goal
-
-
-class Client:
-    """A client of the arm, which also listens to /joint_states."""
-
-    def __init__(self, node: Node, executor: SingleThreadedExecutor, figures: Figures) -> None:
-        self._executor = executor
-        self._figures = figures
-        self._arm = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
-        self._position: list[float] = []
-        self._waiting_since_s: float | None = None
-        self._start: list[float] = []
-        self.recording = False
-        node.create_subscription(JointState, "/joint_states", self._on_state, 100)
-        assert self._arm.wait_for_server(PATIENCE_S)
-
-    def spin(self, seconds: float) -> None:
-        """Serve callbacks for so long."""
-        end_s = time.perf_counter() + seconds
-        while (left_s := end_s - time.perf_counter()) > 0.0:
-            self._executor.spin_once(timeout_sec=left_s)
-
-    def go(self, position: Sequence[float], seconds: float, cancel_after_s: float | None) -> None:
-        """Send one goal and wait for its end; it is cancelled on its way where ``cancel_after_s`` says so."""
-        goal = goal_to(position, seconds)
-        self.spin(random.uniform(0.0, PERIOD_S))  # at any point of the cycle
-        sent_s = self._waiting_since_s = time.perf_counter()
-        self._start = self._position
-        handle = self._wait(self._arm.send_goal_async(goal))
-        self._figures.answers_s.append(time.perf_counter() - sent_s)
-        self._figures.goals += 1
-        result = handle.get_result_async()
-        if cancel_after_s is not None:
-            self.spin(cancel_after_s)
-            asked_s = time.perf_counter()
-            self._wait(handle.cancel_goal_async())
-            self._figures.cancels_s.append(time.perf_counter() - asked_s)
-        wanted = 0 if handle.accepted else -1
-        self._figures.failed += self._wait(result).result.error_code != wanted
-        self._waiting_since_s = None
-
-    def _wait(self, future: Future) -> Any:
-        self._executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
-        assert future.done(), "the stack does not answer"
-        return future.result()
-
-    def _on_state(self, message: JointState) -> None:
-        if self.recording:
-            self._figures.stamps_s.append(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
-        self._position = list(message.position)
-        moved = any(abs(a - b) > MOVED_RAD for a, b in zip(self._start, self._position, strict=False))
-        if moved and self._waiting_since_s is not None:
-            self._figures.motions_s.append(time.perf_counter() - self._waiting_since_s)
-            self._waiting_since_s = None
+    """A goal of one point (rad) for the arm's joints."""
+    return timing_client.goal_to(JOINTS, position, seconds)
 
 
 @contextmanager
@@ -162,7 +91,7 @@ def measure(idle_s: float, goals_s: float) -> Figures:
     """Run all measurements."""
     figures = Figures()
     with stack() as process, client_node("bench_ros") as (node, executor):
-        client = Client(node, executor, figures)
+        client = TimingClient(node, executor, JOINTS, figures)
         client.spin(SETTLE_S)
         figures.cpu_share = _cpu_share(process, lambda: client.spin(idle_s))
         client.recording = True
@@ -178,7 +107,7 @@ def _cpu_share(process: psutil.Process, during: Any) -> float:
     return float(after.user + after.system - before.user - before.system) / (end_s - begin_s)
 
 
-def _goals(client: Client, seconds: float) -> None:
+def _goals(client: TimingClient, seconds: float) -> None:
     end_s = time.perf_counter() + seconds
     count = 0
     while time.perf_counter() < end_s:

@@ -50,6 +50,39 @@ class Figures:
     """By kind: ``silent`` counts every cycle in which a servo was missed, asked or not."""
 
 
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One run as it was measured, s. A cycle goes from one answer of at least one servo to the next."""
+
+    took_s: list[float]
+    """Each such cycle."""
+    all_s: float
+    since_answer_s: float
+    """What came behind the last answer."""
+    cpu_s: float
+    """Of processor time in an exchange."""
+    on_wire_s: float
+    faults: dict[str, int]
+
+    @property
+    def figures(self) -> Figures:
+        """In short."""
+        times_s = sorted(self.took_s) or [self.all_s]
+        count = len(times_s)
+        p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
+        return Figures(
+            hz=round(len(self.took_s) / self.all_s, 2),
+            p50_us=round(p50_s * 1e6, 1),
+            p99_us=round(p99_s * 1e6, 1),
+            max_us=round(max(times_s[-1], self.since_answer_s) * 1e6, 1),
+            cpu_us=round(self.cpu_s * 1e6, 1),
+            wire_us=round(self.on_wire_s * 1e6, 1),
+            ratio=round(p50_s / self.on_wire_s, 4),
+            # A reply that came even later than was waited for takes back a silence of before the run.
+            faults={kind: max(0, number) for kind, number in self.faults.items()},
+        )
+
+
 def parse_ids(text: str) -> list[int]:
     """``1-7`` or ``1,2,5-6`` as a list. Raises DriverError where it is neither."""
     found: list[int] = []
@@ -122,6 +155,11 @@ def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int
 
     Raises DriverError where nobody answers in any of them, nor behind them.
     """
+    return run_cycles(bus, clock, servo_ids, goals, cycles).figures
+
+
+def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Run:
+    """The same, with the time of every cycle."""
     now, first = clock.now, servo_ids[0]
     on_wire_s = wire_s(bus, servo_ids, goals)
     budget_s = BUDGET_S * len(servo_ids) + 2.0 * on_wire_s
@@ -154,31 +192,11 @@ def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int
     faults["silent"] += faults.pop("skipped")
     if not took_s:
         who_answers(bus, servo_ids)
-    return _figures(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
+    return Run(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
 
 
 def _anybody(readings: Mapping[int, Reading]) -> bool:
     return any(isinstance(reading, ServoState) for reading in readings.values())
-
-
-def _figures(
-    took_s: list[float], all_s: float, since_answer_s: float, cpu_s: float, on_wire_s: float, faults: dict[str, int]
-) -> Figures:
-    """``took_s``: from one cycle with an answer to the next; ``since_answer_s``: what came behind the last of them."""
-    times_s = sorted(took_s) or [all_s]
-    count = len(times_s)
-    p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
-    return Figures(
-        hz=round(len(took_s) / all_s, 2),
-        p50_us=round(p50_s * 1e6, 1),
-        p99_us=round(p99_s * 1e6, 1),
-        max_us=round(max(times_s[-1], since_answer_s) * 1e6, 1),
-        cpu_us=round(cpu_s * 1e6, 1),
-        wire_us=round(on_wire_s * 1e6, 1),
-        ratio=round(p50_s / on_wire_s, 4),
-        # A reply that came even later than was waited for takes back a silence of before the run.
-        faults={kind: max(0, number) for kind, number in faults.items()},
-    )
 
 
 def as_json(figures: Figures) -> str:

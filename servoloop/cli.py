@@ -12,7 +12,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError
-from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo
+from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
 from servoloop.verbs.demo import demo
@@ -25,6 +25,7 @@ from servoloop.verbs.pick import pick
 from servoloop.verbs.plot import plot
 from servoloop.verbs.ports import ports
 from servoloop.verbs.record import record
+from servoloop.verbs.replay import replay
 from servoloop.verbs.scan import scan
 from servoloop.verbs.set_up import setup
 from servoloop.verbs.simulate import simulate
@@ -44,18 +45,21 @@ app = typer.Typer(
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
     "Look at it": (view, monitor, record, plot),
-    "Move it by hand": (jog, teleop),
+    "Move it by hand": (jog, teleop, replay),
     "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Without hardware": (emulate, hand, fault, simulate, campaign),
 }
 """The verbs, by the panel of ``servoloop --help`` in which they stand."""
+NEGATIVE_NUMBERS = (hand,)
+"""The verbs whose arguments may be negative numbers: those look like options."""
 INTERRUPTED = 130
 """The exit status that a shell gives a program that Ctrl-C has ended."""
 
 for panel, verbs in VERBS.items():
     for verb in verbs:
-        app.command(rich_help_panel=panel)(verb)
+        settings = {"ignore_unknown_options": verb in NEGATIVE_NUMBERS}
+        app.command(rich_help_panel=panel, context_settings=settings)(verb)
 for group, name in (
     (arms, "arms"),
     (bench, "bench"),
@@ -65,6 +69,7 @@ for group, name in (
     (register, "register"),
 ):
     app.add_typer(group.app, name=name)
+app.add_typer(teach.app, name="teach", rich_help_panel="Move it by hand")
 
 
 def main() -> None:

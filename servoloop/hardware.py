@@ -186,8 +186,8 @@ def _made(
     )
 
 
-def compensation(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
-    """The gravity compensation of a component's joints; None where the robot file does without.
+def compensation(joints: Sequence[Joint], description: Description, guided: bool = False) -> GravityCompensation | None:
+    """The gravity compensation of a component's joints; None where the robot file does without. ``guided``: by a hand.
 
     Joints of whose servos too little is known are named in the log.
     """
@@ -196,7 +196,7 @@ def compensation(joints: Sequence[Joint], description: Description) -> GravityCo
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
         LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
-    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
+    return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
 
 
 def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str, AnyLine]:

@@ -1,7 +1,10 @@
 """The loop thread of ``servoloop up``: the only one that talks to the hardware."""
 
+import gc
 import logging
+import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
@@ -20,6 +23,8 @@ LOG = logging.getLogger("servoloop")
 HANG_S: Final = 30.0
 """The longest step on the way to the end has 10 s: waiting for what is being switched."""
 LEFT: Final = "servos under torque hold their last goal"
+LOOK_S: Final = 0.02
+"""So often a person beside the loop is asked, and shown what happens."""
 
 
 @dataclass(slots=True)
@@ -94,3 +99,20 @@ class LoopThread:
             hurry=lambda: self._told(2),
             settle=self.worker.join,
         )
+
+
+def run_beside(run: LoopThread, look: Callable[[], None]) -> None:
+    """The loop runs in its thread, and this one looks, until the loop has ended or hangs. It ends with this one too."""
+    sys.setswitchinterval(0.0001)  # so long the loop waits at most for this thread to let go
+    gc.collect()
+    gc.freeze()
+    thread = run.start()
+    try:
+        while not (run.done or run.hangs()):
+            look()
+            time.sleep(LOOK_S)
+    finally:
+        run.signals.ask()
+        while thread.is_alive() and not run.hangs():
+            thread.join(0.1)
+        gc.unfreeze()

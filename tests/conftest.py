@@ -1,5 +1,6 @@
 """The same examples in every run, none too slow on a busy machine, and an order that keeps both cores busy."""
 
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.scene.mujoco_hardware import drive
 from sim_backend.wire.bus import VirtualBus
 from tests.distribution import ComputingAside, in_real_time, stand_back
+from tests.marked import remember
+from tests.pages import require_taken
 from tests.ros_domain import ros_domain
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
@@ -59,11 +62,12 @@ def _has_a_word_of(marker: str, path: Path) -> bool:
     return any(word in path.read_text() for word in ONLY[marker])
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Tests in real time come first, then the files that compute long: the short ones are left to even workers out."""
     marked = {(mark.name, item.path) for item in items for mark in item.iter_markers() if mark.name in ONLY}
     if passed_over := [str(path) for marker, path in sorted(marked) if not _has_a_word_of(marker, path)]:
         raise pytest.UsageError(f"marked from elsewhere, so that make test-slow would pass over it: {passed_over}")
+    remember(config, items)
     items.sort(key=lambda item: (not in_real_time(item.nodeid), not item.nodeid.startswith(LONG_FILES)))
     for item in items:
         if in_real_time(item.nodeid):
@@ -74,3 +78,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """A worker that computes stands back behind those whose tests run in real time."""
     if hasattr(item.config, "workerinput") and not in_real_time(item.nodeid):
         stand_back()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
+    """A test that says which code blocks of the documents it runs has taken them from there."""
+    result = yield
+    require_taken(pyfuncitem.iter_markers("runs"))
+    return result

@@ -21,6 +21,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
 from drivers.clock import Clock
+from drivers.errors import DriverError
 from drivers.servos import sts
 from hal.joint import Joint
 from hal.types import JointLimits
@@ -91,10 +92,20 @@ class ByItself:
             offsets = {j.name: retry(partial(bus.read, j.servo_id, sts.homing_offset)) for j in self._joints}
             self._limits_off(bus)
         try:
-            return self._found(here, offsets)
-        finally:
-            with closing(self._open_bus()) as bus:
-                restart(bus, self._joints, self._clock)
+            found = self._found(here, offsets)
+        except BaseException as error:
+            try:
+                self._restart()
+            except DriverError as second:  # what went wrong before it matters more
+                error.add_note(f"the servos' own limits are off until their supply is switched off and on: {second}")
+            raise
+        self._restart()
+        return found
+
+    def _restart(self) -> None:
+        """Have the servos come up with what their EEPROM says."""
+        with closing(self._open_bus()) as bus:
+            restart(bus, self._joints, self._clock)
 
     def _limits_off(self, bus: Bus) -> None:
         for joint in self._joints:

@@ -23,7 +23,7 @@ from hal.robot_file.calibration_file import calibration_path
 
 LIMP = "The arm goes limp now and falls: hold it. Switch its torque off?"
 STORE = "Store this calibration?"
-TRY = "Torque goes on now: hold the arm until it holds itself. Then each joint moves a little, slowly. Try?"
+TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
 LET_GO = "The arm holds itself: let it go"
 HOLD = "The arm goes limp: hold it"
 HANDS_S = 2.0
@@ -90,11 +90,12 @@ def calibrate(
     asker: Asker,
     clock: Clock,
     measure: Measure | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Calibrate the joints of a robot file, all on one bus; by hand unless ``measure`` says otherwise.
 
-    Until the user has said yes nothing is written. Torque is off behind it, whatever happens. Raises
-    CalibrationError, ServoError, PortLost.
+    Until the user has said yes nothing is written. Torque is off behind it, whatever happens; ``stopped`` ends the
+    motion that is tried. Raises CalibrationError, ServoError, PortLost, StoppedError.
     """
     missing = [joint.name for joint in joints if joint.name not in plans]
     if missing:
@@ -114,13 +115,15 @@ def calibrate(
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
-        _try(open_bus, calibrated, asker, clock)
+        _try(open_bus, calibrated, asker, clock, stopped)
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 
-def _try(open_bus: Callable[[], Bus], joints: Sequence[Joint], asker: Asker, clock: Clock) -> None:
+def _try(
+    open_bus: Callable[[], Bus], joints: Sequence[Joint], asker: Asker, clock: Clock, stopped: Callable[[], bool]
+) -> None:
     """Move each joint a little under torque; whoever holds the arm is told when to let go and when to take it again."""
-    with SlowArm(open_bus, joints, clock) as arm:
+    with SlowArm(open_bus, joints, clock, stopped) as arm:
         asker.say(LET_GO)
         arm.rest(HANDS_S)
         check(arm, asker.say)

@@ -10,7 +10,16 @@ from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.servos.series import Read, Series
 
 Kind = Literal[
-    "alarmed", "wrong_mode", "unknown_model", "collision", "bad_line", "late", "no_reads", "other_rate", "absent"
+    "alarmed",
+    "wrong_mode",
+    "unknown_model",
+    "collision",
+    "bad_line",
+    "late",
+    "no_reads",
+    "other_rate",
+    "wrong_model",
+    "absent",
 ]
 BAD_SHARE: Final = 0.5
 """From this share of failed tries on the line is called bad."""

@@ -7,7 +7,7 @@ for servo in report.servos:
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +20,7 @@ from drivers.errors import PortError, PortLost
 from drivers.port import Port
 from drivers.protocol import v1, v2
 from drivers.servos.catalog import Make
+from drivers.servos.register import ServoModel
 
 LIKELY_IDS: Final = tuple(range(21))
 """Pinged one by one at each rate as long as nobody was found: not every servo answers a broadcast."""
@@ -54,14 +55,17 @@ def scan(
     bauds: Iterable[int] = (),
     servo_ids: Collection[int] = (),
     makes: Collection[Make] = (),
+    models: Mapping[int, ServoModel] | None = None,
     progress: Progress = lambda number, count, text, found: None,
 ) -> ScanReport:
     """Look for servos. With ``servo_ids`` for these alone, one by one; ``bauds``, ``makes``: not all that there are.
+    ``models``: which model each ID is to be; those IDs are looked for, if no others are said.
 
     Without ``makes`` it looks for no other wire protocol once somebody has answered: servos of two cannot share a
     line. The port has its former rate afterwards. Raises PortLost once the line is gone.
     """
-    search = _Search(port, clock, tuple(sorted(servo_ids)), bool(makes))
+    wanted = models or {}
+    search = _Search(port, clock, tuple(sorted(servo_ids or wanted)), bool(makes))
     former, todo = port.baud, steps(makes, bauds)
     try:
         for number, step in enumerate(todo):
@@ -71,7 +75,7 @@ def scan(
     finally:
         with contextlib.suppress(PortError):  # gone: whoever uses it next is told
             port.set_baud(former)
-    return search.report()
+    return search.report(wanted)
 
 
 class _Search:
@@ -123,10 +127,12 @@ class _Search:
     def _is_found(self, servo_id: int) -> bool:
         return any(one.servo_id == servo_id for one in self.found)
 
-    def report(self) -> ScanReport:
+    def report(self, wanted: Mapping[int, ServoModel]) -> ScanReport:
         """What was found, with what shows only when all are there."""
         absent = tuple(i for i in self._ids if not self._is_found(i))
-        servos = tuple(_compared(one, self.found) for one in sorted(self.found, key=lambda one: one.servo_id))
+        servos = tuple(
+            _of_the_arm(_compared(one, self.found), wanted) for one in sorted(self.found, key=lambda one: one.servo_id)
+        )
         return ScanReport(
             self._port.name, servos, absent, dict(self._noise), tuple(self._refused), tuple(self._skipped)
         )
@@ -154,3 +160,15 @@ def _compared(servo: ServoLook, servos: Sequence[ServoLook]) -> ServoLook:
         f"servoloop set-baud {servo.servo_id} {usual} brings it there"
     )
     return replace(servo, problems=(*servo.problems, Problem("other_rate", text)))
+
+
+def _of_the_arm(servo: ServoLook, wanted: Mapping[int, ServoModel]) -> ServoLook:
+    """With a problem where it is of another model than the arm has there."""
+    model = wanted.get(servo.servo_id)
+    if model is None or servo.model_number in (None, model.number):
+        return servo
+    text = (
+        f"is a {servo.model or 'servo of an unknown model'} (model number {servo.model_number}), and the arm has a "
+        f"{model.name} ({model.number}) with ID {servo.servo_id}: put that in, or correct model in the robot file"
+    )
+    return replace(servo, problems=(*servo.problems, Problem("wrong_model", text)))

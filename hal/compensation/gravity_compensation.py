@@ -17,6 +17,9 @@ from hal.joint import Joint
 from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
 
+GUIDED_SHARE: Final = 0.75
+"""Of the weight, where a hand moves the joints: servos pull up to 1.7 times what their data sheets say (BAM's
+identification of an STS3215), and an arm that rises by itself is worse than one that leans a little on its gears."""
 FADE_IN_S: Final = 1.0
 """The offsets grow from zero in this time after activation, which itself moves nothing."""
 LARGEST_LOAD: Final = 0.5
@@ -34,15 +37,20 @@ BLOCKED: Final = 2.0
 class GravityCompensation:
     """The offsets of one component's joints; one update a cycle. Arrays (n,), rad or m."""
 
-    def __init__(self, joints: Sequence[Joint], gravity: Gravity | None) -> None:
-        """``gravity`` has the joints in the same order; None: the slow correction alone."""
+    def __init__(self, joints: Sequence[Joint], gravity: Gravity | None, guided: bool = False) -> None:
+        """``gravity`` has the joints in the same order; None: the slow correction alone.
+
+        ``guided``: a hand moves the joints, which has to hold against what is left of the weight. The slow correction
+        would work against the hand, and there is none.
+        """
         known = [joint.compliance if joint.gravity_compensation else None for joint in joints]
         limits = [joint.limits for joint in joints]
         self._joints = tuple(joints)
         self._gravity = gravity
+        self._carried = GUIDED_SHARE if guided else 1.0
         self._softness = np.array([1.0 / one.stiffness if one else 0.0 for one in known])
         self._load = np.array([LARGEST_LOAD * joint.full_effort * joint.torque_limit for joint in joints])
-        self._uncorrected = np.array([one.uncorrected if one else 0.0 for one in known])
+        self._uncorrected = np.array([one.uncorrected if one and not guided else 0.0 for one in known])
         self._dead_band = np.array([one.dead_band if one else math.inf for one in known])
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
         self._limit_cycle = LimitCycle(self._dead_band, np.array([joint.transmission for joint in joints]))
@@ -97,7 +105,8 @@ class GravityCompensation:
     def _sag(self, position: FloatArray) -> FloatArray:
         if self._gravity is None:
             return np.zeros_like(position)
-        sag: FloatArray = np.clip(self._gravity.torques(position), -self._load, self._load) * self._softness
+        sag: FloatArray = np.clip(self._gravity.torques(position), -self._load, self._load)
+        sag *= self._carried * self._softness
         return sag
 
     def _correct(

@@ -90,7 +90,7 @@ def arms(folder: Path = ARMS) -> list[Arm]:
 
 def find_arm(name: str = OWN) -> Arm:
     """The arm of this name, or in the folder of this path. Raises ArmFileError."""
-    for folder in (ARMS / name, Path(name)):
+    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is somebody's own
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))

@@ -1,6 +1,7 @@
 """The demo's cell: emulator, stack and pick-place node, each a process of its own, and the clients that watch them."""
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from servoloop.arms.folder import Arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.demo.jobs import Camera, JobRunner
 from servoloop.demo.live import Live
+from servoloop.live.folder import running_stacks
 from servoloop.ports import device_paths, port_options
 from servoloop.processes import Processes
 from servoloop.signals import Signals
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
 START_S = 60.0
+ADDRESS = re.compile(r"the page is at (\S+)")
+"""What ``servoloop view`` says when it is ready."""
 LEFT = "its processes end by themselves"
 """Behind a second signal: each gets SIGTERM when its parent has ended."""
 
@@ -62,11 +66,11 @@ def environment() -> dict[str, str]:
 
 @contextmanager
 def cell(
-    out: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None = None
+    out: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None = None, view: bool = False
 ) -> Iterator[Cell]:
     """Start the cell; end it behind the block. ``out``: an existing folder for logs and pictures.
 
-    ``record``: a new file, into which the stack records.
+    ``record``: a new file, into which the stack records. ``view``: show the arm in a browser.
 
     Raises DriverError with a process' last words if one of them fails, Interrupted after a signal.
     """
@@ -81,6 +85,8 @@ def cell(
     settings = load_pick_place(arm.pick_place).settings()
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = _start(processes, link, arm, robot, build, live, record)
+        if view:
+            live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
@@ -98,6 +104,20 @@ def _feed(link: Path, processes: Processes) -> WorldFeedClient:
     except OSError as error:
         processes.check()
         raise DriverError(f"the emulator does not show its world at {feed_path(link)}: {error}") from error
+
+
+def _page(processes: Processes, out: Path, stack: int) -> str:
+    """Show the stack's arm in a browser; the page's address, at which it opens by itself where there is a screen."""
+    (arm,) = (running.arm for running in running_stacks() if running.pid == stack)
+    processes.start("view", "servoloop", "view", "--arm", arm)
+    found: list[str] = []
+
+    def shown() -> bool:
+        found[:] = ADDRESS.findall((out / "view.log").read_text())
+        return bool(found)
+
+    processes.wait_until(shown, "opening the page", START_S)
+    return found[0]
 
 
 def _start(

@@ -64,12 +64,14 @@ def demo(
     build: Build,
     live: Live,
     record: Path | None = None,
+    view: bool = False,
 ) -> Report:
     """Run the demo; ``out`` is a folder, ``record`` a new file for the stack's recording.
+    With ``view`` the arm is shown in a browser meanwhile.
 
     Raises DriverError with a process' last words if one of them fails.
     """
-    with cell(out, arm, robot, build, live, record) as ready:
+    with cell(out, arm, robot, build, live, record, view) as ready:
         return _measure([grade for _ in range(repeat) for grade in grades], ready)
 
 

@@ -1,6 +1,6 @@
 """Leader and follower under one loop: both are read in the same cycle."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +12,6 @@ from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
-from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.leader_arm import LEADER, LeaderArm, leader_joint
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
@@ -107,7 +106,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
         raise TeleopError(
             f"{leader.arm} has no {', '.join(missing)}, which {follower.arm} has: a leader has joints of the same names"
         )
-    hands = _hands(follower, follower.description.components)
+    hands = hand_joints(follower)
     made = []
     for joint in follower.robot.joints:
         gain, offset, theirs_too = 1.0, 0.0, theirs[joint.name]
@@ -123,7 +122,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
     return made
 
 
-def _hands(files: Files, components: Sequence[HardwareInfo]) -> set[str]:
+def hand_joints(files: Files) -> set[str]:
     """The joints of controllers that are no arm's: of grippers and forward commands."""
     arm = {
         joint
@@ -131,4 +130,4 @@ def _hands(files: Files, components: Sequence[HardwareInfo]) -> set[str]:
         if spec.kind.endswith("JointTrajectoryController")
         for joint in getattr(spec.parameters, "joints", ())
     }
-    return {joint for component in components for joint in component.joints} - arm
+    return {joint for component in files.description.components for joint in component.joints} - arm

@@ -1,51 +1,30 @@
 """What a person sees while they lead: what the follower does and why, both arms' joints, faults by name."""
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
 import numpy as np
-from rich.console import Console, Group
-from rich.live import Live
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from controller.teleop.leader_follower_controller import Phase
+from servoloop.handling.live_table import LiveTable
 from servoloop.teleop.arms import Teleop
 
 STYLES = {Phase.HOLDING: "yellow", Phase.JOINING: "cyan", Phase.FOLLOWING: "green"}
 
 
-class Screen:
-    """A live table in a terminal; elsewhere a line for each change."""
+class Screen(LiveTable):
+    """Shows both arms."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
-        self._said = ""
-        self.summary = ""
-        """Of the whole, for its end."""
-
-    def __enter__(self) -> Self:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
+    summary = ""
+    """Of the whole, for its end."""
 
     def show(self, both: Teleop) -> None:
         """Show how it stands now."""
         self.summary = f"{both.loop.figures.summary}; {both.latency.summary}"
-        text = said(both)
-        if text != self._said:
-            self._said = text
-            self._console.print(f"[dim]·[/] {text}", highlight=False)
-        if self._live is not None:
-            self._live.update(Group(Text(both.controller.phase, style=STYLES[both.controller.phase]), _table(both)))
+        phase = both.controller.phase
+        self.draw(said(both), lambda: Group(Text(phase, style=STYLES[phase]), _table(both)))
 
 
 def said(both: Teleop) -> str:

@@ -1,7 +1,5 @@
 """One teleoperation from start to end: the loop in its thread, the person at the terminal in this one."""
 
-import gc
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,15 +11,13 @@ from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LEADER
 from servoloop.background_worker import BackgroundWorker
 from servoloop.line_rate import check_rates
-from servoloop.loop_thread import LEFT, LoopThread
+from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
 from servoloop.stack_recording import StackRecording
 from servoloop.teleop.arms import Side, Teleop, build_teleop
 from servoloop.teleop.dead_man import Permission
 
-LOOK_S: Final = 0.02
-"""So often the person is asked and shown what happens."""
 AGAIN_S: Final = 1.0
 """So often a lost leader is looked for."""
 
@@ -61,25 +57,20 @@ def teleop(
 
 def _run(run: LoopThread, both: Teleop, permission: Permission, show: Callable[[Teleop], None]) -> None:
     """The loop runs in its thread until this one says that it is enough."""
-    sys.setswitchinterval(0.0001)  # so long the loop waits at most for this thread to let go
-    gc.collect()
-    gc.freeze()
-    thread = run.start()
     looked_s = 0.0
+
+    def look() -> None:
+        nonlocal looked_s
+        now_s = time.monotonic()
+        both.controller.allowed = permission.allowed(now_s)
+        if permission.ended() or both.lost:
+            run.signals.ask()
+        if both.leader.error is not None and now_s - looked_s > AGAIN_S:
+            looked_s = now_s
+            both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
+        show(both)
+
     try:
-        while not (run.done or run.hangs()):
-            now_s = time.monotonic()
-            both.controller.allowed = permission.allowed(now_s)
-            if permission.ended() or both.lost:
-                run.signals.ask()
-            if both.leader.error is not None and now_s - looked_s > AGAIN_S:
-                looked_s = now_s
-                both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
-            show(both)
-            time.sleep(LOOK_S)
+        run_beside(run, look)
     finally:
         both.controller.allowed = False
-        run.signals.ask()
-        while thread.is_alive() and not run.hangs():
-            thread.join(0.1)
-        gc.unfreeze()

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from servoloop.arms.folder import PATHS, Arm, arms, find_arm
 
-app = typer.Typer(help="The arms that are ready to use.")
+app = typer.Typer()
 
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON instead of words.")]
 

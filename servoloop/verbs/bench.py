@@ -1,13 +1,29 @@
 """``servoloop bench``: measure what is connected."""
 
-from typing import Annotated
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from servoloop.arms.folder import OWN
+from servoloop.verbs.arm_options import ArmOption
+from servoloop.verbs.line import PortsOption, devices_of, interruptible
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servoloop.bench_arm.figures import ArmFigures, Spread
 
 app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 
 LARGEST_BAUD = 12_000_000
 """Of the fastest USB adapters."""
+MOVES = (
+    "Torque goes on, the arm goes from where it lies to its ready pose, each joint turns there by up to 0.3 rad, and "
+    "it comes back and is let go, all with at most a quarter of its speed. See that it has room. Go on?"
+)
 
 
 @app.command()
@@ -34,8 +50,89 @@ def bus(
 
     from servoloop import bench_bus
 
-    figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles, hold=hold)
+    with interruptible():
+        figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles, hold=hold)
     if json:
         typer.echo(bench_bus.as_json(figures))
     else:
         bench_bus.print_table(figures, Console())
+
+
+@app.command()
+def arm(
+    port: PortsOption = None,
+    arm: ArmOption = OWN,
+    out: Annotated[Path, typer.Option(help="The page.")] = Path("out/bench.html"),
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure bus, control loop, ROS surface and motions of an arm on this machine, and draw one page.
+
+    It asks first, for the arm moves: slowly, from where it lies to its ready pose, joint by joint, and back. It is let
+    go there, also after Ctrl-C and after an error; a second Ctrl-C leaves servos under torque where they are. Without
+    ROS its figures are left out.
+    Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
+    """
+    from rich.console import Console
+
+    from commissioning.whole_file import write_whole
+    from drivers.clock import MonotonicClock
+    from drivers.errors import DriverError
+    from servoloop.arms.folder import find_arm, read_arm_files
+    from servoloop.bench_arm.run import bench_arm
+    from servoloop.campaign.report import possible
+    from servoloop.files import make_folder
+    from servoloop.loop_thread import LEFT
+    from servoloop.signals import Signals
+
+    if not possible():
+        raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
+    make_folder(out.parent)
+    found = find_arm(arm)
+    devices = devices_of(port, list(read_arm_files(found).robot.file.lines()))
+    confirm(MOVES, yes)
+    with Signals(LEFT) as signals:
+        measured = bench_arm(
+            found, devices, MonotonicClock(), signals=lambda: signals.count, say=lambda text: typer.echo(text, err=True)
+        )
+    from servoloop.bench_arm.page import page
+
+    write_whole(out, page(measured))
+    if json:
+        print_json({"page": str(out), **asdict(measured.figures)})
+    else:
+        print_figures(measured.figures, Console())
+        typer.echo(f"with pictures: {out}")
+
+
+def print_figures(figures: "ArmFigures", console: "Console") -> None:
+    """For people: times in ms, errors in rad or m."""
+    from rich.table import Table
+
+    table = Table("ms", "p50", "p99", "largest", title=figures.arm)
+    for name, bus in figures.buses.items():
+        times = (bus.p50_us, bus.p99_us, bus.max_us)
+        table.add_row(f"bus {name}".rstrip() + ", a cycle", *(f"{time_us / 1e3:.3f}" for time_us in times))
+    for name, spread in _spreads(figures).items():
+        if spread is not None:
+            table.add_row(name, f"{spread.p50_ms:.3f}", f"{spread.p99_ms:.3f}", f"{spread.largest_ms:.3f}")
+    console.print(table)
+    table = Table("following error", "largest", "RMS while moving", "at rest")
+    for one in figures.motions:
+        table.add_row(one.joint, f"{one.largest:.4f}", f"{one.rms_moving:.4f}", f"{one.at_rest:.4f}")
+    console.print(table)
+    missed = f"{figures.loop.missed} of {figures.loop.cycles} cycles missed"
+    under_ros = f", {figures.ros.loop.missed} of {figures.ros.loop.cycles} under ROS" if figures.ros else ""
+    console.print(missed + under_ros)
+    if figures.without_ros:
+        console.print(f"nothing of ROS: {figures.without_ros}", highlight=False)
+
+
+def _spreads(figures: "ArmFigures") -> "dict[str, Spread | None]":
+    loop, ros = figures.loop, figures.ros
+    found = {"loop, late": loop.late, "loop, busy": loop.took}
+    if ros is not None:
+        found |= {"under ROS, late": ros.loop.late, "under ROS, busy": ros.loop.took}
+        found |= {"goal to answer": ros.goal_to_answer, "goal to first motion": ros.goal_to_motion}
+        found |= {"age of /joint_states": ros.joint_states_age, "their jitter": ros.joint_states_jitter}
+    return found

@@ -7,6 +7,7 @@ import typer
 
 from drivers.errors import DriverError
 from hal.errors import DescriptionError
+from servoloop.verbs.line import PortOption
 from servoloop.verbs.output import JsonOption, YesOption, print_json
 
 if TYPE_CHECKING:
@@ -18,8 +19,8 @@ AUTO = "The arm moves by itself now, slowly, from stop to stop: clear its table,
 
 
 def calibrate(
-    port: Annotated[str, typer.Option(help="Serial device of the servos.")],
     arm: Annotated[str, typer.Option(help="The arm: a name that `servoloop arms` lists, or its folder.")],
+    port: PortOption = None,
     auto: Annotated[
         bool, typer.Option("--auto", help="Nobody moves the arm: it is driven softly to its stops.")
     ] = False,
@@ -32,6 +33,7 @@ def calibrate(
     before you have seen what was found. With --auto somebody still looks on, and says which way each joint moved.
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
+    from commissioning.ports.adapters import only_port
     from servoloop.arms.folder import find_arm, read_arm_files
     from servoloop.signals import Signals
     from servoloop.verbs.terminal import Terminal
@@ -43,7 +45,7 @@ def calibrate(
             f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
         )
     with Signals("servos that were under torque hold") as signals:
-        outcome = _calibrated(found, files, port, Terminal(signals, yes), auto)
+        outcome = _calibrated(found, files, port or only_port(), Terminal(signals, yes), auto)
     if json:
         print_json(_plain(outcome))
     elif outcome.stored:
@@ -69,7 +71,7 @@ def _calibrated(arm: "Arm", files: "Files", port: str, terminal: Any, auto: bool
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("nothing was moved")
     measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
-    return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure)
+    return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
 
 
 def _plain(outcome: "Outcome") -> dict[str, Any]:

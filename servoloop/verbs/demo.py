@@ -11,6 +11,7 @@ from servoloop.files import make_folder
 from servoloop.recorder.record_option import RecordOption, check_path
 from servoloop.ros import require_ros
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
+from servoloop.view.installed import require_view
 
 
 def demo(
@@ -22,6 +23,7 @@ def demo(
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
     record: RecordOption = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser meanwhile.")] = False,
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
@@ -43,10 +45,12 @@ def demo(
     chosen = find_arm(arm)
     check_grades(jobs, chosen)
     require_ros()
+    if view:
+        require_view()
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live, record)
+        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live, record, view)
     reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
     raise typer.Exit(0 if reports.succeeded(report) else 1)

@@ -28,11 +28,24 @@ IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.
 
 
 @contextmanager
-def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """The servo, its port opened for as long as the block lasts.
+def interruptible() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out, and torque taken back.
 
-    SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out.
+    Raises Interrupted then, with what may be left behind.
     """
+    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        raise Interrupted(f"interrupted, and the port closed{left}") from None
+    finally:
+        signal.signal(signal.SIGTERM, former)
+
+
+@contextmanager
+def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
+    """The servo, its port opened for as long as the block lasts; interruptible."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
@@ -40,15 +53,10 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
 
     clock = MonotonicClock()
     line = SerialPort(port or only_port(), baud or 1_000_000, clock)
-    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
+        with interruptible(), find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
             yield servo
-    except KeyboardInterrupt as error:
-        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
-        raise Interrupted(f"interrupted, and the port closed{left}") from None
     finally:
-        signal.signal(signal.SIGTERM, former)
         line.close()
 
 

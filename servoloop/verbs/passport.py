@@ -1,5 +1,6 @@
 """``servoloop passport``: every servo's EEPROM in a file, compared with the servos, and written back."""
 
+import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
@@ -19,12 +20,14 @@ from drivers.clock import MonotonicClock
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.arms.folder import find_arm
-from servoloop.verbs.line import PortOption, adapter_serial, open_line
+from servoloop.verbs.line import PortOption, adapter_serial, interruptible, open_line
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
 
-FileArgument = Annotated[Path, typer.Argument(help="The passport, YAML.")]
+FileArgument = Annotated[
+    Path | None, typer.Argument(help="The passport; without it SERIAL.passport.yaml, of the adapter's serial number.")
+]
 ArmOption = Annotated[str | None, typer.Option("--arm", help="The arm whose servos they are, as in `servoloop arms`.")]
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
 BusOption = Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")]
@@ -33,7 +36,7 @@ USUAL_BAUD = 1_000_000
 
 @app.command()
 def save(
-    file: FileArgument,
+    file: FileArgument = None,
     port: PortOption = None,
     arm: ArmOption = None,
     robot: RobotOption = None,
@@ -45,23 +48,23 @@ def save(
 
     Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
     """
-    said = _robot_file(arm, robot)
+    path, said = _path(file, port), _robot_file(arm, robot)
     joints = said.joints_on(_bus_name(said, bus)) if said else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
     with open_line(port, _baud(said, bus, baud or USUAL_BAUD), models) as line:
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
-    write_passport(file, taken)
+    write_passport(path, taken)
     if json:
-        print_json({"written": str(file), **taken.model_dump()})
+        print_json({"written": str(path), **taken.model_dump()})
     else:
         servos = ", ".join(map(str, taken.servos))
-        typer.echo(f"{file} has servos {servos} of adapter {taken.adapter or 'without serial number'}")
+        typer.echo(f"{path} has servos {servos} of adapter {taken.adapter or 'without serial number'}")
 
 
 @app.command()
 def diff(
-    file: FileArgument,
+    file: FileArgument = None,
     port: PortOption = None,
     arm: ArmOption = None,
     robot: RobotOption = None,
@@ -72,7 +75,7 @@ def diff(
 
     Example: `servoloop passport diff my_arm.passport.yaml`
     """
-    passport = read_passport(file)
+    passport = read_passport(_path(file, port))
     with _line_of(passport, port, _robot_file(arm, robot), bus) as line:
         found, adapter = compare(line, passport), adapter_serial(line.name)
     if json:
@@ -84,7 +87,7 @@ def diff(
 
 @app.command("restore")
 def restore_(
-    file: FileArgument,
+    file: FileArgument = None,
     port: PortOption = None,
     arm: ArmOption = None,
     robot: RobotOption = None,
@@ -105,8 +108,9 @@ def restore_(
         raise PassportError("--to-new needs --id: which servo of the passport the new one is to be")
     if json and not yes:
         raise PassportError("--json cannot ask: say --yes too")
-    passport = read_passport(file)
-    with _line_of(passport, port, _robot_file(arm, robot), bus) as line:
+    passport = read_passport(_path(file, port))
+    with interruptible(), _line_of(passport, port, _robot_file(arm, robot), bus) as line:
+        _say_other_adapter(passport, adapter_serial(line.name))
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
         else:
@@ -131,6 +135,26 @@ def _line_of(
     return open_line(port, _baud(robot, bus, passport.baud), models)
 
 
+def _path(file: Path | None, port: str | None) -> Path:
+    """The passport's file: the one that was named, or that of the adapter."""
+    from commissioning.ports.adapters import only_port
+
+    if file is not None:
+        return file
+    device = port or only_port()
+    serial = adapter_serial(device)
+    if serial is None:
+        raise PassportError(f"{device} has no serial number by which to name its passport: name a file")
+    return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
+
+
+def _say_other_adapter(passport: Passport, adapter: str | None) -> None:
+    """Tell that the passport may be that of another arm; adapters can be exchanged, too."""
+    if passport.adapter != adapter:
+        names = [one or "without serial number" for one in (passport.adapter, adapter)]
+        typer.echo(f"the passport is of adapter {names[0]}, this is {names[1]}", err=True)
+
+
 def _bus_name(robot: RobotFile, bus: str | None) -> str:
     names = list(robot.lines())
     if len(names) > 1 and bus not in names:
@@ -145,8 +169,7 @@ def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
 
 
 def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
-    if passport.adapter != adapter:
-        typer.echo(f"the passport is of adapter {passport.adapter}, this is {adapter}")
+    _say_other_adapter(passport, adapter)
     table = Table("servo", "joint", "register", "passport", "now")
     for one in found.differences:
         joint = passport.servos[one.servo_id].joint or ""

@@ -62,7 +62,7 @@ def read(
         typer.echo(_text(value))
 
 
-@app.command()
+@app.command(context_settings={"ignore_unknown_options": True})  # such as the value -300
 def write(
     name: NameArgument,
     value: Annotated[str, typer.Argument(help="As the servo counts (120), or a quantity with its unit (12.0V).")],

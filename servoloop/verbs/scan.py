@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from commissioning.scan.look import ServoLook
     from commissioning.scan.scan import Progress, ScanReport
     from drivers.servos.catalog import Make
+    from drivers.servos.register import ServoModel
 
 
 class MakeChoice(Enum):
@@ -37,13 +38,16 @@ def scan(
     make: Annotated[
         list[MakeChoice] | None, typer.Option(help="Look for this make to the end; may be given several times.")
     ] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Only this arm's IDs, and whether each is the model that the arm has there.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Look for servos at all rates and of all makes, and say what is wrong with whom.
 
     It only pings and reads: torque and registers stay as they are. Once somebody has answered, servos of the other wire
     protocol are looked for only if --make says so. It ends with 1 where nobody was found or an ID is absent.
-    Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`
+    Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
     from rich.console import Console
 
@@ -54,12 +58,14 @@ def scan(
     from servoloop.bench_bus import parse_ids
 
     servo_ids = parse_ids(ids) if ids else ()
-    makes = [one.make for one in make or ()]
+    makes, models = [one.make for one in make or ()], _models(arm) if arm else None
     clock, device = MonotonicClock(), port or only_port()
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
     try:
         with _bar(Console(stderr=True), quiet=json) as progress:
-            report = search(line, clock, bauds=baud or (), servo_ids=servo_ids, makes=makes, progress=progress)
+            report = search(
+                line, clock, bauds=baud or (), servo_ids=servo_ids, makes=makes, models=models, progress=progress
+            )
     except KeyboardInterrupt:
         raise Interrupted("interrupted: nothing was changed") from None
     finally:
@@ -69,6 +75,18 @@ def scan(
     else:
         print_report(report, Console())
     raise typer.Exit(0 if report.servos and not report.absent else 1)
+
+
+def _models(arm: str) -> "dict[int, ServoModel]":
+    """The arm's servos by ID. Raises DriverError where it has several lines: one is scanned."""
+    from drivers.errors import DriverError
+    from drivers.servos.catalog import MODELS
+    from servoloop.verbs.arm_options import known_arm
+
+    file = known_arm(arm).file
+    if len(file.lines()) > 1:
+        raise DriverError(f"{arm} has several buses, and one port is scanned: name the IDs with --ids")
+    return {joint.servo_id: MODELS[joint.model] for joint in file.joints.values()}
 
 
 @contextmanager

@@ -1,7 +1,5 @@
 """``servoloop setup``: from factory-new servos to those of an arm, one connected after the other."""
 
-import select
-import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,13 +9,12 @@ from servoloop.arms.folder import OWN
 from servoloop.processes import Interrupted
 from servoloop.signals import Signals
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
+from servoloop.verbs.keyboard import Keyboard
 from servoloop.verbs.line import PortOption, open_line
 from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
     from commissioning.set_up.flow import Audit, SetUp, Task
-
-LOOK_S = 0.05
 
 
 def setup(
@@ -57,7 +54,7 @@ class Plugger:
     """The person who plugs servos in. What is for people goes to stderr, so that stdout has the result alone."""
 
     def __init__(self, signals: Signals) -> None:
-        self._signals = signals
+        self._keyboard = Keyboard(signals)
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -68,15 +65,7 @@ class Plugger:
         if task.problem:
             typer.secho(task.problem, fg="yellow", err=True)
         typer.secho(f"{task.text}, then press Enter", bold=True, err=True)
-        while not select.select([sys.stdin], [], [], LOOK_S)[0]:
-            self._go_on()
-        if not sys.stdin.readline():
-            raise Interrupted("the input has ended")
-        self._go_on()
-
-    def _go_on(self) -> None:
-        if self._signals.count:
-            raise Interrupted("interrupted")
+        self._keyboard.next_line()
 
 
 def _run(made: "SetUp") -> "list[Audit]":

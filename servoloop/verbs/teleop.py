@@ -1,21 +1,11 @@
 """``servoloop teleop``: a follower arm goes where a leader arm is moved by hand."""
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.ports import parse_ports
+from servoloop.verbs.by_hand import RATE_HZ, HandsFreeOption, RateOption, permission_of, require_keys, side_of
 from servoloop.verbs.ros_options import log_to_terminal
-
-if TYPE_CHECKING:
-    from servoloop.teleop.arms import Side
-    from servoloop.teleop.dead_man import Permission
-
-SLOWEST_HZ, FASTEST_HZ = 20, 200
 
 
 def teleop(
@@ -25,10 +15,8 @@ def teleop(
         str, typer.Option(help="The leader: a name that `servoloop arms` lists, or its folder.")
     ] = "so101_leader",
     follower_arm: Annotated[str, typer.Option(help="The follower, in the same way.")] = "so101",
-    rate_hz: Annotated[int, typer.Option("--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help="Cycles a second.")] = 50,
-    hands_free: Annotated[
-        bool, typer.Option("--hands-free", help="Follow without a key that is held: have an emergency stop at hand.")
-    ] = False,
+    rate_hz: RateOption = RATE_HZ,
+    hands_free: HandsFreeOption = False,
 ) -> None:
     """Let a follower arm go where a leader arm is moved by hand, as long as a key is held: any but q, which ends.
 
@@ -42,37 +30,13 @@ def teleop(
     from servoloop.teleop.screen import Screen
     from servoloop.teleop.teleop import teleop as run
 
-    if not hands_free and not sys.stdin.isatty():
-        raise TeleopError("nobody can hold a key here, stdin is no terminal: run it in one, or say --hands-free")
+    require_keys(hands_free)
     log_to_terminal()
-    sides = _side(leader_arm, leader), _side(follower_arm, follower)
+    sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port: name the device of each")
     console = Console()
-    with _permission(hands_free) as permission, Screen(console) as screen:
+    with permission_of(hands_free) as permission, Screen(console) as screen:
         status = run(*sides, rate_hz, permission, screen.show)
     console.print(screen.summary, highlight=False)
     raise typer.Exit(status)
-
-
-def _side(arm: str, port: str) -> "Side":
-    from servoloop.teleop.arms import Side
-    from servoloop.teleop.errors import TeleopError
-
-    files = read_arm_files(find_arm(arm))
-    devices = parse_ports(port.split(","), files.robot.file.lines())
-    if devices is None:
-        raise TeleopError(f"{port!r} is no device: virtual arms are served by `servoloop emulate LINK --arm {arm}`")
-    return Side(files, devices)
-
-
-@contextmanager
-def _permission(hands_free: bool) -> "Iterator[Permission]":
-    from servoloop.handling.keys import raw_keys
-    from servoloop.teleop.dead_man import DeadMansKey, HandsFree
-
-    if hands_free:
-        yield HandsFree()
-    else:
-        with raw_keys():
-            yield DeadMansKey()

@@ -1,27 +1,24 @@
 """A person at a terminal as the guide of a calibration: texts, a live table, Enter when it is done, yes and no."""
 
-import select
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import degrees
 from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from commissioning.calibrate.result import unit
-from servoloop.processes import Interrupted
+from commissioning.calibrate.run import STORE
 from servoloop.signals import Signals
+from servoloop.verbs.keyboard import Keyboard
 
 if TYPE_CHECKING:
     from commissioning.calibrate.flow import Task
     from commissioning.calibrate.run import Difference
 
-LOOK_S = 0.03
-INTERRUPTED = "interrupted: nothing was stored"
+NOTHING, STORED = "nothing was stored", "the calibration is stored, and was not tried"
 
 
 class Terminal:
@@ -31,6 +28,7 @@ class Terminal:
         """``yes``: questions of whether to go on are not asked."""
         self.console = Console(stderr=True, highlight=False)
         self._signals = signals
+        self._keyboard = Keyboard(signals, NOTHING)
         self._yes = yes
 
     def say(self, text: str) -> None:
@@ -41,18 +39,9 @@ class Terminal:
         """Show the task, and where all joints are, until Enter."""
         self.console.print(f"[bold]{task.text}[/]; Enter when it is done", soft_wrap=True)
         with self._table() as show:
-            while not self._entered():
+            while self._keyboard.line() is None:
                 look()
                 show(task)
-
-    def _entered(self) -> bool:
-        if self._signals.count:
-            raise Interrupted(INTERRUPTED)
-        if not select.select([sys.stdin], [], [], LOOK_S)[0]:
-            return False
-        if not sys.stdin.readline():
-            raise Interrupted("the input has ended: nothing was stored")
-        return True
 
     @contextmanager
     def _table(self) -> Iterator[Callable[["Task"], None]]:
@@ -66,18 +55,14 @@ class Terminal:
         """Ask; yes without asking, if told so at the start."""
         if self._yes:
             self.say(f"{question} yes")
-            return True
-        return self._asked(question)
+        agreed = self._yes or self._keyboard.agrees(question)
+        if question == STORE and agreed:
+            self._keyboard.left = STORED  # when it is asked again, or ends
+        return agreed
 
     def moved_so(self, joint: str, text: str) -> bool:
         """Ask what only somebody who looks at the arm can know."""
-        return self._asked(f"{joint} turned first one way, then back. Was the first way this: {text}?")
-
-    def _asked(self, question: str) -> bool:
-        try:
-            return typer.confirm(question, err=True)
-        except typer.Abort:
-            raise Interrupted(INTERRUPTED) from None
+        return self._keyboard.agrees(f"{joint} turned first one way, then back. Was the first way this: {text}?")
 
     def show(self, differences: "Sequence[Difference]") -> None:
         """Print what has been found, beside what was."""
@@ -88,8 +73,7 @@ class Terminal:
 
     def stopped(self) -> bool:
         """Whether somebody pressed a key (Enter where the terminal waits for lines) or sent a signal."""
-        pressed = sys.stdin.isatty() and bool(select.select([sys.stdin], [], [], 0.0)[0])
-        return pressed or self._signals.count > 0
+        return self._keyboard.pressed() or self._signals.count > 0
 
 
 def _sweep_table(task: "Task") -> Table:

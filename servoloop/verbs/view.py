@@ -1,6 +1,5 @@
 """``servoloop view``: the arm in a browser."""
 
-import importlib.util
 import os
 from pathlib import Path
 from typing import Annotated, Final
@@ -9,6 +8,7 @@ import typer
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from servoloop.view.installed import require_view
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """The variables one of which is set where there is a screen."""
@@ -31,8 +31,7 @@ def view(
     It ends with Ctrl-C; the arm does not notice.
     Example: `servoloop view`, of a recording `servoloop view out/run.mcap`
     """
-    if importlib.util.find_spec("viser") is None:
-        raise DriverError("the view needs viser: pip install 'servoloop[view]'")
+    require_view()
     if recording is not None and arm is not None:
         raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
     from servoloop.live.live_source import LiveSource

@@ -168,10 +168,18 @@ class Recorder:
             self._taken.append(now)
 
     def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
-        """Draw `arm.png` (the cube held at its highest) and `arm.gif`, half as wide, into `folder`."""
+        """Draw `arm.png` and `arm.gif`, half as wide, into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        save_png(folder / "arm.png", *self._draw([self._best], width, smooth=True))
-        save_gif(folder / "arm.gif", self._draw(self._taken or [self._best], width // 2, smooth=False), fps)
+        self.save_still(folder / "arm.png", width)
+        self.save_film(folder / "arm.gif", fps, width // 2)
+
+    def save_still(self, path: Path, width: int = 960) -> None:
+        """Draw the moment in which the cube was held at its highest."""
+        save_png(path, *self._draw([self._best], width, smooth=True))
+
+    def save_film(self, path: Path, fps: float = 8.0, width: int = 480) -> None:
+        """Draw all that was remembered."""
+        save_gif(path, self._draw(self._taken or [self._best], width, smooth=False), fps)
 
     def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
         model = self._world.model

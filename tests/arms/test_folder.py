@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,14 @@ def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
     (folder / "arm.yaml").write_text(f"description: mine\nurdf: {URDF}\nsource: me\nlicense: MIT\n")
     arm = find_arm(str(folder))
     assert (arm.name, arm.urdf, arm.robot) == ("mine", URDF, folder / "robot.yaml")
+
+
+def test_a_path_is_never_the_arm_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ArmFileError, match=r"there is no arm \./so101"):
+        find_arm("./so101")
+    shutil.copytree(ARMS / "so101", "so101")
+    assert find_arm("./so101").folder == tmp_path / "so101" and find_arm("so101").folder == ARMS / "so101"
 
 
 def test_an_arm_may_be_like_another_one(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -15,8 +16,12 @@ from bench.decoder import KINDS, Kind, flood, pieces
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError
+from drivers.servos import sts
 from servoloop.bench_bus import bench_bus, parse_ids
 from servoloop.cli import app
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from tests.servoloop.served import eventually, served
 
 pytestmark = pytest.mark.slow
 
@@ -68,6 +73,21 @@ def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypat
     assert len(measured) == 10
     assert all(processors == measured[0] and len(processors) == 1 for processors in measured)
     assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_lets_go_of_what_was_held(number: signal.Signals, tmp_path: Path) -> None:
+    line = VirtualBus.of(BenchPlant((1, 2)))
+    words = ["bench", "bus", "--port", str(tmp_path / "bus"), "--ids", "1,2", "--cycles", "1000000", "--hold"]
+
+    def held() -> bool:
+        return all(servo.memory.get(sts.torque_enable) for servo in line.servos)
+
+    with served(line, tmp_path / "bus"), subprocess.Popen([sys.executable, "-m", "servoloop", *words]) as bench:
+        eventually(held)
+        bench.send_signal(number)
+        assert bench.wait(20.0) == 130
+        assert not any(servo.memory.get(sts.torque_enable) for servo in line.servos)
 
 
 def test_where_nobody_answers_it_says_so(device: str) -> None:

@@ -1,5 +1,6 @@
 """Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import tau
 
@@ -8,9 +9,11 @@ import pytest
 from commissioning.calibrate.driven import ByItself
 from commissioning.calibrate.result import CalibrationError, doubts
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
-from drivers.errors import DriverError
+from drivers.bus.bus import Bus
+from drivers.errors import DriverError, PortMissing
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
+from hal.joint import Joint
 from servoloop.arms.folder import find_arm
 from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm
 from tests.drivers.fault_lines import CYCLES
@@ -112,6 +115,27 @@ def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
     assert not any(others), "one that does not hear keeps its torque, and nobody else does"
 
 
+def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> None:
+    arm = UnalignedArm(1)
+    open_bus, pulled = arm.open_bus, list[bool]()
+
+    def opened(joints: Sequence[Joint]) -> Bus:
+        if pulled:
+            raise PortMissing("it is not there")
+        return open_bus(joints)
+
+    def pull() -> bool:
+        if arm.clock.now() > 12.0 and not pulled:
+            pulled.append(True)
+            arm.port.unplug()
+        return False
+
+    arm.open_bus = opened  # type: ignore[method-assign]
+    with pytest.raises(StoppedError, match="torque may still be on") as lost:
+        by_itself(arm, stopped=pull).run()
+    assert "limits are off until their supply is switched off and on: it is not there" in lost.value.__notes__[-1]
+
+
 def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
@@ -123,10 +147,12 @@ SO101_FOLDED = (0.0, -1.7, 1.65, 0.9, 0.0, -0.1)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", SEEDS)
-def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "backlash_deg"), [*((seed, 1.0) for seed in SEEDS), (0, 0.0)])
+def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(
+    seed: int, backlash_deg: float
+) -> None:
     plan = find_arm("so101").file.calibration
-    arm = UnalignedArm(seed, 1.0, "so101", SO101_FOLDED)
+    arm = UnalignedArm(seed, backlash_deg, "so101", SO101_FOLDED)
     arm.hand.release()
     arm.clock.sleep_until(2.0)
     lay = arm.world.position()
@@ -135,7 +161,7 @@ def test_an_so101_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         raw_zero = made.zero_counts + (made.homing_offset or 0)
-        assert off_rad(arm, joint.name, raw_zero) <= ZERO_WITH_BACKLASH_RAD, joint.name
+        assert off_rad(arm, joint.name, raw_zero) <= (ZERO_WITH_BACKLASH_RAD if backlash_deg else ZERO_RAD), joint.name
         assert doubts(joint, made) == ""
     arm.clock.sleep_until(arm.clock.now() + 1.0)
     arm.line.advance(arm.clock.now())

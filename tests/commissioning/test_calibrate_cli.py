@@ -1,5 +1,6 @@
 """``servoloop calibrate`` as it is typed, interrupted; tests/ros/test_getting_started.py has it to its end."""
 
+import shlex
 import shutil
 import subprocess
 import sys
@@ -7,19 +8,24 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from drivers.errors import PortError
 from servoloop.arms.folder import ARMS
+from servoloop.cli import app
 from sim_backend.control import ask, control_path
+from tests.commissioning.practice import follow
+from tests.pages import commands
 
 SEED = 7
 
 
-@pytest.fixture
-def arm(tmp_path: Path) -> Path:
-    folder = tmp_path / "so101"
-    shutil.copytree(ARMS / "so101", folder)
-    return folder
+@pytest.fixture(params=["so101", "so101_leader"])
+def arm(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """A copy of the arm beside the one that it is like."""
+    for name in {"so101", request.param}:
+        shutil.copytree(ARMS / name, tmp_path / name)
+    return Path(tmp_path / request.param)
 
 
 @pytest.fixture
@@ -35,6 +41,7 @@ def bus(arm: Path) -> Iterator[Path]:
 
 
 @pytest.mark.slow
+@pytest.mark.runs("servoloop calibrate --arm so101_leader --port /dev/ttyACM1")
 def test_a_calibration_that_is_interrupted_has_stored_nothing(arm: Path, bus: Path) -> None:
     command = [sys.executable, "-m", "servoloop", "calibrate", "--arm", str(arm), "--port", str(bus)]
     pipe = subprocess.PIPE
@@ -47,6 +54,37 @@ def test_a_calibration_that_is_interrupted_has_stored_nothing(arm: Path, bus: Pa
     assert not list(arm.glob("*calibration*"))
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.runs(*commands("calibrate.md"))
+def test_the_commands_of_the_page_calibrate_an_arm(tmp_path: Path) -> None:
+    copy, emulate, calibrate, *hands = (shlex.split(command) for command in commands("calibrate.md"))
+    (tmp_path / "config").symlink_to(ARMS.parent)
+    subprocess.run(copy, cwd=tmp_path, check=True)
+
+    def start(words: list[str]) -> "subprocess.Popen[str]":
+        return subprocess.Popen([sys.executable, "-m", *words], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+
+    def hand(words: list[str]) -> None:
+        with start(words) as process:
+            assert process.wait(60.0) == 0, words
+
+    with start(emulate) as emulator:
+        try:
+            assert emulator.stdout is not None and "ready" in emulator.stdout.readline()
+            *raise_, release = hands
+            for words in raise_:
+                hand(words)
+            of_arm = [word.replace("./", f"{tmp_path}/") for word in calibrate[1:]]
+            status, _, said = follow(tmp_path / "bus", *of_arm, "--yes")
+            hand(release)
+        finally:
+            emulator.terminate()
+    assert status == 0 and (tmp_path / "my_arm" / "robot.calibration.yaml").exists(), said
+
+
 def test_a_hand_says_what_it_cannot_do_and_where_there_is_none(tmp_path: Path) -> None:
     with pytest.raises(PortError, match="no emulator takes commands at"):
         ask(control_path(tmp_path / "bus"), {"do": "look"})
+    told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), "move", "elbow_flex", "-0.5"])
+    assert "no emulator takes commands at" in str(told.exception), "a negative number is no option"

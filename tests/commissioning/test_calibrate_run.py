@@ -1,13 +1,16 @@
 """The whole calibration, as the command line and scripts call it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
+from commissioning.calibrate.flow import Task
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Difference, calibrate
-from drivers.errors import ServoRefused, ServoSilent
+from commissioning.slow_arm import StoppedError
+from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.robot_file.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
@@ -92,6 +95,27 @@ def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
 
+def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibration(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+    owner = Owner(arm)
+
+    def stopped() -> bool:
+        return bool(owner.heard) and owner.heard[-1].endswith(" moves")
+
+    with pytest.raises(StoppedError, match="the arm is limp"):
+        calibrate(
+            robot,
+            JOINTS,
+            PLAN.joints,
+            lambda: arm.open_bus(JOINTS),
+            owner,
+            arm.clock,
+            lambda *_: arm.as_mounted(),
+            stopped,
+        )
+    assert torque(arm) == [] and calibration_path(robot).exists()
+
+
 @pytest.mark.slow
 def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
     arm = UnalignedArm(SEED)
@@ -99,6 +123,19 @@ def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> 
     with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
+
+
+def test_an_adapter_that_is_pulled_during_the_sweep_ends_it_and_nothing_is_stored(robot: Path) -> None:
+    arm = UnalignedArm(SEED)
+
+    class Clumsy(Owner):
+        def until_done(self, task: Task, look: Callable[[], None]) -> None:
+            self.arm.port.unplug()
+            look()
+
+    with pytest.raises(PortLost, match="was unplugged"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
+    assert not calibration_path(robot).exists() and torque(arm) == []
 
 
 def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked(robot: Path) -> None:

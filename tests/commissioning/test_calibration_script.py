@@ -1,6 +1,5 @@
 """The script of docs/calibration-scripts.md, run on a virtual arm."""
 
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,10 +11,12 @@ import servoloop.hardware
 from drivers.bus.bus import Bus
 from servoloop.arms.folder import ARMS
 from tests.commissioning.arm import Person, UnalignedArm
+from tests.pages import code
 
-DOC = Path(__file__).parents[2] / "docs" / "calibration-scripts.md"
+PAGE = "calibration-scripts.md"
 
 
+@pytest.mark.runs(f"{PAGE} python 1")
 def test_the_script_calibrates_an_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(ARMS / "so101", tmp_path / "so101")
     arm = UnalignedArm(4, 1.0, "so101")
@@ -27,9 +28,7 @@ def test_the_script_calibrates_an_arm(tmp_path: Path, monkeypatch: pytest.Monkey
     def virtual_bus(*_: object) -> Bus:
         return arm.open_bus(arm.joints)
 
-    found = re.search(r"```python\n(.*?)```", DOC.read_text(), re.DOTALL)
-    assert found is not None
-    script = found[1].replace("SerialPort(PORT, 1_000_000, clock)", "None")
+    script = code(PAGE, "python").replace("SerialPort(PORT, 1_000_000, clock)", "None")
     monkeypatch.setattr(servoloop.hardware, "servo_bus", virtual_bus)
     monkeypatch.setattr(drivers.clock, "MonotonicClock", lambda: arm.clock)
     arm.hand.hold()

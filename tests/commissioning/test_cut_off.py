@@ -5,8 +5,10 @@ from typing import Any
 
 import pytest
 
+from commissioning.provision import provision
 from commissioning.registers.access import write_register
 from commissioning.registers.address import set_baud, set_id
+from commissioning.registers.reset import factory_reset, reboot
 from commissioning.scan.find import FoundServo, find_servo
 from drivers.errors import DriverError
 from drivers.servos import sts
@@ -18,6 +20,11 @@ TOOLS: dict[str, Callable[[FoundServo], Any]] = {
     "write": lambda servo: write_register(servo, "max_temperature", 61),
     "set-id": lambda servo: set_id(servo, 7),
     "set-baud": lambda servo: set_baud(servo, 500_000),
+    "factory-reset": factory_reset,
+    "reboot": reboot,
+    "settings": lambda servo: provision(
+        servo.bus, servo.clock, 3, servo.model, {sts.position_p: 16, sts.max_temperature: 61}
+    ),
     "torque on": lambda servo: write_register(servo, "torque_enable", 1, torque=True),
 }
 every_tool = pytest.mark.parametrize("tool", TOOLS)
@@ -83,7 +90,7 @@ def test_ctrl_c_at_any_packet_leaves_the_lock_closed_and_the_port_at_its_rate(to
         assert (servo.servo_id, servo.baud) == before, number
 
 
-@pytest.mark.parametrize("tool", ["write", "set-id", "set-baud"])
+@pytest.mark.parametrize("tool", ["write", "set-id", "set-baud", "settings"])
 def test_after_a_line_that_was_pulled_at_any_packet_the_next_write_closes_the_lock(tool: str) -> None:
     for number in packets(tool):
         line, _ = run_cut(tool, number, CutPort.unplug)

@@ -13,11 +13,15 @@ import yaml
 from commissioning.doctor.markdown import markdown, without_names
 from drivers.servos import sts
 from servoloop import cli
+from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import CONFIG
 from sim_backend.wire.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served
 from tests.commissioning.test_doctor_faults import FIRST
+from tests.pages import commands
+
+PAGE = commands("troubleshooting.md")
 
 
 @pytest.fixture
@@ -41,6 +45,23 @@ def test_a_whole_arm_is_well_and_the_report_names_nobody(
     text = report.read_text()
     assert "| position_p | 32 | 32 | 32 | 32 | 32 | 32 | 32 |" in text
     assert (CONFIG / "robot_arm.yaml").read_text().rstrip() in text
+
+
+@pytest.mark.runs(*PAGE)
+@pytest.mark.parametrize("command", PAGE)
+def test_a_command_of_the_page_finds_an_arm_that_is_well(
+    command: str, link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``--move`` is told not to; test_doctor_move.py moves an arm."""
+    monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
+    monkeypatch.chdir(tmp_path)
+    robot = read_arm_files(find_arm("so101" if "so101" in command else "robot_arm")).robot
+    with served(link, {joint.servo_id: joint.model for joint in robot.joints}):
+        words = shlex.split(command.replace("/dev/ttyACM0", str(link)))
+        status = run(monkeypatch, *words[1:], answer="n\n")
+    said = capsys.readouterr().out
+    assert status == (1 if "--move" in words else 0), said
+    assert ("--json" in words) == said.startswith("{") and (tmp_path / "doctor.md").exists() == ("--report" in words)
 
 
 def test_a_fault_is_json_and_a_status(

@@ -304,6 +304,15 @@ def test_where_an_echo_looks_like_a_voltage_alarm_the_alarm_is_heard() -> None:
         assert kinds(line.scan(**options)) == {1: [], 2: ["alarmed"]}
 
 
+def test_a_servo_of_another_model_than_the_arm_has_is_told_and_strangers_are_not_looked_for() -> None:
+    line = ToolLine({1: sts.STS3215, 2: sts.STS3250, 9: sts.STS3215})
+    wanted = {1: MODELS["sts3215_c001"], 2: sts.STS3215, 3: sts.STS3215}
+    report = line.scan(models=wanted, bauds=[1_000_000])
+    assert (kinds(report), report.absent) == ({1: [], 2: ["wrong_model"]}, (3,))
+    (problem,) = report.servos[1].problems
+    assert "is a sts3250 (model number 2825), and the arm has a sts3215 (777) with ID 2" in problem.text
+
+
 def test_a_rate_that_the_adapter_cannot_make_is_named_and_the_scan_goes_on() -> None:
     line = ToolLine({1: sts.STS3215})
     line.put(1, sts.baud_rate, sts.BAUD_RATES.index(38_400))

@@ -10,8 +10,10 @@ from commissioning.set_up.place import Place, SetUpError, in_order
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
+from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.faults import Disturbance
 from tests.commissioning.box import GRIPPER, JOINTS, Bench, Hands, places
+from tests.pages import code
 
 WRITE = 0x03
 
@@ -49,6 +51,16 @@ def test_a_second_run_over_the_chain_asks_and_writes_nothing() -> None:
     audit = bench.set_up(hands).run()
     assert hands.asked == []
     assert {(one.changes, one.from_id) for one in audit} == {((), None)}
+
+
+@pytest.mark.runs("setup.md python 1")
+def test_the_program_of_the_page_sets_up_an_arm_s_servos() -> None:
+    bench = Bench()
+    path = read_arm_files(find_arm("so101_12v")).robot_path
+    names = {"bus": bench.bus, "clock": bench.clock, "path": path, "guide": Hands(bench)}
+    exec(code("setup.md", "python"), names)
+    assert [one.servo_id for one in names["audit"]] == bench.box.ids()  # type: ignore[attr-defined]
+    assert bench.locked()
 
 
 def refuse_writes(data: bytes) -> None:

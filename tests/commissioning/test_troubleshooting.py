@@ -13,9 +13,11 @@ from commissioning.scan.problems import Kind as ScanKind
 from drivers.servos import sts
 from tests.commissioning.patient import Patient
 from tests.commissioning.test_doctor_faults import FIRST
+from tests.pages import DOCS, code
 
 HOME = Path(__file__).parents[2]
-PAGE = (HOME / "docs" / "troubleshooting.md").read_text()
+NAME = "troubleshooting.md"
+PAGE = (DOCS / NAME).read_text()
 AILMENTS = {case[0].__name__: case for case in FIRST}
 PROVOKED = 32
 
@@ -82,11 +84,11 @@ def test_no_ailment_of_the_doctor_lacks_a_test() -> None:
     assert {kind for kind in KINDS if kind not in provoked and f'"{kind}"' not in sources} == set()
 
 
+@pytest.mark.runs(f"{NAME} python 1")
 def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     patient.put(3, sts.operating_mode, 1)
     monkeypatch.setattr("commissioning.doctor.examine._serial", lambda clock, device, baud: patient.open(device, baud))
     monkeypatch.setattr("drivers.clock.MonotonicClock", lambda: patient.clock)
-    (script,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    exec(script, {})
+    exec(code(NAME, "python"), {})
     assert "fault joint3 (servo 3)" in capsys.readouterr().out

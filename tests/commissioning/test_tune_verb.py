@@ -1,26 +1,28 @@
 """``servoloop tune`` as users type it, on an arm on simulated time: the commands and the figures of docs/tune.md."""
 
 import json
-import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from commissioning.tune import law, plan, propose, trial
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.servos import sts
+from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
 from servoloop.hardware import servo_bus
 from tests.commissioning.patient import Patient
 from tests.commissioning.served import run
+from tests.pages import DOCS, blocks, code
 
-DOCS = Path(__file__).parents[2] / "docs"
-TEXT = (DOCS / "tune.md").read_text()
-REAL, VIRTUAL, PICTURE = (block.splitlines() for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL))
+PAGE = "tune.md"
+TEXT = (DOCS / PAGE).read_text()
+REAL, VIRTUAL, _ = (block.commands for block in blocks(PAGE) if block.language == "sh")
 LIFT = 2
 """The servo of shoulder_lift."""
 
@@ -47,6 +49,7 @@ def torque(arm: Patient) -> list[int]:
     return [servo.memory.get(sts.torque_enable) for servo in arm.line.servos]
 
 
+@pytest.mark.runs(REAL[0])
 def test_the_first_command_asks_measures_and_writes_nothing(
     arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -63,6 +66,7 @@ def test_the_first_command_asks_measures_and_writes_nothing(
     assert ElementTree.parse("out/tune/shoulder_lift.svg").getroot().tag.endswith("svg")
 
 
+@pytest.mark.runs(REAL[1])
 def test_gains_are_written_and_both_measurements_stand_side_by_side(
     arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -78,12 +82,14 @@ def test_gains_are_written_and_both_measurements_stand_side_by_side(
     assert "P 32, D 32, I 0" in picture and "P 24, D 32, I 0" in picture
 
 
+@pytest.mark.runs(REAL[2], VIRTUAL[2])
+@pytest.mark.parametrize("command", [f"{REAL[2]} --json", VIRTUAL[2]], ids=["real", "virtual"])
 def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
-    arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last of the commands; a wide dead zone is something to propose whatever the joint carries."""
     arm.put(LIFT, sts.cw_dead_zone, 6)
-    assert typed(monkeypatch, VIRTUAL[2]) == 0
+    assert typed(monkeypatch, command, answer="y\n") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["proposal"]["values"]["cw_dead_zone"] == 1
     assert {"gain": "cw_dead_zone", "register": "cw_dead_zone", "old": 6, "new": 1} in told["written"]
@@ -127,7 +133,22 @@ def test_the_figures_of_the_page_are_those_of_the_code() -> None:
     assert law.CLEAR_COUNTS == 2.0
 
 
-def test_the_picture_is_there_and_how_it_is_made() -> None:
-    program, script, picture = shlex.split(PICTURE[0])
-    assert program == "python" and (DOCS.parent / script).is_file()
-    assert "P 16" in (DOCS.parent / picture).read_text()
+@pytest.mark.runs(f"{PAGE} python 1")
+def test_the_program_of_the_page(arm: Patient, capsys: pytest.CaptureFixture[str]) -> None:
+    file, joints = arm.robot.file, arm.robot.joints
+
+    def open_buses(among: Sequence[Joint]) -> dict[str, Bus]:
+        return {"": servo_bus(file, arm.open("", 1_000_000), arm.clock)}
+
+    assert file.park is not None
+    names = {"joints": joints, "open_buses": open_buses, "clock": arm.clock, "park": file.park.pose}
+    exec(code(PAGE, "python"), names)
+    assert len(capsys.readouterr().out.splitlines()) >= 1 and names["report"].after  # type: ignore[attr-defined]
+    assert arm.line.servo(LIFT).memory.get(sts.position_p) == 24
+
+
+@pytest.mark.runs(f"{PAGE} yaml 1")
+def test_the_line_of_the_page_keeps_the_gains() -> None:
+    said = yaml.safe_load(code(PAGE, "yaml"))
+    joint = RobotFile.model_validate({"joints": said}).joints["shoulder_lift"]
+    assert joint.settings == {"position_p": 24, "position_d": 32}

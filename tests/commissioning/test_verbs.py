@@ -23,8 +23,9 @@ from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.wire.line import ServoLine
 from tests.commissioning.machines import SmallMachine
 from tests.commissioning.served import run, served
+from tests.pages import code, commands
 
-PAGE = (Path(__file__).parents[2] / "docs" / "tools.md").read_text()
+PAGE = "tools.md"
 DEVICE = "/dev/ttyACM0"
 
 
@@ -48,15 +49,11 @@ def bus(link: Path) -> Iterator[ServoLine[Any]]:
         yield bus
 
 
-def page_commands() -> list[str]:
-    return [line for block in blocks("sh") for line in block.splitlines()]
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+EACH = [command for command in commands(PAGE) if command not in WHOLE_ARM]
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*EACH)
 def test_every_command_of_the_page_does_its_work_in_their_order(
     bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,10 +62,9 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.Machine", lambda: small.machine)
     monkeypatch.setattr("commissioning.ports.plugging.SETTLE_S", 0.05)
-    commands = [command for command in page_commands() if command not in WHOLE_ARM]
-    verbs = {shlex.split(command)[1] for command in commands}
+    verbs = {shlex.split(command)[1] for command in EACH}
     assert verbs == {"ports", "scan", "register", "set-id", "set-baud", "factory-reset", "reboot"}
-    for command in commands:
+    for command in EACH:
         if "--wait" in command:
             threading.Timer(0.4, small.infos.append, (small.infos.pop(),)).start()
         status = run(monkeypatch, *shlex.split(command.replace(DEVICE, str(link)))[1:], answer="y\n")
@@ -81,10 +77,10 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*WHOLE_ARM)
 def test_the_page_s_commands_for_a_whole_arm_do_their_work(
     link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert set(WHOLE_ARM) <= set(page_commands())
     monkeypatch.chdir(tmp_path)  # where the page's files are
     arm = find_arm("so101")
     joints = read_arm_files(arm).robot.joints
@@ -103,9 +99,9 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
         assert ids == ([6] if "--to-new" in command else sorted(models))
 
 
+@pytest.mark.runs(f"{PAGE} python 1")
 def test_the_script_of_the_page_runs(bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (script,) = blocks("python")
-    exec(script.replace(DEVICE, str(link)), {})
+    exec(code(PAGE, "python").replace(DEVICE, str(link)), {})
     assert capsys.readouterr().out.splitlines() == [f"{i} sts3215 70 °C" for i in (1, 2, 3)]
 
 
@@ -120,6 +116,9 @@ def test_a_register_is_printed_in_its_unit_and_raw(
     assert (value["raw"], value["value"], value["unit"]) == (140, 14.0, "V")
     assert run(monkeypatch, "register", "list", *where, "--json") == 0
     assert len(json.loads(capsys.readouterr().out)) == len(sts.REGISTERS)
+    assert run(monkeypatch, "register", "write", *where, "homing_offset", "-300") == 0
+    assert bus.servo(3).memory.get(sts.homing_offset) == -300
+    capsys.readouterr()
     assert run(monkeypatch, "register", "write", *where, "max_voltage", "14V") == 0
     assert "already: nothing written" in capsys.readouterr().out
 
@@ -216,20 +215,15 @@ def test_dynamixels_on_a_pseudo_terminal(
         assert capsys.readouterr().out.startswith("goal_current ")
 
 
-@pytest.mark.parametrize(
-    "verb",
-    [
-        "ports",
-        "scan",
-        "register list",
-        "register read",
-        "register write",
-        "set-id",
-        "set-baud",
-        "factory-reset",
-        "reboot",
-    ],
-)
+TOOLS = [
+    *("ports", "scan", "setup", "calibrate", "doctor", "set-id", "set-baud", "factory-reset", "reboot"),
+    *("register list", "register read", "register write", "passport save", "passport diff", "passport restore"),
+    *("calibration import", "calibration export", "calibration show", "arms", "arms check", "bench bus", "bench arm"),
+    *("hand", "fault"),
+]
+
+
+@pytest.mark.parametrize("verb", TOOLS)
 def test_every_tool_has_help_with_an_example_and_json(
     verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -238,4 +232,4 @@ def test_every_tool_has_help_with_an_example_and_json(
         cli.main()
     said = " ".join(capsys.readouterr().out.split())
     assert exit_.value.code == 0
-    assert f"Example: servoloop {verb}" in said and "--json" in said
+    assert re.search(f"Example[^:]*: servoloop {verb}", said) and "--json" in said

@@ -2,9 +2,13 @@
 
 import xml.etree.ElementTree as ElementTree
 
+import pytest
+
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, SRDF, controllers, groups, read, states
 
 
+# Whoever runs this folder has run the command.
+@pytest.mark.runs(".venv/bin/python -m pytest tests/config")
 def test_the_robot_has_the_urdf_s_name() -> None:
     assert SRDF.get("name") == ElementTree.fromstring(DESCRIPTION.xml).get("name")
 

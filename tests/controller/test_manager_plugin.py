@@ -1,6 +1,5 @@
 """The controller of docs/write-a-controller.md, installed as a package of a user's own, through the manager."""
 
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,9 +20,10 @@ from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot_description.description import parse_urdf
 from hal.types import JointLimits
-from servoloop.files import HOME, URDF
+from servoloop.files import URDF
 from sim_backend.clock import SimulatedClock
 from tests.controller.bench import PERIOD_S, Bench
+from tests.pages import code, named
 
 LIMIT = JointLimits(-1.0, 1.0, 4.0, 12.0, 120.0)
 HAND = """
@@ -31,14 +31,12 @@ controller_manager:
   ros__parameters: {hand: {type: forward_command_controller/ForwardCommandController}}
 hand: {ros__parameters: {joints: [hand_right_joint], interface_name: position}}
 """
-DOCUMENT = (HOME / "docs" / "write-a-controller.md").read_text()
+PAGE = "write-a-controller.md"
 
 
 def block(language: str) -> str:
     """The document's code in that language."""
-    found = re.search(rf"```{language}\n(.*?)```", DOCUMENT, re.DOTALL)
-    assert found is not None
-    return found[1]
+    return code(PAGE, language)
 
 
 def install(folder: Path, module: str, source: str, entry_points: str) -> None:
@@ -91,6 +89,7 @@ def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
     return told
 
 
+@pytest.mark.runs(*named(PAGE, "python", "toml", "yaml"))
 def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
     install(site, "wave", block("python"), block("toml").splitlines()[1].replace('"', ""))
     look_for_plugins_again()

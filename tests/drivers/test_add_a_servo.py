@@ -17,9 +17,11 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
 from sim_backend.wire.port import VirtualPort
+from tests.pages import codes
 
 ROOT = Path(__file__).parents[2]
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "add-a-servo.md").read_text(), flags=re.DOTALL)
+PAGE = "add-a-servo.md"
+BLOCKS = codes(PAGE, "python")
 PLACED = [block for block in BLOCKS if block.startswith("# drivers/")]
 RUNNABLE = [block for block in BLOCKS if block not in PLACED]
 ADDED = ("sts3046", "scs20", "xm540-w270", "ax-18a", "mx-64", "scx30")
@@ -63,8 +65,9 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("package")
     for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("pyproject.toml", "tests/conftest.py", "tests/distribution.py", "tests/ros_domain.py"):
-        shutil.copy(ROOT / file, copy / file)
+    for name in ("conftest", "distribution", "marked", "pages", "ros_domain"):
+        shutil.copy(ROOT / "tests" / f"{name}.py", copy / "tests")
+    shutil.copy(ROOT / "pyproject.toml", copy)
     for block in PLACED:
         placed(block, copy)
     return copy
@@ -94,12 +97,14 @@ def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(pac
 
 
 @pytest.mark.slow
+@pytest.mark.runs(f"{PAGE} python 8")
 def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
     *_, trial = RUNNABLE
     said = run(package, "-c", trial)
     assert re.match(r"ServoState\(position_counts=102[345], ", said), said
 
 
+@pytest.mark.runs(*(f"{PAGE} python {number}" for number in range(2, 8)))
 def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None:
     asked = (
         "from drivers.servos.catalog import MODELS, series_of\n"
@@ -123,6 +128,7 @@ def test_a_model_of_no_series_is_refused_and_not_taken_for_an_sts(monkeypatch: p
         Bus(port, clock, {1: scs.SCS15})
 
 
+@pytest.mark.runs(f"{PAGE} python 1")
 def test_the_two_bytes_are_the_servo_s_number(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS0009), clock)

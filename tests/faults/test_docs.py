@@ -1,7 +1,6 @@
 """docs/faults.md: its commands, its file and its program, run."""
 
 import json
-import re
 import shlex
 import subprocess
 import sys
@@ -16,18 +15,15 @@ from servoloop.cli import app
 from sim_backend.control import ask, control_path
 from sim_backend.faults.events import KINDS
 from tests.faults.rig import FaultRig
+from tests.pages import code, commands
 from tests.servoloop.served import eventually
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "faults.md").read_text()
+PAGE = "faults.md"
 FAULT = "servoloop fault "
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
-
-
-COMMANDS = [line for block in blocks("sh") for line in block.splitlines()]
-EMULATE, EMULATE_FILE = (line.removesuffix(" &") for line in COMMANDS if line.startswith("servoloop emulate"))
+COMMANDS = commands(PAGE)
+FAULTS = [command for command in COMMANDS if command.startswith(FAULT)]
+EMULATE, EMULATE_FILE = (command for command in COMMANDS if command.startswith("servoloop emulate"))
+(SIMULATE,) = (command for command in COMMANDS if command.startswith("servoloop simulate"))
 
 
 @contextmanager
@@ -46,15 +42,15 @@ def fault(*arguments: str) -> Result:
 
 
 @pytest.mark.slow
+@pytest.mark.runs(EMULATE, *FAULTS)
 def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     said: dict[str, str] = {}
     with emulating(EMULATE, tmp_path):
-        for command in COMMANDS:
-            if command.startswith(FAULT):
-                result = fault(*shlex.split(command.removeprefix(FAULT)))
-                assert result.exit_code == 0, command
-                said[command] = result.output
+        for command in FAULTS:
+            result = fault(*shlex.split(command.removeprefix(FAULT)))
+            assert result.exit_code == 0, command
+            said[command] = result.output
         assert fault("bus", "stall for=1s").exit_code == fault("bus", "silent id=8").exit_code == 1
         eventually(lambda: fault("bus").output == "nothing is wrong\n")
         assert fault("bus", "brown_out id=1").output == "done: brown_out id=1\n"
@@ -70,8 +66,9 @@ def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypat
 
 
 @pytest.mark.slow
+@pytest.mark.runs(EMULATE_FILE, f"{PAGE} yaml 1")
 def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_path: Path) -> None:
-    (tmp_path / "faults.yaml").write_text(blocks("yaml")[0])
+    (tmp_path / "faults.yaml").write_text(code(PAGE, "yaml"))
     with emulating(EMULATE_FILE, tmp_path):
 
         def happening() -> list[str]:
@@ -83,18 +80,19 @@ def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_p
         eventually(lambda: happening() == ["flipped_replies chance=0.1 seed=7", "weak_supply voltage=6.0 at=2.0s"])
 
 
+@pytest.mark.runs(SIMULATE, f"{PAGE} yaml 1")
 def test_the_file_is_played_to_the_whole_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "faults.yaml").write_text(blocks("yaml")[0])
-    (command,) = (line for line in COMMANDS if line.startswith("servoloop simulate"))
-    result = CliRunner().invoke(app, [*shlex.split(command)[1:], "--json"])
+    (tmp_path / "faults.yaml").write_text(code(PAGE, "yaml"))
+    result = CliRunner().invoke(app, [*shlex.split(SIMULATE)[1:], "--json"])
     assert json.loads(result.output)["faulty_cycles"]["joint3: silent"] >= 10
 
 
+@pytest.mark.runs(f"{PAGE} python 1")
 def test_the_program_does_what_it_shows() -> None:
     rig = FaultRig()
     names = {"lines": rig.lines, "world": rig.world}
-    exec(compile(blocks("python")[0], "faults.md", "exec"), names)
+    exec(compile(code(PAGE, "python"), PAGE, "exec"), names)
     player = names["player"]
     player.update(rig.world.time_s)  # type: ignore[attr-defined]
     assert not rig.bus.faults.mute.isdisjoint(rig.bus.servos)

@@ -1,14 +1,11 @@
 """docs/handling.md says what the code does; tests/handling/test_handling_over_ros.py runs its commands."""
 
-import re
-from pathlib import Path
-
 from nodes.handling.guided_motion import FURTHEST, HORIZON_S
 from nodes.handling.robot_client import SHARE, SLOW
 from servoloop.handling.presses import BEGIN_S, GOOD_S, LONGEST_S, REPEATS_HZ
+from tests.pages import DOCS
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "handling.md").read_text()
-COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()]
+TEXT = (DOCS / "handling.md").read_text()
 
 
 def test_the_figures_are_those_of_the_code() -> None:

@@ -29,13 +29,14 @@ from nodes.handling.robot import HandlingError, JointsNow, Robot
 from nodes.handling.robot_client import SLOW, RobotClient
 from servoloop.arms.folder import ARMS
 from servoloop.handling.live_robot import LiveRobot
-from tests.handling.test_docs import COMMANDS
 from tests.live.rig import runtime_folder
+from tests.pages import commands
 from tests.ros.stack_process import PICK, READY, ArmClient, arm_client, emulating, running, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 
 JOINT = "joint1"
+UP, JOG, *POSES = commands("handling.md")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         patch.chdir(folder)
         (folder / "my_arm").mkdir()
         (folder / "my_arm" / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
-        up, port, _ = shlex.split(COMMANDS[0])[1:]
+        up, port, _ = shlex.split(UP)[1:]
         assert up == "up"
         with running(folder, port, str(link), "--arm", "my_arm"):
             with arm_client() as arm:
@@ -166,8 +167,9 @@ def servoloop(words: str, *more: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.runs(UP, *POSES)
 def test_a_pose_is_saved_gone_to_listed_and_forgotten_in_a_terminal(robot: LiveRobot) -> None:
-    _, _, save, list_, go, remove = COMMANDS
+    save, list_, go, remove = POSES
     saved = at(robot)
     done = servoloop(save)
     assert (done.returncode, done.stdout) == (0, "over_the_box: 7 joints of my_arm\n"), done.stderr
@@ -220,12 +222,13 @@ class Screen:
                 self.shown += text
 
 
+@pytest.mark.runs(JOG)
 def test_jog_in_a_terminal(robot: LiveRobot) -> None:
     """A key that repeats turns the joint, no repeat stops it, q ends and leaves the terminal as it was."""
     ours, theirs = pty.openpty()
     before, modes = at(robot), termios.tcgetattr(theirs)
     screen = Screen(ours)
-    command = [sys.executable, "-m", *shlex.split(COMMANDS[1])]
+    command = [sys.executable, "-m", *shlex.split(JOG)]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as jog:
 
         def ended() -> str:

@@ -3,7 +3,6 @@
 import re
 import shlex
 import signal
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
@@ -14,13 +13,11 @@ from servoloop.monitor.app import AT_FIRST, KEYS
 from servoloop.recorder.recording_file import RecordingFile
 from tests.complaint import complaint
 from tests.monitor.terminal import in_terminal
+from tests.pages import DOCS, commands
 from tests.recorder.rig import Rig
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 TEXT = (DOCS / "monitor.md").read_text()
-LIVE, PLAYED, PICTURE = (
-    line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()
-)
+LIVE, PLAYED, _ = commands("monitor.md")
 
 
 @pytest.fixture
@@ -35,6 +32,7 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.runs(PLAYED)
 @pytest.mark.parametrize("end", ["q", "ctrl+c", "SIGTERM"])
 def test_a_recording_is_played_in_a_terminal_which_is_as_before_in_the_end(recording: Path, end: str) -> None:
     program, *arguments = shlex.split(PLAYED)
@@ -58,13 +56,6 @@ def test_the_keys_and_figures_are_those_of_the_code() -> None:
     first = [KEYS[key] for key in AT_FIRST]
     assert f"{', '.join(first[:-1])} and {first[-1]} are drawn at first" in " ".join(TEXT.split())
     assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT
-
-
-def test_the_first_command_is_the_one_of_the_test_with_a_stack_and_the_picture_is_there() -> None:
-    assert shlex.split(LIVE) == ["servoloop", "monitor"]
-    program, script, picture = shlex.split(PICTURE)
-    assert program == "python" and (DOCS.parent / script).is_file()
-    assert "joint6" in "".join(ElementTree.parse(DOCS.parent / picture).getroot().itertext())
 
 
 def test_without_a_terminal_it_says_what_to_do(

@@ -20,30 +20,20 @@ from servoloop.recorder.recorder import WAITING
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from tests.live.rig import LiveRig, runtime_folder
+from tests.pages import DOCS, codes, commands
 from tests.recorder.reading import by_mcap, by_rosbags
 from tests.servoloop.served import eventually
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "recordings.md").read_text()
+PAGE = "recordings.md"
+TEXT = (DOCS / PAGE).read_text()
 PROSE = " ".join(TEXT.split())
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+SIMULATE, _, _, *RUNNING, PLOT = commands(PAGE)
+READING, RECOVERING = codes(PAGE, "python")
 
 
-SIMULATE, *OTHERS = blocks("sh")[0].splitlines()
-RUNNING = blocks("sh")[1].splitlines()
-PLOT = blocks("sh")[2].strip()
-READING, RECOVERING = blocks("python")
-
-
-def test_the_other_commands_are_those_of_the_tests_over_ros() -> None:
-    assert OTHERS == [
-        "servoloop demo --grades B --record demo.mcap",
-        "servoloop up --port ./bus --record run.mcap",
-    ]
-
-
+@pytest.mark.runs(SIMULATE, PLOT, f"{PAGE} python 1")
 def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -57,6 +47,7 @@ def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     assert result.exit_code == 0 and result.output.startswith("job.html: "), result.output
 
 
+@pytest.mark.runs(*RUNNING)
 def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until it ends, and for ten seconds of its time."""
     monkeypatch.chdir(tmp_path)
@@ -93,6 +84,7 @@ def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.runs(f"{PAGE} python 2")
 def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

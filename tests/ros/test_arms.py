@@ -11,13 +11,24 @@ from sensor_msgs.msg import JointState
 
 from servoloop.arms.folder import find_arm
 from servoloop.arms.pick_place import load_pick_place
-from tests.ros.stack_process import StackProcess
+from tests.ros.stack_process import StackProcess, until
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 DEMO_S = 180.0
+INTERRUPTED = 130
+
+
+def page(arm: str) -> tuple[str, str]:
+    """The commands of an arm's page. The demo's own stack is the second one, on a virtual port."""
+    return f"servoloop demo --arm {arm}", f"servoloop up --arm {arm} --port /dev/ttyACM0"
+
+
+def start(folder: Path, arm: str) -> StackProcess:
+    """The demo, with one cube."""
+    return StackProcess(folder / "demo.log", "demo", "--arm", arm, "--grades", "C", "--out", str(folder / "out"))
 
 
 def test_the_so101_in_mujoco_goes_where_a_client_sends_it(ros_domain: int, tmp_path: Path) -> None:
@@ -34,11 +45,20 @@ def _reached(client: TrajectoryClient, joints: tuple[str, ...], pose: tuple[floa
     return set(states[-1].name) == {*joints, "gripper"}
 
 
+@pytest.mark.runs(*page("so101"))
 def test_the_demo_sorts_a_cube_with_an_so101(ros_domain: int, tmp_path: Path) -> None:
-    demo = StackProcess(
-        tmp_path / "demo.log", "demo", "--arm", "so101", "--grades", "C", "--out", str(tmp_path / "out")
-    )
+    demo = start(tmp_path, "so101")
     assert demo.process.wait(DEMO_S) == 0, demo.words
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["cubes"] == {"in_their_bins": 1, "of": 1}
     assert (tmp_path / "out" / "arm.png").exists()
+
+
+@pytest.mark.runs(*page("so100"), *page("koch"))
+@pytest.mark.parametrize("arm", ["so100", "koch"])
+def test_the_demo_begins_with_a_cube_in_its_bin(arm: str, ros_domain: int, tmp_path: Path) -> None:
+    demo = start(tmp_path, arm)
+    try:
+        until(lambda: "cube in bin C" in demo.words, lambda: demo.process.poll() is not None and demo.words)
+    finally:
+        assert demo.end() == INTERRUPTED, demo.words

@@ -1,7 +1,6 @@
 """docs/getting-started-so101.md: every command, in its order, on a virtual box of factory-new servos."""
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -19,11 +18,12 @@ from servoloop.emulator import couplings
 from sim_backend.mechanics.mounting import Mounting
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell
+from tests.pages import commands
 from tests.ros.stack_process import StackProcess, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-DOC = Path(__file__).parents[2] / "docs" / "getting-started-so101.md"
+PAGE = "getting-started-so101.md"
 PORT = "--port /dev/ttyACM0"
 NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/arms/so101/pick_place.yaml"
 STEPS = [
@@ -43,8 +43,7 @@ STEPS = [
 
 
 def test_the_page_has_these_commands_in_this_order() -> None:
-    blocks = re.findall(r"```sh\n(.*?)```", DOC.read_text(), re.DOTALL)
-    assert [line for block in blocks for line in block.splitlines()] == STEPS
+    assert commands(PAGE) == STEPS
 
 
 @pytest.fixture
@@ -70,6 +69,7 @@ def once(*arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.runs(*STEPS, *commands("setup.md"))
 @pytest.mark.timeout(400)
 def test_from_a_box_of_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_domain: int) -> None:
     of_arm = ("--arm", str(arm), "--port", str(link))

@@ -21,6 +21,7 @@ from tests.ros.stack_process import PICK, arm_client, emulating, running
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(180)]
 
 
+@pytest.mark.runs(LIVE)
 def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

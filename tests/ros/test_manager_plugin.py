@@ -12,10 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from tests.controller.test_manager_plugin import block, install
+from tests.pages import code
 from tests.ros.manager_client import MANAGER, ManagerClient, manager_client
 from tests.ros.stack_process import running
+from tests.servoloop.test_own_hardware import PAGE
 from tests.servoloop.test_own_hardware import URDF as BELT
-from tests.servoloop.test_own_hardware import code
 
 pytestmark = pytest.mark.ros
 
@@ -95,8 +96,8 @@ def test_a_users_hardware_is_driven_and_switched(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The conveyor of docs/hardware.md: told a speed by topic, read in ``/joint_states``, stopped by a service."""
-    entry = code("toml").splitlines()[-1].replace('"', "")
-    install(tmp_path, "belt", code("python"), f"[servoloop.hardware]\n{entry}")
+    entry = code(PAGE, "toml").splitlines()[-1].replace('"', "")
+    install(tmp_path, "belt", code(PAGE, "python"), f"[servoloop.hardware]\n{entry}")
     (tmp_path / "belt.urdf").write_text(BELT.replace(VELOCITY, f'<state_interface name="position"/>{VELOCITY}'))
     (tmp_path / "controllers.yaml").write_text(BELT_CONTROLLERS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -1,7 +1,6 @@
 """Every command of the README, run."""
 
 import os
-import re
 import shlex
 import signal
 import subprocess
@@ -13,12 +12,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from tests.pages import commands
 from tests.ros.stack_process import PATIENCE_S, emulating, until
 
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text()
 NODE = "python -m nodes.vision_pick_place_controller --ros-args --params-file config/vision_pick_place_controller.yaml"
 TWO_BUSES = "--robot config/robot_arm_two_buses.yaml"
 SERVERS = {
@@ -31,7 +30,7 @@ SERVERS = {
     "servoloop emulate ./bus": "ready: 7 servos",
 }
 """Commands that run until they are ended, and what they say when they are ready."""
-TOGETHER = {". .venv/bin/activate", NODE, "servoloop pick B"}
+TOGETHER = (". .venv/bin/activate", NODE, "servoloop pick B")
 MEASURE = "servoloop bench bus --port /dev/ttyACM0 --ids 1-7 --model sts3215"
 ONCE = {
     MEASURE: f"{MEASURE} --cycles 50".replace("/dev/ttyACM0", "{link}"),
@@ -40,11 +39,6 @@ ONCE = {
     "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
 }
 """Commands that end by themselves, with the arguments that keep them short here."""
-
-
-def commands() -> list[str]:
-    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-    return [line for block in blocks for line in block.splitlines()]
 
 
 @pytest.fixture
@@ -70,7 +64,7 @@ class Served:
 
 
 def test_the_table_has_every_command_of_the_readme() -> None:
-    assert set(commands()) == set(SERVERS) | set(ONCE) | TOGETHER
+    assert set(commands("README.md")) == {*SERVERS, *ONCE, *TOGETHER}
 
 
 @pytest.fixture
@@ -80,6 +74,7 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*SERVERS)
 @pytest.mark.parametrize("command", sorted(SERVERS))
 def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
     """Where a port is named, an emulator's stands in for it: this machine has no arm."""
@@ -98,6 +93,7 @@ def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*TOGETHER)
 def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environment: dict[str, str]) -> None:
     stack = Served("servoloop up", tmp_path / "up", environment)
     stack.wait_for("ready: ")
@@ -112,6 +108,7 @@ def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environmen
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*ONCE)
 @pytest.mark.parametrize("command", sorted(ONCE))
 def test_what_ends_by_itself_does_its_work(
     command: str, tmp_path: Path, link: Path, environment: dict[str, str]

@@ -19,6 +19,7 @@ from servoloop.files import read_files
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from sim_backend.control import ask, control_path
+from tests.pages import commands
 from tests.recorder.reading import Messages, by_mcap, by_rosbags, stamp_s
 from tests.ros.stack_process import PICK, StackProcess, arm_client, emulating, running, until
 
@@ -29,8 +30,7 @@ OWN = "servoloop_msgs"
 """No ROS package: rclpy cannot know it."""
 SCENE = "/servoloop/scene"
 EVERY_CYCLE = ("/joint_states", "/servoloop/commands", "/arm_controller/controller_state", "/tf")
-_, DEMO, UP = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text().partition("```sh\n")[2].split("\n")[:3]
-"""The page's commands."""
+_, DEMO, UP, *_ = commands("recordings.md")
 
 
 def check_cycles(recorded: Messages) -> int:
@@ -67,6 +67,7 @@ def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 @pytest.mark.slow
+@pytest.mark.runs(UP)
 def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded) -> None:
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
@@ -82,7 +83,7 @@ def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
 
 def test_where_the_cube_is_stands_in_it_with_an_emulated_arm(recorded: Recorded) -> None:
     places = [one for message in recorded.messages[SCENE] for one in message.transforms if one.child_frame_id == "cube"]
-    assert len(places) > 2 and places[-1].transform.translation.x == pytest.approx(0.291, abs=0.01)
+    assert places and places[-1].transform.translation.x == pytest.approx(0.291, abs=0.01)
 
 
 def test_the_bus_traffic_begins_with_the_first_byte(recorded: Recorded) -> None:
@@ -135,6 +136,7 @@ def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.runs(DEMO)
 def test_a_demo_is_recorded_from_its_first_cycle_to_its_last(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

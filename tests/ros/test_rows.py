@@ -1,37 +1,17 @@
 """Every row that clients count on has a test over DDS, and every mark names a row."""
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.marked import marked
 from tests.ros.rows import ROWS
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def tests_of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+def tests_of(request: pytest.FixtureRequest) -> dict[str, list[str]]:
     """The tests of each row, of those that talk over a real middleware."""
-    marked = tmp_path_factory.mktemp("rows") / "marked.json"
-    collect = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "--collect-only",
-        "-q",
-        "-m",
-        "ros",
-        "-p",
-        "tests.ros.marked",
-        "tests/ros",
-    ]
-    subprocess.run(collect, cwd=ROOT, env={**os.environ, "MARKED": str(marked)}, check=True, capture_output=True)
-    marks: dict[str, list[str]] = json.loads(marked.read_text())
-    return marks
+    return marked(request.config, "row", sorted(Path(__file__).parent.glob("test_*.py")))
 
 
 def test_every_row_has_a_test(tests_of: dict[str, list[str]]) -> None:

@@ -1,5 +1,6 @@
 """``servoloop up --rtf`` and ``--step``: the stack on simulated time, as other processes see it."""
 
+import shlex
 import signal
 import subprocess
 import sys
@@ -23,13 +24,15 @@ from sorting_arm_interfaces.action import PickPlace
 from tf2_msgs.msg import TFMessage
 
 from servoloop.files import CONFIG
+from tests.pages import commands
 from tests.ros.manager_client import ManagerClient, manager_client
-from tests.ros.stack_process import PATIENCE_S, StackProcess, running
+from tests.ros.stack_process import PATIENCE_S, StackProcess, running, until
 
 pytestmark = pytest.mark.ros
 
 NODES = ("controller_manager", "arm_controller", "robot_arm", "robot_state_publisher", "ros2_control_node")
 PERIOD_S = 0.05
+_, *UP = commands("simulation.md")
 LONGEST_JOB_S = 15.0
 """9.6 s in real time; and what a busy machine's clients take, as simulated time does not wait for them."""
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
@@ -186,3 +189,12 @@ def test_whoever_waits_for_steps_is_told_of_the_end(client: ManagerClient, stack
         (response,) = client.wait(left)
     assert (response.success, response.message) == (False, "the control loop has ended")
     assert stack.process.wait(PATIENCE_S) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.runs(*UP)
+@pytest.mark.parametrize("command", UP)
+def test_the_commands_of_the_page_come_up_and_end(command: str, ros_domain: int, tmp_path: Path) -> None:
+    stack = StackProcess(tmp_path / "log", *shlex.split(command)[1:])
+    until(lambda: "ready: robot_arm" in stack.words, lambda: stack.process.poll() is not None and stack.words)
+    assert stack.end() == 0

@@ -1,6 +1,7 @@
 """``servoloop calibration`` as a user types it: a file of LeRobot's for the demo's arm goes in and comes out."""
 
 import json
+import shlex
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +14,11 @@ from hal.joint import Joint
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
 from tests.complaint import complaint
+from tests.pages import commands
 
 FILES = read_arm_files(find_arm())
 JOINTS = FILES.robot.joints
+PAGE = commands("calibration-files.md")
 
 
 @pytest.fixture
@@ -53,6 +56,21 @@ def test_in_shown_and_out_again(robot: Path, tmp_path: Path) -> None:
     assert rows[1]["travel"] == pytest.approx(rows[1]["urdf_range"], abs=0.004)
     run("export", str(out), "--robot", str(robot))
     assert out.read_text() == given.read_text()
+
+
+@pytest.mark.runs(*PAGE)
+def test_the_commands_of_the_page_on_an_arm_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    arm = find_arm("so101")
+    shutil.copytree(arm.folder, "my_arm")
+    text = json.dumps(theirs(read_arm_files(arm).robot.joints), indent=4)
+    Path("my_arm.json").write_text(text)
+    show, take, give = (shlex.split(command.replace("--arm so101", "--arm ./my_arm"))[2:] for command in PAGE)
+    run(*take)
+    assert "wrist_roll" in run(*show)
+    Path("my_arm.json").unlink()
+    run(*give)
+    assert Path("my_arm.json").read_text() == text
 
 
 def test_people_are_told_whose_zero_it_is(robot: Path, tmp_path: Path) -> None:

@@ -12,20 +12,22 @@ from servoloop.campaign.fallen import recorded
 from servoloop.cli import app
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.trace_file import trace_text
+from tests.pages import DOCS, commands
 
-ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / "docs" / "campaigns.md").read_text()
-COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()]
+PAGE = "campaigns.md"
+TEXT = (DOCS / PAGE).read_text()
+COMMANDS = commands(PAGE)
 KEPT = "out/campaign/safe-commands-seed-0.yaml"
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*COMMANDS)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if "--ray" in command:
         pytest.importorskip("ray", reason="Ray is not installed: pip install 'servoloop[ray]'")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    (tmp_path / "docs").symlink_to(DOCS)
     (tmp_path / KEPT).parent.mkdir(parents=True)
     (tmp_path / KEPT).write_text("seconds: 0.5\n")
     words = shlex.split(command.replace("--seeds 1000", "--seeds 2 --jobs 2"))

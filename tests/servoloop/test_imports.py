@@ -57,6 +57,7 @@ def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
 
 
+@pytest.mark.runs("servoloop bench bus --port /dev/ttyACM0 --ids 1-7", "servoloop emulate ./bus")
 def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
     """What a Raspberry Pi without ROS can do with its arm: serve it, measure its line."""
     link = tmp_path / "bus"

@@ -10,12 +10,16 @@ from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from hal.components.component_lifecycle import configure_all
 from hal.lifecycle import LifecycleState
-from servoloop.files import HOME, read_files
+from hal.robot_description.description import parse_urdf
+from hal.robot_file.robot_file import load_robot_file
+from servoloop.files import read_files
 from servoloop.hardware import build
 from sim_backend.clock import SimulatedClock
 from tests.complaint import complaint
 from tests.controller.test_loop import Puppet
+from tests.pages import code
 
+PAGE = "hardware.md"
 URDF = """
 <robot name="r">
   <link name="frame"/><link name="top"/>
@@ -38,20 +42,15 @@ class Driver(Puppet):
     state_interfaces = ("belt/velocity",)
 
 
-def code(language: str) -> str:
-    """The page's last block in this language."""
-    return re.findall(rf"```{language}\n(.*?)```", (HOME / "docs" / "hardware.md").read_text(), re.DOTALL)[-1]
-
-
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """The package installed as pip leaves it, and the user's files."""
-    (entry,) = re.findall(r'"(.*)" = "(.*)"', code("toml"))
+    (entry,) = re.findall(r'"(.*)" = "(.*)"', code(PAGE, "toml"))
     info = tmp_path / "belt-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: belt\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[servoloop.hardware]\n{entry[0]} = {entry[1]}\n")
-    (tmp_path / "belt.py").write_text(code("python"))
+    (tmp_path / "belt.py").write_text(code(PAGE, "python"))
     monkeypatch.syspath_prepend(str(tmp_path))
     urdf, controllers = tmp_path / "belt.urdf", tmp_path / "controllers.yaml"
     urdf.write_text(URDF)
@@ -59,6 +58,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     return urdf, controllers
 
 
+@pytest.mark.runs(f"{PAGE} python 1", f"{PAGE} toml 1")
 def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> None:
     read, clock = read_files(*files), SimulatedClock()
     hardware = build(None, read, {}, clock).hardware
@@ -79,6 +79,32 @@ def test_the_class_of_the_page_runs_in_the_loop(files: tuple[Path, Path]) -> Non
         loop.step()
     assert change.done and change.result() is None
     assert loop.step().velocity[0] == 0.0
+
+
+@pytest.mark.runs(f"{PAGE} xml 1")
+def test_each_block_of_the_description_is_a_component() -> None:
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="base"/><child link="{name}_link"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        f'<link name="{name}_link"/>'
+        for name in ("joint1", "hand_right_joint")
+    )
+    interfaces = '<command_interface name="position"/><state_interface name="position"/>'
+    said = parse_urdf(
+        f'<robot name="r"><link name="base"/>{joints}{code(PAGE, "xml").replace("…", interfaces)}</robot>'
+    )
+    arm, hand = said.components
+    assert (arm.name, arm.joints, arm.parameters["robot"]) == ("arm", ("joint1",), "arm.yaml")
+    assert (hand.name, hand.joints, hand.rw_rate) == ("hand", ("hand_right_joint",), 10)
+
+
+@pytest.mark.runs(f"{PAGE} yaml 1")
+def test_a_joint_with_settings_is_read(tmp_path: Path) -> None:
+    own = read_files().robot_path.read_text()
+    line = "  " + code(PAGE, "yaml").rstrip()
+    (tmp_path / "robot.yaml").write_text(re.sub(r"^  joint2: .*$", line, own, flags=re.MULTILINE))
+    joint = load_robot_file(tmp_path / "robot.yaml").joints["joint2"]
+    assert joint.settings == {"position_p": 16, "position_d": 32, "cw_dead_zone": 1}
 
 
 def test_ones_own_hardware_is_not_driven_on_simulated_time(

@@ -1,21 +1,30 @@
 """``servoloop passport`` as a user types it, on a virtual line behind a real serial device."""
 
 import json
+import os
+import shlex
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from calibration.eeprom import Eeprom
 from drivers.servos import sts
+from drivers.servos.register import Register
+from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
+from servoloop.processes import Interrupted
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.sts.servo import VirtualServo
 from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
+from tests.pages import commands
 from tests.servoloop.served import served
 
 IDS = tuple(range(1, 8))
+PAGE = commands("passport.md")
 
 
 @pytest.fixture
@@ -64,6 +73,24 @@ def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*PAGE)
+def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """This machine has no adapter, so the port is named; the servo that is replaced is of factory ID."""
+    monkeypatch.chdir(tmp_path)
+    save_, diff, restore, replace = (shlex.split(command)[2:] for command in PAGE)
+    robot = read_arm_files(find_arm("so101")).robot
+    models = {joint.servo_id: joint.model for joint in robot.joints}
+    with served(VirtualBus.of(BenchPlant(tuple(models)), models), tmp_path / "old") as port:
+        assert "servos 1, 2, 3, 4, 5, 6" in run(*save_, "--port", port)
+        assert "every servo holds" in run(*diff, "--port", port)
+        run(*restore, "--port", port, answer="y\n")
+    new = VirtualBus.of(BenchPlant((1,)), {1: models[6]})
+    with served(new, tmp_path / "new") as port:
+        run(*replace, "--port", port, answer="y\n")
+    assert new.servos[0].servo_id == 6
+
+
+@pytest.mark.slow
 def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     old, new = VirtualBus.of(BenchPlant(IDS)), VirtualBus.of(BenchPlant((1,)))
@@ -74,6 +101,47 @@ def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
         said = json.loads(run("restore", file, "--port", port, "--id", "6", "--to-new", "--yes", "--json"))
     assert [(one["register"], one["new"]) for one in said] == [("position_p", 16), ("id", 6)]
     assert new.servos[0].servo_id == 6
+
+
+def test_without_a_file_it_is_that_of_the_adapters_serial_number(
+    line: VirtualBus, port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("servoloop.verbs.passport.adapter_serial", lambda device: "5A/68 01")
+    run("save", "--port", port)
+    assert "adapter: 5A/68 01" in (tmp_path / "5A_68_01.passport.yaml").read_text()
+    save(line, 6, 16)
+    assert "position_p" in run("diff", "--port", port, status=1)
+    monkeypatch.setattr("servoloop.verbs.passport.adapter_serial", lambda device: "other")
+    assert "of adapter 5A/68 01, this is other" in run("restore", "5A_68_01.passport.yaml", "--port", port, "--yes")
+    assert line.servo(6).memory.get(sts.position_p) == 32
+
+
+def test_an_adapter_without_serial_number_needs_a_files_name(
+    port: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = complaint(capsys, monkeypatch, "passport", "save", "--port", port)
+    assert "has no serial number by which to name its passport" in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
+    number: signal.Signals, line: VirtualBus, port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = str(tmp_path / "arm.passport.yaml")
+    run("save", file, "--port", port)
+    save(line, 6, 16)
+    put = Eeprom._put
+
+    def signalled(memory: Eeprom, register: Register, value: int) -> None:
+        assert line.servo(6).memory.get(sts.lock) == 0
+        os.kill(os.getpid(), number)
+        put(memory, register, value)
+
+    monkeypatch.setattr(Eeprom, "_put", signalled)
+    with pytest.raises(Interrupted, match="interrupted, and the port closed"):
+        CliRunner().invoke(app, ["passport", "restore", file, "--port", port, "--yes"], catch_exceptions=False)
+    assert (line.servo(6).memory.get(sts.lock), line.servo(6).memory.get(sts.position_p)) == (1, 16)
 
 
 def test_what_goes_wrong_is_said(

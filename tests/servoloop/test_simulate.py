@@ -1,7 +1,7 @@
 """``servoloop simulate``: the node's job on simulated time, and the same digest wherever the same is run."""
 
 import json
-import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -23,7 +23,10 @@ from sim_backend.faults.script import read_script
 from sim_backend.faults.text import parse
 from sim_backend.mechanics.build import Build
 from tests.complaint import complaint
+from tests.pages import code, commands
 
+PAGE = "simulation.md"
+COMMAND, *_ = commands(PAGE)
 SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 
 
@@ -100,11 +103,21 @@ def test_faults_happen_at_their_time_and_a_schedule_is_the_same_run(tmp_path: Pa
     assert json.loads(again.output)["digest"] == result["digest"]
 
 
+@pytest.mark.slow
+@pytest.mark.runs(COMMAND)
+def test_the_command_of_the_page_sorts_three_cubes() -> None:
+    ran = CliRunner().invoke(cli.app, [*shlex.split(COMMAND)[1:], "--json"])
+    assert [(job["bin"], job["success"]) for job in json.loads(ran.output)["jobs"]] == [
+        ("A", True),
+        ("B", True),
+        ("C", True),
+    ]
+
+
+@pytest.mark.runs(f"{PAGE} yaml 1")
 def test_the_schedule_of_the_page_can_be_run(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
-    (text,) = re.findall(r"```yaml\n(arm: so101.*?)```", page, re.DOTALL)
     file = tmp_path / "schedule.yaml"
-    file.write_text(text)
+    file.write_text(code(PAGE, "yaml"))
     ran = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])
     result = json.loads(ran.output)
     assert [job["grade"] for job in result["jobs"]] == ["A", "B"] and "elbow_flex: silent" in result["faulty_cycles"]

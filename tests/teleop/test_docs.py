@@ -1,7 +1,6 @@
 """docs/teleop.md: its commands between two virtual arms on pseudo-terminals, in real time."""
 
 import json
-import re
 import shlex
 import signal
 import subprocess
@@ -14,12 +13,11 @@ import numpy as np
 import pytest
 
 from tests.live.rig import runtime_folder
+from tests.pages import commands
 from tests.recorder.reading import by_rosbags
 from tests.servoloop.served import eventually
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "teleop.md").read_text()
-REAL, VIRTUAL = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
-LEADER, FOLLOWER, TELEOP, HAND = VIRTUAL.splitlines()
+REAL, LEADER, FOLLOWER, TELEOP, HAND = commands("teleop.md")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
@@ -63,6 +61,7 @@ def look_on(folder: Path) -> None:
     assert {traffic.header.frame_id for traffic in found["/servoloop/bus_traffic"]} == {"./leader", "./follower"}
 
 
+@pytest.mark.runs(REAL, LEADER, FOLLOWER, TELEOP, HAND)
 def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: Path) -> None:
     with started(LEADER, tmp_path, "ready"), started(FOLLOWER, tmp_path, "ready"):
         assert run("servoloop hand ./leader hold", tmp_path).returncode == 0

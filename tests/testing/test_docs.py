@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
-TEXT = (DOCS / "test-your-robot.md").read_text()
+from tests.pages import DOCS, ROOT, code, codes, commands, named
+
+PAGE = "test-your-robot.md"
+TEXT = (DOCS / PAGE).read_text()
 PACKAGE = DOCS / "examples" / "level_hand"
 FILES = dict(re.findall(r"^`([\w/.]+)`:\n\n```\w+\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE))
-PROGRAMS = [block for block in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL) if "def test_my_" in block]
+*SOURCES, BUS, NODE = codes(PAGE, "python")
 
 
 def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -25,29 +27,34 @@ def package(tmp_path: Path) -> Path:
     return Path(shutil.copytree(PACKAGE, tmp_path / "level_hand", ignore=shutil.ignore_patterns("__pycache__")))
 
 
+@pytest.mark.runs(*named(PAGE, "yaml", "toml"), f"{PAGE} python 1", f"{PAGE} python 2")
 def test_the_page_shows_every_file_as_it_is() -> None:
     there = {str(path.relative_to(PACKAGE)): path.read_text() for path in PACKAGE.rglob("*.*") if path.is_file()}
     shown = {name: text for name, text in there.items() if not name.endswith((".pyc", "__init__.py"))}
     assert shown == FILES
+    assert {*FILES.values()} == {*SOURCES, *codes(PAGE, "toml"), *codes(PAGE, "yaml")}
 
 
 @pytest.mark.slow
+@pytest.mark.runs(*commands(PAGE), f"{PAGE} diff 1")
 def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> None:
+    assert commands(PAGE) == [f"cd {PACKAGE.relative_to(ROOT)}", "pytest"]
     ran = pytest_in(package)
     assert ran.returncode == 1 and "2 failed, 11 passed" in ran.stdout, ran.stdout
     (words,) = re.findall(r"```\n(stays level.*?)```", TEXT, re.DOTALL)
     assert words in ran.stdout
     (again,) = re.findall(r"pytest '(.*)'\n$", words)
     assert pytest_in(package, again).returncode == 1
-    (diff,) = re.findall(r"```diff\n(.*?)```", TEXT, re.DOTALL)
+    diff = code(PAGE, "diff")
     subprocess.run(["patch", "-p1", "--fuzz=0"], cwd=package, input=diff, text=True, check=True, capture_output=True)
     found = re.findall(r"^FAILED (\S+)", ran.stdout, re.MULTILINE)
     ran = pytest_in(package, *found)
     assert ran.returncode == 0 and "2 passed" in ran.stdout, ran.stdout
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=["bus", "ROS"])
 @pytest.mark.slow
+@pytest.mark.runs(f"{PAGE} python 3", f"{PAGE} python 4")
+@pytest.mark.parametrize("program", [BUS, NODE], ids=["bus", "ROS"])
 def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
     if "rclpy" in program:
         pytest.importorskip("rclpy")

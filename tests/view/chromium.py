@@ -49,7 +49,8 @@ class OpenPage:
     def canvas(self) -> Image.Image:
         """What is drawn in 3-D, between the panels."""
         clip = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
-        return Image.open(io.BytesIO(self.page.screenshot(clip=clip))).convert("RGB")  # type: ignore[arg-type]
+        taken = self.page.screenshot(clip=clip, timeout=PATIENCE_MS)  # type: ignore[arg-type]
+        return Image.open(io.BytesIO(taken)).convert("RGB")
 
 
 def changed(before: Image.Image, after: Image.Image) -> float:

@@ -1,25 +1,21 @@
 """docs/view.md: its commands, run; tests/view/test_page_in_chromium.py runs the first of them."""
 
-import re
 import shlex
 import urllib.error
 import urllib.request
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from servoloop.live.playback import SPEEDS
 from servoloop.recorder.recording_file import RecordingFile
 from servoloop.view.colours import COLD_C, HOT_C
+from tests.pages import DOCS, commands
 from tests.recorder.rig import Rig
 from tests.view.view_process import viewing
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 TEXT = (DOCS / "view.md").read_text()
-LIVE, PLAYED, OTHERS, PICTURE = (
-    line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()
-)
+_, PLAYED, OTHERS, _ = commands("view.md")
 
 
 @pytest.fixture
@@ -35,11 +31,13 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.runs(PLAYED)
 def test_a_recording_is_played_at_an_address_of_this_machine(recording: Path) -> None:
     with viewing(*shlex.split(PLAYED)[2:]) as address, urllib.request.urlopen(address, timeout=20.0) as page:
         assert address.startswith("http://127.0.0.1:") and page.status == 200
 
 
+@pytest.mark.runs(OTHERS)
 def test_other_machines_need_the_address_with_the_token(recording: Path) -> None:
     option, host = shlex.split(OTHERS)[2:]
     assert option == "--host" and host.startswith("192.168.")
@@ -49,14 +47,6 @@ def test_other_machines_need_the_address_with_the_token(recording: Path) -> None
             urllib.request.urlopen(address.partition("?")[0], timeout=20.0)
 
 
-def test_the_first_command_is_the_one_of_the_browser_test() -> None:
-    assert shlex.split(LIVE) == ["servoloop", "view"]
-
-
-def test_the_figures_and_the_picture_are_there() -> None:
+def test_the_figures_are_those_of_the_code() -> None:
     assert f"blue at {COLD_C:.0f} °C, red at {HOT_C:.0f} °C" in TEXT
     assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT
-    program, script, picture = shlex.split(PICTURE)
-    assert program == "python" and (DOCS.parent / script).is_file()
-    with Image.open(DOCS.parent / picture) as image:
-        assert image.width >= 1000

@@ -30,6 +30,7 @@ def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
         yield link
 
 
+@pytest.mark.runs("servoloop view")
 def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path, tmp_path: Path) -> None:
     (tmp_path / "again").mkdir()
     with running(tmp_path, "--port", str(link)) as stack, viewing() as address, open_page(address) as shown:

@@ -1,0 +1,154 @@
+"""The slow motions of a bench, by the control loop and the trajectory controller that drive the arm; no ROS."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+from controller.action_goals import GoalStatus
+from controller.interface import ControllerContext
+from controller.loop import ControlLoop
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.shutdown import shut_down
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.clock import Clock
+from drivers.errors import DriverError
+from hal.components.component_lifecycle import clean_up_all, configure_all
+from hal.types import FloatArray, JointLimits
+from servoloop import hardware
+from servoloop.arms.pick_place_check import ARM
+from servoloop.bench_arm.figures import Spread, Timing
+from servoloop.bench_arm.slow import Pose, seconds_for
+from servoloop.files import Files
+from servoloop.hardware import HardwareKind, HardwareSetup
+from servoloop.line_rate import check_rates
+from servoloop.processes import Interrupted
+
+if TYPE_CHECKING:
+    from servoloop.simulation.virtual_lines import VirtualLines
+
+REST_S: Final = 1.5
+"""At both ends; gravity compensation takes that long to come."""
+BACK: Final = "the arm goes back to where it lay and is let go"
+LOG = logging.getLogger("servoloop")
+
+
+@dataclass(slots=True)
+class Trial:
+    """What was measured, cycle by cycle; arrays of shape (joints,), rad or m and per second."""
+
+    joints: tuple[str, ...]
+    rate_hz: float
+    limits: Mapping[str, JointLimits]
+    """Of every joint: how fast it is to be moved."""
+    lay: dict[str, float] = field(default_factory=dict)
+    """Where every joint of the arm was at the beginning, the hand's too."""
+    time_s: list[float] = field(default_factory=list)
+    reference: list[FloatArray] = field(default_factory=list)
+    velocity: list[FloatArray] = field(default_factory=list)
+    """Of the reference."""
+    position: list[FloatArray] = field(default_factory=list)
+    late_s: list[float] = field(default_factory=list)
+    took_s: list[float] = field(default_factory=list)
+    missed: int = 0
+
+    @property
+    def timing(self) -> Timing:
+        """The loop's figures."""
+        return Timing(self.rate_hz, len(self.late_s), self.missed, Spread.of(self.late_s), Spread.of(self.took_s))
+
+
+def run_trial(
+    files: Files,
+    poses: Sequence[Pose],
+    devices: Mapping[str, str],
+    clock: Clock,
+    signals: Callable[[], int] = lambda: 0,
+    virtual: "VirtualLines | None" = None,
+) -> Trial:
+    """Take the limp arm through the poses of its trajectory controller's joints, and back to where it lay.
+
+    ``files``: with slow limits. The arm is limp behind it, whatever happens; only a second signal skips the way back.
+    Raises DriverError where the arm does not follow, Interrupted after a signal.
+    """
+    setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
+    loop, arm = _loop(setup, files, clock)
+    trial = Trial(arm.joints, 1.0 / loop.period_s, files.limits)
+    configure_all(setup.hardware)
+    try:
+        check_rates(setup.buses, setup.rates_hz, files.robot, files.controllers.path)
+        loop.activate()
+        names = [name.rpartition("/")[0] for name in setup.hardware.command_interfaces]
+        trial.lay = dict(zip(names, loop.command.tolist(), strict=True))
+        try:
+            _drive(loop, arm, poses, trial, signals)
+        finally:
+            problems = shut_down(loop, True, trial.lay, 1.0, hurry=lambda: signals() > 1)
+            for problem in problems:
+                LOG.error("torque may still be on: %s", problem)
+    finally:
+        clean_up_all(setup.hardware)
+    if problems:
+        raise DriverError("; ".join(problems))
+    if signals():
+        raise Interrupted("interrupted: the arm is limp")
+    return trial
+
+
+def _loop(setup: HardwareSetup, files: Files, clock: Clock) -> tuple[ControlLoop, JointTrajectoryController]:
+    """The stack of ``servoloop up`` without its surface, and the controller of the arm's joints."""
+    manager = ControllerManager(setup.hardware, files.limits)
+    context = ControllerContext(
+        files.description, files.component, files.limits, manager.cycle.settled, setup.compliances
+    )
+    Factory(files.controllers, context).fill(manager)
+    period_s = 1.0 / files.controllers.update_rate_hz
+    arm = manager.registry.controllers.get(ARM)
+    if not isinstance(arm, JointTrajectoryController):
+        raise DriverError(f"{files.controllers.path} has no joint trajectory controller {ARM}, by which the arm moves")
+    return ControlLoop(setup.hardware, manager, files.limits, clock, period_s), arm
+
+
+def _drive(
+    loop: ControlLoop,
+    arm: JointTrajectoryController,
+    poses: Sequence[Pose],
+    trial: Trial,
+    signals: Callable[[], int],
+) -> None:
+    """Run the loop until the last pose has been rested at."""
+    moves = _moves(arm, poses, trial, loop.period_s)
+    figures = loop.figures
+
+    def ended() -> bool:
+        if figures.cycles > len(trial.late_s):
+            trial.late_s.append(figures.last_late_s)
+            trial.took_s.append(figures.last_busy_s)
+            trial.missed = figures.missed
+            if (now := arm.tracking) is not None:
+                trial.time_s.append(now.stamp_s)
+                trial.reference.append(now.reference.position)
+                trial.velocity.append(now.reference.velocity)
+                trial.position.append(now.feedback_position)
+        return signals() > 0 or next(moves, None) is None
+
+    loop.run(ended)
+
+
+def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: Trial, period_s: float) -> Iterator[bool]:
+    """Yields in each cycle, as long as there is something to do."""
+    for before, pose in pairwise([trial.lay, *poses]):
+        target = tuple(pose[joint] for joint in arm.joints)
+        goal = TrajectoryGoal(arm.joints, (GoalPoint(target, seconds_for(before, pose, trial.limits)),))
+        if reason := arm.check(goal):
+            raise DriverError(f"the arm cannot go there: {reason}; {BACK}")
+        handle = arm.submit(goal)
+        while not handle.done:
+            yield True
+        if handle.status is not GoalStatus.SUCCEEDED:
+            raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. servoloop doctor finds out why")
+        for _ in range(round(REST_S / period_s)):
+            yield True

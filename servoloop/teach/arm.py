@@ -1,0 +1,125 @@
+"""The arm that is taught, or that plays back: its hardware, one controller of all its joints, and the loop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from controller.teach.freedrive_controller import FreedriveController, GuidedJoint
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.parameters import JointConstraints, TrajectoryParameters
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.port import Port
+from hal.compensation.servo_compliance import lags
+from hal.components.component_set import ComponentSet
+from hal.joint import Joint
+from hal.servos.hand_guided_arm import HandGuidedArm
+from servoloop.background_worker import BackgroundWorker
+from servoloop.files import Files
+from servoloop.hardware import compensation, open_buses
+from servoloop.ports import world_feed
+from servoloop.teach.errors import TeachError
+from servoloop.teleop.arms import Side, hand_joints
+
+ARM: Final = "arm"
+SLACK: Final = 0.15
+"""Share of a servo's full drive with which a soft joint resists the hand, beside its gears' friction."""
+GOAL_TIME_S: Final = 1.0
+
+Worker = BackgroundWorker | Callable[[Callable[[], None]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class TeachArm:
+    """An arm under its loop, not yet configured."""
+
+    loop: ControlLoop
+    hardware: HandGuidedArm
+    files: Files
+    virtual: bool
+    buses: dict[str, Bus] = field(default_factory=dict)
+    """By name, those that are open."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """In the order of measurements and commands."""
+        return self.hardware.joints
+
+
+def build_arm(
+    side: Side,
+    rate_hz: int,
+    clock: Clock,
+    worker: Worker,
+    soft: bool = False,
+    tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
+) -> TeachArm:
+    """Make the arm's hardware and its loop, without a controller. ``tap`` may put something around each port."""
+    files, buses = side.files, dict[str, Bus]()
+    joints = files.robot.joints
+
+    def open_port(device: str, baud: int, clock: Clock) -> Port:
+        return tap(side.open_port(device, baud, clock), clock)
+
+    def opened() -> dict[str, Bus]:
+        buses.update(open_buses(files.robot.file, side.devices, clock, open_port=open_port))
+        return buses
+
+    carried = compensation(joints, files.description, guided=soft)
+    hardware = HandGuidedArm(ARM, joints, opened, clock, carried, soft)
+    components = ComponentSet([hardware], clock)
+    manager = ControllerManager(components, files.limits)
+    files = replace(files, controllers=replace(files.controllers, update_rate_hz=rate_hz))
+    loop = ControlLoop(components, manager, files.limits, clock, 1.0 / rate_hz, background_worker=worker)
+    virtual = side.lines is not None or world_feed(side.devices) is not None
+    return TeachArm(loop, hardware, files, virtual, buses)
+
+
+def add_freedrive(arm: TeachArm) -> FreedriveController:
+    """Have all joints give way to a hand. Raises TeachError where some joint of the arm would sink."""
+    joints, hands = arm.files.robot.joints, hand_joints(arm.files)
+    unknown = [joint.name for joint in joints if joint.compliance is None and joint.name not in hands]
+    if unknown or arm.hardware.compensation is None:
+        why = f"nobody knows how far {', '.join(unknown)} gives way" if unknown else "gravity is not compensated"
+        raise TeachError(f"the arm of {arm.files.robot_path} cannot be made soft, {why}: say --limp, and hold it")
+    guided = [
+        GuidedJoint(joint.name, joint.limits, _slack(joint), joint.compliance, joint.transmission) for joint in joints
+    ]
+    controller = FreedriveController("freedrive_controller", guided, arm.joints)
+    arm.loop.manager.registry.add(controller)
+    return controller
+
+
+def _slack(joint: Joint) -> float:
+    """The error, rad or m, at which the joint's servo pulls with ``SLACK`` of its full drive; 0 where nobody knows."""
+    return SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
+
+
+def add_trajectory(arm: TeachArm) -> JointTrajectoryController:
+    """Have all joints follow trajectories, with the constraints that the controllers file has for each."""
+    joints = arm.files.robot.joints
+    constraints = {"goal_time": GOAL_TIME_S, **_constraints(arm.files)}
+    parameters = TrajectoryParameters.model_validate(
+        {"joints": arm.joints, "interpolation_method": "ruckig", "constraints": constraints}
+    )
+    controller = JointTrajectoryController(
+        "teach_controller",
+        parameters,
+        [joint.limits for joint in joints],
+        arm.joints,
+        settled=lambda controller: True,
+        lags=lags([joint.compliance for joint in joints]),
+    )
+    arm.loop.manager.registry.add(controller)
+    return controller
+
+
+def _constraints(files: Files) -> dict[str, JointConstraints]:
+    """Of the joints that some trajectory controller has: a hand may be held open by what it has grasped."""
+    found: dict[str, JointConstraints] = {}
+    for spec in files.controllers.controllers:
+        if isinstance(spec.parameters, TrajectoryParameters):
+            found |= spec.parameters.constraints.by_joint()
+    return found

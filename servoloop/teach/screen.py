@@ -1,0 +1,60 @@
+"""What a person sees while they teach or play: what the arm does, its joints, faults by name."""
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from hal.types import JointState
+from servoloop.handling.keys import raw_keys, typed
+from servoloop.handling.live_table import LiveTable
+from servoloop.teach.arm import TeachArm
+
+
+class Screen(LiveTable):
+    """Shows one arm."""
+
+    def show(self, phase: str, arm: TeachArm) -> None:
+        """Show how it stands now."""
+        state = arm.loop.manager.cycle.seen
+        faults = [fault.text for fault in state.faults.values()] if state else []
+        text = "; ".join([phase, *dict.fromkeys(faults)])
+        self.draw(text, lambda: Group(Text(phase, style="cyan"), _table(arm, state)))
+
+
+class Teacher(Screen):
+    """Somebody at a terminal, with the arm in their hands."""
+
+    def __init__(self, console: Console, confirm: Callable[[str], None]) -> None:
+        super().__init__(console)
+        self.confirm = confirm
+        self._raw = ExitStack()
+
+    def __enter__(self) -> Self:
+        if sys.stdin.isatty():
+            self._raw.enter_context(raw_keys())
+        return super().__enter__()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self._raw.close()
+
+    def pressed(self) -> Sequence[str]:
+        """The keys pressed since the last look: of a terminal at once, else line by line; the end of it is a q."""
+        return typed(0.0)
+
+
+def _table(arm: TeachArm, state: JointState | None) -> Table:
+    table = Table("joint", "measured", "commanded")
+    if state is None:
+        return table
+    for name, position, command in zip(arm.joints, state.position.tolist(), arm.loop.command.tolist(), strict=True):
+        table.add_row(name, f"{position:+.3f}", f"{command:+.3f}", style="red" if name in state.faults else "")
+    return table

@@ -1,0 +1,177 @@
+"""What an arm was taught: a YAML file for each motion, in a folder beside the arm's other files."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from commissioning.whole_file import write_whole
+from controller.teach.hand_path import HandPath, outside
+from hal.joint import Joint
+from hal.types import AT_LIMIT, FloatArray, JointLimits
+from hal.yaml_file import load
+from servoloop.files import make_folder
+from servoloop.teach.errors import TeachError
+
+FOLDER: Final = "taught"
+NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
+DIGITS: Final = 5
+"""Of positions, velocities and times: far below an encoder's count."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class PointFile(BaseModel):
+    """One point: in the order of the file's joints, rad or m and per second; ``at_s`` and velocities only of a path."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at_s: Finite | None = None
+    positions: list[Finite]
+    velocities: list[Finite] = []
+
+
+class TaughtFile(BaseModel):
+    """The whole file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Literal[1] = 1
+    joints: dict[str, Literal["rad", "m"]]
+    """The joints with their units."""
+    points: list[PointFile] = Field(min_length=1)
+    """A path through points in time, or poses: points without."""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        times = [point.at_s for point in self.points if point.at_s is not None]
+        velocities = len(self.joints) if times else 0
+        if times and (len(times) != len(self.points) or len(times) < 2 or times[0] != 0.0):
+            raise ValueError("a path has two points or more, each with at_s, the first at 0; poses have none")
+        if any(later <= before for before, later in pairwise(times)):
+            raise ValueError("at_s must grow from point to point")
+        for number, point in enumerate(self.points):
+            if (len(point.positions), len(point.velocities)) != (len(self.joints), velocities):
+                raise ValueError(f"points.{number} needs {len(self.joints)} positions and {velocities} velocities")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Taught:
+    """A motion: joints and their positions (m, n) in rad or m, in the order in which they are passed."""
+
+    joints: tuple[str, ...]
+    position: FloatArray
+    path: HandPath | None = None
+    """Through these positions; None: poses, with a stop at each."""
+
+    def of(self, joints: Sequence[str], source: str) -> "Taught":
+        """The same with the joints in this order. Raises TeachError where they are others than those of ``source``."""
+        missing = [name for name in joints if name not in self.joints]
+        strange = [name for name in self.joints if name not in joints]
+        if missing or strange:
+            wrong = [f"it has no {', '.join(missing)}"] * bool(missing)
+            wrong += [f"the arm has no {', '.join(strange)}"] * bool(strange)
+            raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
+        order = [self.joints.index(name) for name in joints]
+        path = self.path and HandPath(self.path.times_s, self.path.position[:, order], self.path.velocity[:, order])
+        return Taught(tuple(joints), self.position[:, order], path)
+
+    def check(self, limits: Sequence[JointLimits], source: str) -> None:
+        """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
+        lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
+        wrong = [
+            f"{name} would go to {far:.4f}, its limits are {limits[index].lower:.4f} to {limits[index].upper:.4f}"
+            for index, name in enumerate(self.joints)
+            for far in (self.position[:, index].min(), self.position[:, index].max())
+            if not lower[index] <= far <= upper[index]
+        ]
+        if wrong:
+            raise TeachError(f"{source}: {'; '.join(wrong)}")
+
+
+def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[str]:
+    """The joints whose positions (m, n) go beyond their limits, in words."""
+    far = outside(position, limits).tolist()
+    return [
+        f"{name} went {by:.3f} beyond its limits, {limit.lower:.4f} to {limit.upper:.4f}: it is taken to them"
+        for name, limit, by in zip(joints, limits, far, strict=True)
+        if by > AT_LIMIT * (limit.upper - limit.lower)
+    ]
+
+
+class TaughtMotions:
+    """The motions of one arm, by name. Raises TeachError where a file is wrong, or cannot be read or written."""
+
+    def __init__(self, folder: Path) -> None:
+        """``folder``: the arm's."""
+        self._folder = folder / FOLDER
+
+    def all(self) -> dict[str, Taught]:
+        """All motions, by name."""
+        return {name: self.get(name) for name in self._names()}
+
+    def get(self, name: str) -> Taught:
+        """One motion."""
+        if not self.path(name).exists():
+            known = ", ".join(self._names()) or "none yet"
+            raise TeachError(f"nothing was taught as {name} in {self._folder}, but: {known}")
+        return _taught(load(self.path(name), TaughtFile, TeachError))
+
+    def require_writable(self) -> None:
+        """Try the folder, before there is something to lose. Raises DriverError."""
+        make_folder(self._folder)
+
+    def save(self, name: str, taught: Taught, joints: Mapping[str, Joint]) -> None:
+        """Keep a motion; one of the same name is replaced, and stays beside it as ``NAME.yaml.1``."""
+        try:
+            write_whole(
+                self.path(name),
+                yaml.safe_dump(_plain(taught, joints), sort_keys=False, default_flow_style=None, width=1000),
+            )
+        except OSError as error:
+            raise TeachError(f"cannot write {self.path(name)}: {error.strerror}") from error
+
+    def remove(self, name: str) -> None:
+        """Forget a motion, also the one before it under this name."""
+        self.get(name)
+        for path in (self.path(name), self.path(name).with_name(f"{name}.yaml.1")):
+            path.unlink(missing_ok=True)
+
+    def path(self, name: str) -> Path:
+        """Where a motion is kept. Raises TeachError where it cannot be called so."""
+        if not NAME.fullmatch(name):
+            raise TeachError(f"{name!r} is no name: letters, digits, _ and - make one")
+        return self._folder / f"{name}.yaml"
+
+    def _names(self) -> list[str]:
+        return sorted(path.stem for path in self._folder.glob("*.yaml"))
+
+
+def _taught(file: TaughtFile) -> Taught:
+    position = np.array([point.positions for point in file.points])
+    if file.points[0].at_s is None:
+        return Taught(tuple(file.joints), position)
+    times_s = np.array([point.at_s for point in file.points])
+    velocity = np.array([point.velocities for point in file.points])
+    return Taught(tuple(file.joints), position, HandPath(times_s, position, velocity))
+
+
+def _plain(taught: Taught, joints: Mapping[str, Joint]) -> dict[str, object]:
+    """The file's content; times and places are rounded."""
+    units = {name: "rad" if joints[name].transmission == 1.0 else "m" for name in taught.joints}
+    rows: list[dict[str, object]] = [{"positions": row} for row in np.round(taught.position, DIGITS).tolist()]
+    if taught.path is not None:
+        times_s = np.round(taught.path.times_s, DIGITS).tolist()
+        velocities = np.round(taught.path.velocity, DIGITS).tolist()
+        rows = [
+            {"at_s": time_s, **row, "velocities": velocity}
+            for time_s, row, velocity in zip(times_s, rows, velocities, strict=True)
+        ]
+    return {"version": 1, "joints": units, "points": rows}

@@ -1,0 +1,77 @@
+"""The documents' pictures: each is shown, and made by a script that is named on the page that shows it."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence
+
+from tests.pages import DOCS, ROOT, commands, pages
+from tests.view.chromium import find_chromium
+
+PICTURES = sorted(path for path in DOCS.rglob("*") if path.suffix in (".png", ".gif", ".svg", ".jpg"))
+SHOWN = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
+SCRIPTS = {command for page in pages() for command in commands(page) if command.startswith("python tools/")}
+VIEW = "python tools/view_picture.py docs/view.png"
+SIMULATED = sorted(SCRIPTS - {VIEW})
+"""What shows numbers alone: the same wherever it is drawn."""
+OTHER = 0.01
+"""So large a share of the pixels may be clearly different: the physics of another machine may round otherwise."""
+
+
+def shown_by(page: str) -> set[Path]:
+    path = pages()[page]
+    return {(path.parent / name).resolve() for name in SHOWN.findall(path.read_text())}
+
+
+def test_every_picture_is_shown() -> None:
+    assert set().union(*map(shown_by, pages())) == set(PICTURES)
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if shown_by(page)])
+def test_a_page_names_the_script_of_its_pictures(page: str) -> None:
+    for picture in shown_by(page):
+        name = re.escape(str(picture.relative_to(ROOT)))
+        named = re.search(rf"python (tools/\w+\.py) [^`\n]*{name}$", pages()[page].read_text(), re.MULTILINE)
+        named = named or re.search(rf"`python (tools/\w+\.py) [^`\n]*{name}`", pages()[page].read_text())
+        assert named and (ROOT / named[1]).is_file(), picture
+
+
+def run(command: str, folder: Path) -> tuple[Path, Path]:
+    """The picture that a page's command draws, here, and the one in docs/."""
+    *words, picture = shlex.split(command)
+    drawn = folder / Path(picture).name
+    subprocess.run([sys.executable, *words[1:], str(drawn)], cwd=ROOT, check=True, timeout=110.0)
+    return drawn, ROOT / picture
+
+
+def pixels(path: Path) -> list[NDArray[np.uint8]]:
+    """All frames."""
+    with Image.open(path) as image:
+        return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
+
+
+@pytest.mark.slow
+@pytest.mark.runs(*SIMULATED)
+@pytest.mark.parametrize("command", SIMULATED)
+def test_the_script_draws_the_picture_that_is_there(command: str, tmp_path: Path) -> None:
+    drawn, kept = run(command, tmp_path)
+    if kept.suffix == ".svg":
+        assert drawn.read_text().count("<") == kept.read_text().count("<")
+        return
+    for one, other in zip(pixels(drawn), pixels(kept), strict=True):
+        assert one.shape == other.shape
+        assert (np.abs(one.astype(int) - other).max(axis=2) > 40).mean() < OTHER
+
+
+@pytest.mark.slow
+@pytest.mark.runs(VIEW)
+def test_the_view_s_picture_is_drawn(tmp_path: Path) -> None:
+    find_chromium()
+    (drawn,), (kept,) = map(pixels, run(VIEW, tmp_path))
+    assert drawn.shape == kept.shape and len(np.unique(drawn.reshape(-1, 3), axis=0)) > 100

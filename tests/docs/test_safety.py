@@ -1,0 +1,14 @@
+"""docs/safety.md: every promise names tests, and they are there."""
+
+import re
+
+from tests.pages import DOCS, ROOT
+
+ROWS = re.findall(r"^\| (?!promise|---)(.+) \| (.+) \|$", (DOCS / "safety.md").read_text(), re.MULTILINE)
+
+
+def test_every_promise_names_tests_that_exist() -> None:
+    assert len(ROWS) > 15
+    for promise, tests in ROWS:
+        named = re.findall(r"`(tests/[\w/]+\.py)`", tests)
+        assert (named or tests == "the same") and all((ROOT / name).is_file() for name in named), promise

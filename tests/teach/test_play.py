@@ -1,0 +1,91 @@
+"""A motion that is played: slowly to its beginning, as long as the key is held, within the limits."""
+
+import numpy as np
+import pytest
+
+from servoloop.teach.arm import add_trajectory
+from servoloop.teach.errors import TeachError
+from servoloop.teach.play import APPROACH, Phase, Play
+from servoloop.teleop.dead_man import HandsFree
+from tests.teach.player import FASTEST, PAN, Key, Player, path
+from tests.teach.rig import FREE, Rig
+
+
+def test_the_way_to_the_beginning_is_slow() -> None:
+    player = Player(path(), pose={**FREE, "shoulder_pan": -1.2})
+    player.go_on(until=Phase.PLAYING)
+    speeds = np.abs(player.speeds)
+    assert (speeds <= APPROACH * FASTEST + 1e-6).all() and speeds[:, PAN].max() > 0.5
+    assert player.rig.measured()[-1, PAN] == pytest.approx(0.0, abs=0.02)
+
+
+def test_nothing_moves_without_the_key_and_the_arm_stops_within_its_limits_when_it_is_let_go() -> None:
+    player = Player(path(), key=Key(held=False))
+    player.go_on(2.0)
+    assert player.play.phase is Phase.WAITING and np.ptp(np.array(player.rig.commands), axis=0).max() == 0.0
+    player.key.held = True
+    player.go_on(until=Phase.PLAYING)
+    player.go_on(1.2)
+    cycle = len(player.speeds)
+    assert player.speeds[-1][PAN] > 0.3
+    player.key.held = False
+    player.go_on(1.0)
+    assert player.play.phase is Phase.PAUSED
+    speeds = np.array(player.speeds[cycle - 5 :])[:, PAN]
+    assert speeds[-1] == 0.0 and (np.abs(np.diff(speeds)) * 50.0 <= 12.0).all(), "12 rad/s² are its limit"
+    assert np.ptp(player.rig.measured(-25)[:, PAN]) < 0.01
+    player.key.held = True
+    assert not player.go_on() and player.play.phase is Phase.DONE
+    assert player.rig.measured()[-1, PAN] == pytest.approx(0.8, abs=0.01), "it goes on where it stood"
+
+
+def test_q_ends_at_once() -> None:
+    player = Player(path())
+    player.go_on(until=Phase.PLAYING)
+    player.key.quit = True
+    assert not player.go_on(0.1)
+
+
+def test_half_the_speed_takes_twice_as_long() -> None:
+    durations_s = []
+    for speed in (1.0, 0.5):
+        player = Player(path(), speed)
+        player.go_on(until=Phase.PLAYING)
+        begun_s = player.rig.clock.now()
+        assert not player.go_on()
+        durations_s.append(player.rig.clock.now() - begun_s)
+    assert durations_s[0] == pytest.approx(3.0, abs=0.2) and durations_s[1] == pytest.approx(6.0, abs=0.2)
+
+
+def test_a_hand_that_was_faster_than_the_joints_is_followed_as_fast_as_they_can() -> None:
+    player = Player(path(seconds=0.3, turns=1.2))  # 6 rad/s, where the joint has 4
+    player.go_on(until=Phase.PLAYING)
+    cycle = len(player.rig.commands)
+    assert not player.go_on()
+    assert (player.rig.speeds(cycle) <= FASTEST).all() and player.rig.speeds(cycle)[:, PAN].max() > 2.0
+    assert player.rig.measured()[-1, PAN] == pytest.approx(1.2, abs=0.02)
+
+
+def test_an_obstacle_ends_the_playing_with_the_joints_name() -> None:
+    player = Player(path(seconds=3.0, turns=1.5))
+    player.go_on(until=Phase.PLAYING)
+    player.rig.take_to = lambda time_s: {"shoulder_pan": 0.0}
+    with pytest.raises(TeachError, match="shoulder_pan is off by"):
+        player.go_on()
+
+
+def test_a_silent_servo_ends_the_playing_with_its_name() -> None:
+    player = Player(path())
+    player.go_on(until=Phase.PLAYING)
+    (line,) = player.rig.lines.lines.values()
+    line.faults.silence(2)
+    with pytest.raises(TeachError, match="servo 2"):
+        player.go_on()
+
+
+def test_hands_free_needs_no_key() -> None:
+    rig = Rig()
+    play = Play(rig.arm, add_trajectory(rig.arm), path(seconds=1.0), 1.0, HandsFree())
+    rig.configure()
+    play.begin()
+    assert not rig.run(20.0, lambda: play.look(rig.clock.now())) and play.phase is Phase.DONE

@@ -1,0 +1,223 @@
+"""What a hand has shown is what the arm does then: on virtual servos and simulated time."""
+
+import re
+
+import numpy as np
+import pytest
+
+from controller.shutdown import shut_down
+from drivers.errors import PortLost
+from drivers.servos import sts
+from hal.errors import ActivationError
+from hal.lifecycle import LifecycleState
+from hal.types import FloatArray
+from servoloop.teach.errors import TeachError
+from servoloop.teach.play import APPROACH, Phase
+from servoloop.teach.record import HANDS_S, LIMP, SOFT
+from servoloop.teach.record import Phase as Teaching
+from tests.teach.player import FASTEST, PAN, Player
+from tests.teach.rig import FREE, SO101, Lesson
+
+
+def recorded(soft: bool) -> tuple[Lesson, FloatArray]:
+    """A lesson that is over, and where the joints were while the hand showed the way (k, n)."""
+    lesson = Lesson(soft).begin()
+    cycle = len(lesson.rig.states)
+    lesson.show(4.0)
+    shown = lesson.rig.measured(cycle)
+    lesson.recording.press("\n")
+    return lesson, shown
+
+
+def nearest(places: FloatArray, among: FloatArray) -> FloatArray:
+    """How far each of some poses is from the nearest of others, by its worst joint (k,)."""
+    return np.array([np.abs(among - place).max(axis=1).min() for place in places])
+
+
+def delayed(shown: FloatArray, done: FloatArray) -> float:
+    """By how much one way in time is beside the other at the most, at the delay at which that is least."""
+    times = np.arange(len(done))
+
+    def beside(delay: float) -> float:
+        columns = [np.interp(times + delay, np.arange(len(shown)), column) for column in shown.T]
+        return float(np.abs(np.stack(columns, axis=1) - done).max())
+
+    return min(map(beside, np.arange(-50.0, 50.0, 0.25)))
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_what_the_hand_did_is_what_the_arm_does(soft: bool) -> None:
+    lesson, shown = recorded(soft)
+    taught, warnings = lesson.kept[0]
+    assert taught.path is not None and not warnings and np.ptp(shown[:, PAN]) > 0.6
+    player = Player(taught)
+    player.go_on(until=Phase.PLAYING)
+    cycle = len(player.rig.states)
+    assert not player.go_on() and player.play.phase is Phase.DONE
+    done = player.rig.measured(cycle)
+    assert nearest(done, shown).max() < 0.02 and nearest(shown, done).max() < 0.02
+    assert len(done) * 0.02 == pytest.approx(taught.path.duration_s, abs=0.3)
+    assert delayed(shown, done) < 0.03, "also in time, but for a delay that is the same for all of it"
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_the_arm_stays_where_it_was_left_when_torque_comes_back(soft: bool) -> None:
+    lesson, _ = recorded(soft)
+    rig, left = lesson.rig, lesson.rig.places
+    assert lesson.recording.phase is Teaching.HOLDING
+    lesson.go_on(0.5)
+    assert lesson.recording.phase is Teaching.HELD
+    rig.take_to = lambda time_s: {}
+    assert not lesson.go_on(HANDS_S + 1.0), "hands have had their time"
+    assert np.abs(rig.places - left).max() < 0.02
+    for joint in SO101.robot.joints:
+        assert rig.register(joint.name, sts.torque_enable) == 1
+        full = min(round(1000 * joint.torque_limit), 999)
+        assert rig.register(joint.name, sts.torque_limit) == full, "and with all of its torque"
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_an_arm_that_holds_itself_is_parked_from_where_it_was_left(soft: bool) -> None:
+    lesson, _ = recorded(soft)
+    assert not lesson.go_on(HANDS_S + 1.0)
+    rig, cycle = lesson.rig, len(lesson.rig.commands) - 1
+    rig.take_to = lambda time_s: {}
+    park = SO101.robot.file.park
+    assert park is not None
+    sent: list[FloatArray] = []
+    write = rig.arm.hardware.write
+    rig.arm.hardware.write = lambda command: (sent.append(command.values), write(command))  # type: ignore[method-assign]
+    assert shut_down(rig.loop, True, park.pose, park.velocity_scale) == []
+    steps = np.abs(np.diff(np.array([rig.commands[cycle], *sent]), axis=0)) * 50.0
+    assert (steps <= park.velocity_scale * FASTEST + 1e-6).all(), "slowly, without a leap"
+    wanted = [park.pose.get(name, place) for name, place in zip(rig.names, rig.places.tolist(), strict=True)]
+    assert rig.places == pytest.approx(wanted, abs=0.12), "and falls by no more than it sagged"
+    assert not any(rig.register(name, sts.torque_enable) for name in rig.names)
+
+
+def test_a_limp_arm_whose_recording_breaks_off_stays_limp() -> None:
+    lesson = Lesson(soft=False).begin()
+    assert shut_down(lesson.rig.loop, True, FREE, 0.25) == []
+    assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
+
+
+def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
+    lesson = Lesson(soft=False)
+    lesson.rig.configure()
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
+    assert not lesson.asked, "it is limp already"
+    lesson.recording.look(0.0)
+    lesson.recording.stop()
+    lesson.rig.run(0.2)
+    assert lesson.rig.arm.hardware.state is LifecycleState.ACTIVE
+    lesson.rig.arm.hardware.deactivate(relax=False)
+
+    def no(question: str) -> None:
+        assert question == LIMP
+        raise TeachError("no")
+
+    with pytest.raises(TeachError, match="no"):
+        lesson.recording.ask(no)
+    assert all(lesson.rig.register(name, sts.torque_enable) == 1 for name in lesson.rig.names)
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
+    assert lesson.asked == [LIMP]
+    assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
+
+
+def test_soft_torque_is_announced_and_recording_begins_when_the_arm_gives_way() -> None:
+    lesson = Lesson(soft=True)
+    lesson.rig.configure(lesson.recording.take)
+    lesson.recording.ask(lesson.asked.append)
+    lesson.recording.begin()
+    assert lesson.asked == [SOFT]
+    lesson.go_on(0.5)
+    assert lesson.recording.phase is Teaching.READYING
+    lesson.go_on(0.7)
+    assert lesson.recording.phase is Teaching.BY_HAND
+
+
+def test_an_arm_that_was_not_moved_leaves_nothing_and_holds_itself_all_the_same() -> None:
+    lesson = Lesson(soft=False).begin()
+    lesson.recording.press("q")
+    assert isinstance(lesson.recording.error, TeachError) and "was not moved" in str(lesson.recording.error)
+    assert not lesson.go_on(HANDS_S + 1.0) and not lesson.kept
+    assert all(lesson.rig.register(name, sts.torque_enable) == 1 for name in lesson.rig.names)
+
+
+def test_a_lost_port_ends_the_loop_and_what_was_shown_until_then_is_kept() -> None:
+    lesson = Lesson(soft=True).begin()
+    lesson.show(2.0)
+    lesson.rig.lines.unplug()
+    with pytest.raises(PortLost):
+        lesson.rig.run(1.0)
+    lesson.recording.stop()
+    (found,) = lesson.kept
+    assert found[0].path is not None and found[0].path.duration_s > 1.5
+
+
+def test_a_servo_that_is_silent_for_a_while_is_named_and_the_path_goes_on() -> None:
+    lesson = Lesson(soft=False).begin()
+    (line,) = lesson.rig.lines.lines.values()
+    begun_s = lesson.rig.clock.now()
+    lesson.rig.take_to = lambda time_s: {**FREE, "shoulder_pan": 0.3 * min(time_s - begun_s, 2.0)}
+    lesson.go_on(0.8)
+    line.faults.silence(3)
+    lesson.go_on(0.4)
+    line.faults.restore(3)
+    lesson.go_on(1.2)
+    lesson.recording.stop()
+    taught, warnings = lesson.kept[0]
+    (warning,) = warnings
+    assert re.fullmatch(r"elbow_flex not measured for 0\.\d s: the path is straight there", warning)
+    assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
+
+
+@pytest.mark.parametrize("soft", [True, False])
+def test_torque_that_cannot_come_back_is_told_and_the_arm_is_as_it_was(soft: bool) -> None:
+    lesson = Lesson(soft).begin()
+    lesson.show(1.0)
+    (line,) = lesson.rig.lines.lines.values()
+    line.faults.silence(3)
+    lesson.recording.press("\n")
+    assert len(lesson.kept) == 1, "what was shown is kept first"
+    how = "soft: let it go" if soft else "limp: put it down"
+    with pytest.raises(TeachError, match=rf"the arm is {how}\..*(elbow_flex|servo 3)"):
+        lesson.go_on(3.0)
+    held = [lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names]
+    assert held == [int(soft)] * 6
+
+
+def test_a_servo_that_may_still_hold_is_told_before_anybody_takes_the_arm() -> None:
+    lesson = Lesson(soft=False)
+    lesson.rig.configure()
+    (line,) = lesson.rig.lines.lines.values()
+    line.faults.silence(3)
+    with pytest.raises(ActivationError, match="must be limp to be moved by hand: servo 3"):
+        lesson.recording.begin()
+
+
+def test_poses_are_kept_where_they_are_marked_and_played_one_after_the_other() -> None:
+    lesson = Lesson(soft=True, poses=True).begin()
+    for key in ("p", "\n"):
+        lesson.show(1.5)
+        lesson.recording.press(key)
+    marked = lesson.rig.measured()[-1]
+    lesson.recording.press("q")
+    taught, _ = lesson.kept[0]
+    assert taught.path is None and taught.position.shape == (2, 6)
+    assert taught.position[1] == pytest.approx(marked, abs=0.01)
+    assert taught.position[1, PAN] - taught.position[0, PAN] == pytest.approx(0.2, abs=0.03)
+    player = Player(taught, pose={**FREE, "shoulder_pan": -0.5})
+    assert not player.go_on() and player.rig.measured()[-1] == pytest.approx(taught.position[1], abs=0.02)
+    stood = nearest(taught.position, player.rig.measured())
+    assert stood.max() < 0.02, "it was at each"
+    assert (np.abs(player.speeds) <= APPROACH * FASTEST + 1e-6).all()
+
+
+def test_poses_that_were_never_marked_are_an_error_that_says_how() -> None:
+    lesson = Lesson(soft=False, poses=True).begin()
+    lesson.show(1.0)
+    lesson.recording.press("q")
+    assert "press p or Enter" in str(lesson.recording.error)

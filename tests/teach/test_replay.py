@@ -1,0 +1,124 @@
+"""Recordings onto an arm, and into the view."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from drivers.errors import DriverError
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.cli import app
+from servoloop.recorder.reader import read_recording
+from servoloop.recorder.record_option import RecordingError
+from servoloop.recorder.recording_file import RecordingFile
+from servoloop.teach.arm import add_trajectory
+from servoloop.teach.errors import TeachError
+from servoloop.teach.play import Phase, Play
+from servoloop.teach.recorded import recorded_motion
+from servoloop.teleop.dead_man import HandsFree
+from servoloop.verbs import replay as verb
+from tests.recorder.rig import Rig as RecordedRig
+from tests.stack.rig import READY
+from tests.teach.rig import Rig
+
+FILES = read_arm_files(find_arm("robot_arm"))
+NAMES = [joint.name for joint in FILES.robot.joints]
+LIMITS = [joint.limits for joint in FILES.robot.joints]
+HERE = (0.0, 0.0, *READY[2:])
+THERE = (0.5, 0.2, -0.4, *READY[3:])
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording of an arm that goes a way and back, and what a program leaves that was killed half-way."""
+    folder, rig = tmp_path_factory.mktemp("recordings"), RecordedRig(HERE)
+    whole, killed = folder / "whole.mcap", folder / "killed.mcap"
+    file = RecordingFile(whole, rig.messages)
+    for pose in (THERE, HERE):
+        rig.stack.go(pose)
+        for sample in rig.run(2.4):
+            file.write(sample)
+        if pose is THERE:
+            file.flush()
+            killed.write_bytes(whole.read_bytes()[:-7])
+    file.close((), failed=False)
+    return whole, killed
+
+
+def test_the_arm_does_what_is_in_the_recording(recordings: tuple[Path, Path]) -> None:
+    recorded = read_recording(recordings[0]).position
+    taught, warnings = recorded_motion(recordings[0], NAMES, LIMITS)
+    assert not warnings and np.ptp(recorded[:, 0]) > 0.45
+    rig = Rig(pose=dict(zip(NAMES, (*HERE, 0.0), strict=True)), files=FILES)
+    play = Play(rig.arm, add_trajectory(rig.arm), taught, 1.0, HandsFree())
+    rig.configure()
+    play.begin()
+    cycles: list[int] = []
+
+    def look() -> bool:
+        if play.phase is Phase.PLAYING:
+            cycles.append(len(rig.states))
+        return play.look(rig.clock.now())
+
+    assert not rig.run(60.0, look) and play.phase is Phase.DONE
+    done = rig.measured(cycles[0])
+    for mine, other in ((done, recorded), (recorded, done)):
+        assert max(np.abs(other - place).max(axis=1).min() for place in mine) < 0.02
+    assert len(done) * rig.loop.period_s == pytest.approx(4.0, abs=1.0)
+
+
+def test_what_a_killed_program_has_left_is_played_as_far_as_it_goes(recordings: tuple[Path, Path]) -> None:
+    taught, _ = recorded_motion(recordings[1], NAMES, LIMITS)
+    assert taught.position[-1, 0] == pytest.approx(THERE[0], abs=0.02) and taught.position[0, 0] < 0.02
+
+
+def test_a_recording_of_another_arm_is_refused_by_its_joints(recordings: tuple[Path, Path]) -> None:
+    so101 = read_arm_files(find_arm("so101")).robot.joints
+    with pytest.raises(TeachError, match=r"whole.mcap is of another arm: it has no shoulder_pan, .* has no joint1, "):
+        recorded_motion(recordings[0], [joint.name for joint in so101], [joint.limits for joint in so101])
+
+
+def test_joints_come_in_the_order_of_the_arm(recordings: tuple[Path, Path]) -> None:
+    taught, _ = recorded_motion(recordings[0], NAMES[::-1], LIMITS[::-1])
+    assert taught.joints == tuple(NAMES[::-1]) and np.ptp(taught.position[:, -1]) > 0.45
+
+
+def test_what_is_beyond_the_limits_of_this_arm_is_told_and_taken_to_them(recordings: tuple[Path, Path]) -> None:
+    taught, warnings = recorded_motion(recordings[0], NAMES, [replace(LIMITS[0], upper=0.3), *LIMITS[1:]])
+    assert len(warnings) == 1 and warnings[0].startswith("joint1 went 0.")
+    assert taught.position[:, 0].max() <= 0.3
+
+
+def test_a_recording_without_a_movement_or_without_a_run_is_refused(tmp_path: Path) -> None:
+    rig, path = RecordedRig(HERE), tmp_path / "still.mcap"
+    rig.run(2.0)
+    file = RecordingFile(path, rig.messages)
+    for sample in rig.run(0.5):
+        file.write(sample)
+    file.close((), failed=False)
+    with pytest.raises(TeachError, match="nothing moves"):
+        recorded_motion(path, NAMES, LIMITS)
+    with pytest.raises(RecordingError, match="cannot read"):
+        recorded_motion(tmp_path / "none.mcap", NAMES, LIMITS)
+
+
+@pytest.mark.runs("servoloop replay run.mcap")
+def test_without_a_port_the_recording_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr(verb, "view", lambda recording, **options: shown.append((recording, options["arm"])))
+    assert CliRunner().invoke(app, ["replay", "run.mcap"]).exit_code == 0
+    assert shown == [(Path("run.mcap"), None)]
+
+
+def test_the_verb_refuses_before_it_opens_a_port(recordings: tuple[Path, Path]) -> None:
+    def refused(*words: str) -> str:
+        with pytest.raises(DriverError) as error:
+            CliRunner().invoke(app, ["replay", *words, "--port", "./no_such_port"], catch_exceptions=False)
+        return str(error.value)
+
+    assert "nobody can hold a key here" in refused(str(recordings[0]))
+    assert "is of another arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
+    assert "no_such_port" in refused(str(recordings[0]), "--hands-free")

@@ -1,0 +1,157 @@
+"""The files of what an arm was taught, and the verbs that list and forget them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from controller.teach.hand_path import HandPath
+from drivers.errors import DriverError
+from servoloop.arms.folder import ARMS
+from servoloop.cli import app
+from servoloop.teach.errors import TeachError
+from servoloop.teach.taught import Taught, TaughtMotions, beyond
+from tests.teach.rig import SO101
+
+JOINTS = {joint.name: joint for joint in SO101.robot.joints}
+NAMES = tuple(JOINTS)
+LIMITS = [joint.limits for joint in SO101.robot.joints]
+POSITION = np.array([[0.0, -0.9, 0.3, 0.6, 0.0, 0.1], [0.123456, -0.8, 0.2, 0.6, 0.0, 0.1]])
+POSES = Taught(NAMES, POSITION)
+PATH = Taught(NAMES, POSITION, HandPath(np.array([0.0, 1.5]), POSITION, np.zeros((2, 6))))
+
+
+@pytest.fixture
+def motions(tmp_path: Path) -> TaughtMotions:
+    motions = TaughtMotions(tmp_path)
+    motions.require_writable()
+    return motions
+
+
+@pytest.mark.parametrize("taught", [POSES, PATH])
+def test_what_is_kept_comes_back(motions: TaughtMotions, taught: Taught) -> None:
+    motions.save("wave", taught, JOINTS)
+    back = motions.get("wave")
+    assert back.joints == NAMES and back.position == pytest.approx(taught.position, abs=1e-5)
+    assert (back.path is None) == (taught.path is None)
+    if back.path is not None:
+        assert back.path.duration_s == 1.5 and not back.path.velocity.any()
+    text = motions.path("wave").read_text()
+    assert text.startswith("version: 1\njoints: {shoulder_pan: rad,") and "0.12346" in text
+
+
+def test_the_one_before_stays_beside_a_new_one_and_goes_with_it(motions: TaughtMotions) -> None:
+    motions.save("wave", POSES, JOINTS)
+    motions.save("wave", PATH, JOINTS)
+    former = motions.path("wave").with_name("wave.yaml.1")
+    assert "at_s" not in former.read_text() and list(motions.all()) == ["wave"]
+    motions.remove("wave")
+    assert not former.exists() and not motions.all()
+
+
+def test_an_unknown_name_and_a_bad_one_are_errors_that_help(motions: TaughtMotions) -> None:
+    with pytest.raises(TeachError, match=r"nothing was taught as wave .* none yet"):
+        motions.get("wave")
+    motions.save("nod", POSES, JOINTS)
+    with pytest.raises(TeachError, match="but: nod"):
+        motions.remove("wave")
+    for name in ("../wave", "", "a b", "wave.yaml"):
+        with pytest.raises(TeachError, match="letters, digits, _ and -"):
+            motions.save(name, POSES, JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        ("[]", r":2: points"),
+        ("[{positions: [0.0, 1.0]}]", "points.0 needs 1 positions"),
+        ("[{positions: [.nan]}]", "positions.0"),
+        ("[{at_s: 0.0, positions: [0.0], velocities: [0.0]}]", "two points or more"),
+        ("[{at_s: 0.0, positions: [0.0], velocities: [0.0]}, {positions: [0.0]}]", "each with at_s"),
+        (
+            "[{at_s: 0.0, positions: [0.0], velocities: [0.0]}, {at_s: 0.0, positions: [0.0], velocities: [0.0]}]",
+            "grow",
+        ),
+        (
+            "[{at_s: 1.0, positions: [0.0], velocities: [0.0]}, {at_s: 2.0, positions: [0.0], velocities: [0.0]}]",
+            "at 0",
+        ),
+        ("[{at_s: 0.0, positions: [0.0]}, {at_s: 2.0, positions: [0.0]}]", "1 velocities"),
+        ("[{positions: [0.0], speed: 3}]", "speed"),
+    ],
+)
+def test_a_file_with_a_mistake_is_refused_with_its_place(motions: TaughtMotions, points: str, said: str) -> None:
+    motions.path("wave").write_text(f"joints: {{wrist: rad}}\npoints: {points}\n")
+    with pytest.raises(TeachError, match=said) as refused:
+        motions.get("wave")
+    assert str(motions.path("wave")) in str(refused.value)
+
+
+def test_another_version_is_refused(motions: TaughtMotions) -> None:
+    motions.path("wave").write_text("version: 2\njoints: {wrist: rad}\npoints: [{positions: [0.0]}]\n")
+    with pytest.raises(TeachError, match="version"):
+        motions.get("wave")
+
+
+def test_joints_are_brought_into_the_arms_order_and_others_are_refused_by_name() -> None:
+    turned = PATH.of(NAMES[::-1], "wave")
+    assert turned.path is not None and turned.position[1, -1] == turned.path.position[1, -1] == pytest.approx(0.123456)
+    with pytest.raises(TeachError, match=r"wave is of another arm: it has no wrist; the arm has no gripper\."):
+        PATH.of([*NAMES[:-1], "wrist"], "wave")
+
+
+def test_positions_beyond_the_limits_are_refused_with_each_joint() -> None:
+    POSES.check(LIMITS, "wave")
+    far = POSITION.copy()
+    far[0, 0], far[1, 2] = -3.0, 2.5
+    with pytest.raises(TeachError, match=r"wave: shoulder_pan would go to -3.0000.*; elbow_flex would go to 2.5000"):
+        Taught(NAMES, far).check(LIMITS, "wave")
+    (first, second) = beyond(far, NAMES, LIMITS)
+    assert first.startswith("shoulder_pan went 1.080 beyond") and second.startswith("elbow_flex went 0.8")
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_anything_moves(tmp_path: Path) -> None:
+    (tmp_path / "taught").write_text("in the way")
+    with pytest.raises(DriverError, match="cannot write into"):
+        TaughtMotions(tmp_path).require_writable()
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """An arm of one's own, with a motion."""
+    (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'so101'}\n")
+    motions = TaughtMotions(tmp_path)
+    motions.require_writable()
+    motions.save("wave", PATH, JOINTS)
+    return tmp_path
+
+
+def test_the_verbs_list_and_forget(arm: Path) -> None:
+    run = CliRunner().invoke
+    assert run(app, ["teach", "list", "--arm", str(arm)]).output == "wave: a path of 1.5 s through 2 points\n"
+    (found,) = json.loads(run(app, ["teach", "list", "--arm", str(arm), "--json"]).output).values()
+    assert found == {"kind": "path", "joints": list(NAMES), "points": 2, "duration_s": 1.5}
+    assert run(app, ["teach", "remove", "wave", "--arm", str(arm)]).exit_code == 0
+    assert run(app, ["teach", "list", "--arm", str(arm)]).output == ""
+
+
+def test_play_refuses_before_it_opens_a_port(arm: Path) -> None:
+    def refused(*words: str) -> str:
+        with pytest.raises(DriverError) as error:
+            CliRunner().invoke(app, ["teach", "play", *words, "--port", "./no_such_port"], catch_exceptions=False)
+        return str(error.value)
+
+    assert "nobody can hold a key here" in refused("wave", "--arm", str(arm))
+    assert "nothing was taught as nod" in refused("nod", "--arm", str(arm), "--hands-free")
+    assert "no_such_port" in refused("wave", "--arm", str(arm), "--hands-free")
+
+
+def test_recording_anew_is_asked_and_a_bad_name_is_told_at_once(arm: Path) -> None:
+    run = CliRunner().invoke
+    words = ["teach", "record", "wave", "--arm", str(arm), "--port", "./no_such_port"]
+    asked = run(app, words, input="n\n")
+    assert asked.exit_code == 1 and "wave is there already. Record it anew?" in asked.output
+    with pytest.raises(TeachError, match="is no name"):
+        run(app, ["teach", "record", "a b", *words[3:]], catch_exceptions=False)
