@@ -32,3 +32,11 @@ class Robot(Protocol):
     def joints_now(self) -> JointsNow:
         """The joints as the stack has told last."""
         ...
+
+
+def in_words(faults: Mapping[str, str]) -> str:
+    """Faults by joint in words; what is the same with several is said once."""
+    joints: dict[str, list[str]] = {}
+    for joint, fault in faults.items():
+        joints.setdefault(fault.removeprefix(f"{joint}: "), []).append(joint)
+    return "; ".join(f"{', '.join(names)}: {fault}" for fault, names in joints.items())

@@ -21,10 +21,15 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hal.types import FloatArray
 from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, Standing
-from nodes.handling.robot import HandlingError, Robot
+from nodes.handling.robot import HandlingError, Robot, in_words
 
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
-FORWARD: Final = ("forward_command_controller/ForwardCommandController", "position_controllers/")
+FORWARD: Final = (
+    "forward_command_controller/ForwardCommandController",
+    "position_controllers/JointGroupPositionController",
+)
+GRIPPER: Final = "/GripperActionController"
+"""The end of the types whose goals can be cancelled, and that are not moved by hand."""
 SLOW: Final = 0.25
 """rad/s, and m/s: see ``fastest``."""
 SHARE: Final = 0.1
@@ -65,12 +70,23 @@ class RobotClient:
         self._known: dict[str, _Moved] = {}
         """All that have been active since the beginning."""
         self._controllers: dict[str, _Moved] = {}
+        self._grippers: dict[str, Client] = {}
         self._list = node.create_client(ListControllers, "/controller_manager/list_controllers")
+
+    @property
+    def driven(self) -> dict[str, tuple[str, ...]]:
+        """The joints that each active controller moves."""
+        return {name: one.joints for name, one in self._controllers.items()}
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The joints that can be moved, as far as their controllers are active."""
-        return tuple(joint for one in self._controllers.values() for joint in one.joints)
+        return tuple(joint for joints in self.driven.values() for joint in joints)
+
+    @property
+    def found(self) -> bool:
+        """Whether a stack is there, so that ``connect`` need not wait for one."""
+        return bool(self._list.service_is_ready())
 
     def connect(self) -> None:
         """Look for the active controllers. Raises HandlingError where there are none, or nobody answers."""
@@ -82,6 +98,9 @@ class RobotClient:
             raise HandlingError(f"the controller manager did not answer within {ANSWER_S:.0f} s")
         active = [one for one in answer.result().controller if one.state == "active"]
         for one in active:
+            if one.type.endswith(GRIPPER) and one.name not in self._grippers:
+                service = f"/{one.name}/gripper_cmd/_action/cancel_goal"
+                self._grippers[one.name] = self._node.create_client(CancelGoal, service)
             if one.name not in self._known and (made := self._made(one)):
                 self._known[one.name] = made
         self._controllers = {one.name: self._known[one.name] for one in active if one.name in self._known}
@@ -101,8 +120,8 @@ class RobotClient:
         motion.go(velocity, passed_s, at)
         self._send(one, motion)
 
-    def approach(self, pose: Mapping[str, float]) -> bool:
-        """Go on a little towards a pose (rad or m by joint); whether all its joints are there."""
+    def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool:
+        """Go on a little towards a pose (rad or m by joint), at this share of full speed; whether all is there."""
         if missing := pose.keys() - set(self.joints):
             raise HandlingError(f"no active controller moves {', '.join(sorted(missing))}")
         there = True
@@ -111,15 +130,15 @@ class RobotClient:
                 continue
             motion, passed_s, at = self._begin(name, one)
             target = np.array([pose.get(joint, here) for joint, here in zip(one.joints, motion.set_point, strict=True)])
-            there &= motion.go_to(target, passed_s, at)
+            there &= motion.go_to(target, passed_s * min(1.0, max(0.0, share)), at)
             self._send(one, motion)
         return there
 
     def stop(self) -> None:
         """Cancel every goal of everybody's. What this client moves rests by itself."""
-        for one in self._controllers.values():
-            if one.cancel is not None:
-                one.cancel.call_async(CancelGoal.Request())
+        trajectories = (one.cancel for one in self._known.values() if one.cancel is not None)
+        for cancel in (*trajectories, *self._grippers.values()):
+            cancel.call_async(CancelGoal.Request())
 
     def _made(self, state: ControllerState) -> _Moved | None:
         joints = tuple(interface.removesuffix("/position") for interface in state.required_command_interfaces)
@@ -138,7 +157,7 @@ class RobotClient:
                 GoalStatusArray, f"{action}/status", heard, qos_profile_action_status_default
             )
             return made
-        if state.type.startswith(FORWARD):
+        if state.type in FORWARD:
             return _Moved(joints, self._node.create_publisher(Float64MultiArray, f"/{state.name}/commands", 1), False)
         return None
 
@@ -161,9 +180,9 @@ class RobotClient:
         if not now.age_s <= FRESH_S:
             one.motion = None
             raise HandlingError("the joints' positions are old: does the stack still run?")
-        if wrong := [f"{joint}: {now.faults[joint]}" for joint in one.joints if joint in now.faults]:
+        if wrong := in_words({joint: now.faults[joint] for joint in one.joints if joint in now.faults}):
             one.motion = None
-            raise HandlingError("; ".join(wrong))
+            raise HandlingError(wrong)
         at = Standing(_array(now.commanded, one.joints), _array(now.measured, one.joints))
         if one.motion is None or begins:
             limits = [self._robot.limits[joint] for joint in one.joints]

@@ -22,7 +22,7 @@ class LiveSource:
     def __init__(self, arm: str | None, clock: Clock) -> None:
         """``arm``: its name, None for the only one that runs. Raises LiveError where none runs."""
         self._clock, self._heard_s = clock, clock.now()
-        self._arm = find_stack(arm).arm
+        self.arm = find_stack(arm).arm
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
         self.watched = Watched()
@@ -34,18 +34,19 @@ class LiveSource:
     def status(self) -> str:
         """Whether the stack runs, and whether it gives cycles."""
         if not self.connected:
-            return f"{self._arm}: the stack has ended. Waiting for it to come back"
+            return f"{self.arm}: the stack has ended. Waiting for it to come back"
         if not self.well:
-            return f"{self._arm}: no cycle for {self._silent_s:.0f} s. The stack is paused, or it hangs"
-        return f"{self._arm}: live"
+            return f"{self.arm}: no cycle for {self.silent_s:.0f} s. The stack is paused, or it hangs"
+        return f"{self.arm}: live"
 
     @property
     def well(self) -> bool:
         """Whether cycles come."""
-        return self.connected and self._silent_s <= SILENT_S
+        return self.connected and self.silent_s <= SILENT_S
 
     @property
-    def _silent_s(self) -> float:
+    def silent_s(self) -> float:
+        """So long ago the stack has given a cycle."""
         return self._clock.now() - self._heard_s
 
     def close(self) -> None:
@@ -58,7 +59,7 @@ class LiveSource:
     def _read(self) -> None:
         while not self._ended.is_set():
             try:
-                self._stream = open_live(find_stack(self._arm))
+                self._stream = open_live(find_stack(self.arm))
             except LiveError:
                 self._ended.wait(AGAIN_S)
                 continue

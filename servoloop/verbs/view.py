@@ -27,7 +27,8 @@ def view(
 ) -> None:
     """Show the arm in a browser: a running stack, or a recording.
 
-    One page on this machine, which needs no other network. It ends with Ctrl-C; the arm does not notice.
+    One page on this machine, which needs no other network. Buttons move a running arm as long as they are held.
+    It ends with Ctrl-C; the arm does not notice.
     Example: `servoloop view`, of a recording `servoloop view out/run.mcap`
     """
     require_view()
@@ -36,6 +37,8 @@ def view(
     from servoloop.live.live_source import LiveSource
     from servoloop.live.recording import Recording
     from servoloop.signals import Signals
+    from servoloop.view.move_panel import MovePanel
+    from servoloop.view.mover import Mover
     from servoloop.view.page import Page
     from servoloop.view.player import Player
     from servoloop.view.server import PageServer
@@ -46,12 +49,16 @@ def view(
     with Signals() as signals:
         server = PageServer(host, port)
         page = Page(server)
+        mover = Mover(found, clock) if isinstance(found, LiveSource) else None
+        panel = MovePanel(server, mover, page.above_arm) if mover else None
         source = found if isinstance(found, LiveSource) else Player(server, found, clock)
         typer.echo(f"the page is at {server.url}")
         if browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
         try:
-            show(page, source, clock, lambda: signals.count > 0)
+            show(page, source, clock, lambda: signals.count > 0, panel)
         finally:
+            if mover is not None:
+                mover.close()
             source.close()
             server.stop()

@@ -49,8 +49,10 @@ class Page:
         add_ground(server)
         gui = server.gui
         self._status = gui.add_html("")
-        self.controls = gui.add_folder("Arm")
-        with self.controls:
+        controls = gui.add_folder("Arm")
+        self.above_arm = controls.order - 0.5
+        """The place in the page for what is to be seen first."""
+        with controls:
             self._colours = gui.add_dropdown("Colour", CHOICES, initial_value=PLAIN)
             self._frames = gui.add_checkbox("Frames", initial_value=False)
             self._ghost = gui.add_checkbox("Commanded (ghost)", initial_value=True)

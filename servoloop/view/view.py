@@ -5,6 +5,7 @@ from typing import Final
 
 from drivers.clock import Clock
 from servoloop.live.source import Source
+from servoloop.view.move_panel import MovePanel
 from servoloop.view.page import Page
 
 ARM_S: Final = 0.05
@@ -13,13 +14,15 @@ NUMBERS: Final = 7
 """and numbers are renewed every so many times."""
 
 
-def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool]) -> None:
-    """Show the source until ``stop`` says so."""
+def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
+    """Show the source until ``stop`` says so, with the buttons that move it where there are some."""
     turn = 0
     while not stop():
         watched = source.watched
         page.status(source.status, source.well)
         page.show_arm(watched)
+        if panel is not None:
+            panel.show()
         if turn % NUMBERS == 0:
             page.show_numbers(watched)
         turn += 1

@@ -1,0 +1,131 @@
+"""The folder *Move*, without a browser: what its buttons ask for, and what it shows."""
+
+import asyncio
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from servoloop.handling.offer import CLOSE, NOTHING, OPEN, Offer
+from servoloop.handling.presses import REPEATS_HZ, TAKEN, Presses
+from servoloop.handling.wishes import GoTo, Turn, Wish
+from servoloop.view.move_panel import NONE, SLOWEST, MovePanel
+from servoloop.view.server import PageServer
+from sim_backend.clock import SimulatedClock
+
+OFFER = Offer(
+    ("joint1", "joint2"),
+    {OPEN: {"finger": 0.0}, CLOSE: {"finger": 0.05}},
+    {"home": {"joint1": 0.1}},
+    ("not far: joint1 would go to <9>",),
+)
+
+
+class Panel:
+    """The panel with a mover that does nothing, and browsers that press."""
+
+    def __init__(self, server: PageServer) -> None:
+        self.clock, self.stops = SimulatedClock(), 0
+        self.mover: Any = SimpleNamespace(
+            presses=Presses(self.clock), offer=NOTHING, said="no ROS here", stop=self.stop
+        )
+        self.panel = MovePanel(server, self.mover, 0.5)
+        self.panel.show()
+        self.notices: list[str] = []
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def offer(self, offer: Offer) -> None:
+        self.mover.offer = offer
+        self.panel.show()
+
+    def button(self, label: str) -> Any:
+        buttons = {one.label: one for one in (*self.panel._needs_arm, self.panel._go)}
+        return buttons[label]
+
+    def hold(self, label: str, browser: int = 1, words: int = 10) -> Wish | None:
+        """A browser holds a button and says so so often; what is to be done then."""
+        client = SimpleNamespace(add_notification=lambda title, body, **_: self.notices.append(body))
+        event = SimpleNamespace(client=client, client_id=browser)
+        for _ in range(words):
+            for called in self.button(label)._button_impl.hold_cbs_from_freq[REPEATS_HZ]:
+                asyncio.run(called(event))
+            self.clock.sleep_until(self.clock.now() + 1.0 / REPEATS_HZ)
+        found: Wish | None = self.mover.presses.wish()
+        return found
+
+    def click(self, label: str, browser: int = 1) -> None:
+        for called in self.button(label)._impl.update_cb:
+            asyncio.run(called(SimpleNamespace(client=None, client_id=browser)))
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PageServer]:
+    server = PageServer(port=0)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def panel(server: PageServer) -> Panel:
+    return Panel(server)
+
+
+def test_where_nothing_can_be_moved_it_says_why_and_no_button_can_be_pressed(panel: Panel) -> None:
+    assert "no ROS here" in panel.panel._said.content
+    assert all(button.disabled or not button.visible for button in (*panel.panel._needs_arm, panel.panel._go))
+    panel.offer(OFFER)
+    assert not any(button.disabled or not button.visible for button in (*panel.panel._needs_arm, panel.panel._go))
+    assert "would go to &lt;9&gt;" in panel.panel._said.content
+    panel.offer(NOTHING)
+    assert panel.button("Stop everything").disabled and panel.panel._joint.options == (NONE,)
+
+
+def test_the_buttons_ask_for_what_they_say(panel: Panel) -> None:
+    panel.offer(OFFER)
+    panel.panel._joint.value = "joint2"
+    panel.panel._share.value = 0.4
+    said = {}
+    for label in ("Turn back (−)", "Turn on (+)", "Open the hand", "Close the hand", "Go to the pose"):
+        said[label] = panel.hold(label)
+        panel.click(label)
+        assert panel.mover.presses.wish() is None
+    assert list(said.values()) == [
+        Turn("joint2", -0.4),
+        Turn("joint2", 0.4),
+        GoTo(OPEN, {"finger": 0.0}, 0.4),
+        GoTo(CLOSE, {"finger": 0.05}, 0.4),
+        GoTo("home", {"joint1": 0.1}, 0.4),
+    ]
+
+
+def test_no_browser_makes_it_faster_than_slow(panel: Panel) -> None:
+    panel.offer(OFFER)
+    for sent, taken in ((50.0, 1.0), (float("nan"), SLOWEST), (-3.0, SLOWEST)):
+        panel.panel._share.value = sent
+        assert panel.hold("Turn on (+)") == Turn("joint1", taken)
+        panel.click("Turn on (+)")
+
+
+def test_an_arm_without_hand_and_poses_has_no_such_buttons(panel: Panel) -> None:
+    panel.offer(Offer(("joint1",)))
+    assert not panel.button("Open the hand").visible and not panel.panel._pose.visible
+    assert panel.hold("Go to the pose") is None, "whatever a browser sends"
+
+
+def test_another_browser_is_told_that_the_arm_is_taken(panel: Panel) -> None:
+    panel.offer(OFFER)
+    first = panel.hold("Turn on (+)")
+    assert panel.hold("Turn back (−)", browser=2, words=2) == first == Turn("joint1", 0.5)
+    assert panel.notices == [TAKEN]
+
+
+def test_stop_works_as_it_is_pressed_and_by_keyboard(panel: Panel) -> None:
+    panel.offer(OFFER)
+    (called,) = panel.button("Stop everything")._button_impl.hold_cbs_from_freq[10.0]
+    asyncio.run(called(SimpleNamespace()))
+    assert panel.stops == 1
+    panel.click("Stop everything")
+    assert panel.stops == 2

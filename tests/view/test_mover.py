@@ -1,0 +1,104 @@
+"""The buttons' thread: what it asks of the arm's client, and what it says where nothing can be moved."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from nodes.handling.robot import HandlingError
+from servoloop.handling.presses import REPEATS_HZ, Presses
+from servoloop.handling.wishes import GoTo, Turn
+from servoloop.view.mover import STOPPED, Handling
+from sim_backend.clock import SimulatedClock
+
+TURN = Turn("joint1", -0.5)
+
+
+class Client:
+    """Writes down what is asked of it."""
+
+    def __init__(self) -> None:
+        self.asked: list[object] = []
+        self.fault = ""
+        self.there = False
+
+    def jog(self, joint: str, share: float) -> None:
+        if self.fault:
+            raise HandlingError(self.fault)
+        self.asked.append((joint, share))
+
+    def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool:
+        self.asked.append((dict(pose), share))
+        return self.there
+
+    def stop(self) -> None:
+        self.asked.append("stop")
+
+
+class Rig:
+    """A page whose button is held on simulated time."""
+
+    def __init__(self) -> None:
+        self.clock, self.client = SimulatedClock(), Client()
+        self.presses = Presses(self.clock)
+        self.handling = Handling(self.presses)
+
+    def hold(self, seconds: float, wish: Turn | GoTo = TURN) -> list[object]:
+        """What was asked of the client meanwhile."""
+        self.client.asked.clear()
+        for _ in range(round(seconds * REPEATS_HZ)):
+            self.presses.hold("browser", wish)
+            self.pause(1.0 / REPEATS_HZ)
+        return list(self.client.asked)
+
+    def pause(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + seconds)
+        self.handling.step(self.client)
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+def test_a_joint_turns_while_its_button_is_held_and_not_a_moment_longer(rig: Rig) -> None:
+    asked = rig.hold(1.0)
+    assert set(asked) == {("joint1", -0.5)} and len(asked) >= 15
+    assert rig.handling.said == "joint1 turns back"
+    rig.presses.release("browser")
+    rig.client.asked.clear()
+    rig.pause(0.01)
+    assert not rig.client.asked
+
+
+def test_a_pose_is_gone_to_at_the_speed_that_is_chosen(rig: Rig) -> None:
+    go = GoTo("home", {"joint1": 0.5}, 0.3)
+    assert rig.hold(0.5, go)[0] == ({"joint1": 0.5}, 0.3) and rig.handling.said == "on the way: home"
+    rig.client.there = True
+    rig.hold(0.2, go)
+    assert rig.handling.said == "there: home"
+
+
+def test_stop_cancels_once_and_what_is_held_does_not_go_on(rig: Rig) -> None:
+    rig.hold(0.5)
+    rig.handling.stop()
+    assert rig.hold(1.0) == ["stop"] and rig.handling.said == STOPPED
+    rig.presses.release("browser")
+    assert rig.hold(0.5)[0] == ("joint1", -0.5)
+
+
+def test_a_fault_is_said_and_nothing_moves_by_itself_when_it_has_gone(rig: Rig) -> None:
+    rig.hold(0.5)
+    rig.client.fault = "joint1: servo 1 has let go"
+    assert rig.hold(0.3) == [] and rig.handling.said == "joint1: servo 1 has let go"
+    rig.client.fault = ""
+    assert rig.hold(1.0) == [] and rig.handling.said == "joint1: servo 1 has let go"
+    rig.presses.release("browser")
+    assert rig.hold(0.5)
+
+
+def test_a_stack_that_comes_back_is_not_moved_by_what_was_held_before(rig: Rig) -> None:
+    rig.hold(0.5)
+    rig.handling.stop()
+    rig.hold(0.0)
+    rig.handling.begin()
+    assert rig.hold(0.5) == [], "neither the stop nor the press is for this one"
