@@ -4,6 +4,8 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,18 +23,28 @@ from tests.ros.stack_process import PICK, arm_client, emulating, running
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(180)]
 
 
+@contextmanager
+def recording() -> "Iterator[subprocess.Popen[str]]":
+    """The program that records into this folder; it has ended behind the block, however that was left."""
+    record = [sys.executable, "-m", "servoloop", "record", "run.mcap"]
+    with subprocess.Popen(record, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as recorder:
+        try:
+            yield recorder
+        finally:
+            recorder.kill()
+
+
 @pytest.mark.runs(LIVE)
 def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    record = [sys.executable, "-m", "servoloop", "record", "run.mcap"]
     with (
         runtime_folder(monkeypatch),
         emulating(tmp_path) as link,
         running(tmp_path, "--port", str(link)) as stack,
         in_terminal(*shlex.split(LIVE)[1:], folder=tmp_path) as terminal,
-        subprocess.Popen(record, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as recorder,
+        recording() as recorder,
     ):
         terminal.wait_for("robot_arm: live", "joint6", "arm_controller", " V")
         assert recorder.stderr is not None and "recording robot_arm" in recorder.stderr.readline()

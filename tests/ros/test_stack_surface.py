@@ -1,9 +1,6 @@
 """What a client in another process sees of the whole stack: the names and types of pick-place.md, and their content."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -137,10 +134,3 @@ def test_the_listing_services_answer_as_ros2_control_expects(client: ArmClient) 
 
 def test_the_stack_says_when_it_is_ready(stack: StackProcess) -> None:
     until(lambda: "ready: robot_arm at 20 Hz" in stack.words)
-
-
-@pytest.mark.slow
-def test_a_node_that_is_not_ours_gets_its_cubes_into_their_bins(stack: StackProcess) -> None:
-    program = Path(__file__).with_name("foreign_pick_place.py")
-    done = subprocess.run([sys.executable, str(program), "A", "B", "C"], capture_output=True, text=True, timeout=110)
-    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,21 @@
+"""A pick-and-place node that is not ours, on a stack of its own: a second try begins with a cube on the stand again."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tests.ros.stack_process import running
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+def test_a_node_that_is_not_ours_gets_its_cubes_into_their_bins(ros_domain: int, tmp_path: Path) -> None:
+    program = Path(__file__).with_name("foreign_pick_place.py")
+    with running(tmp_path):
+        command = [sys.executable, str(program), "A", "B", "C"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    assert done.returncode == 0, done.stdout + done.stderr
