@@ -1,9 +1,14 @@
 """The loop's figures say how well it keeps its time, and in how many cycles it learnt nothing of the joints."""
 
 import logging
+import math
 from dataclasses import dataclass
+from typing import Final
 
 LOG = logging.getLogger("servoloop.controller")
+
+TELL_AGAIN_S: Final = 1.0
+"""A loop that misses cycle after cycle says so once in this time: a line for each would make it later still."""
 
 
 @dataclass(slots=True)
@@ -22,6 +27,10 @@ class LoopFigures:
     last_busy_s: float = 0.0
     observer_errors: int = 0
     unmeasured_in_a_row: int = 0
+    _told_s: float = -math.inf
+    _told: int = 0
+    """When missed cycles were told last, how many at a time were, and how many more were missed since."""
+    _untold: int = 0
 
     @property
     def summary(self) -> str:
@@ -45,8 +54,18 @@ class LoopFigures:
         missed = int((late_s + busy_s) / period_s)
         if missed:
             self.missed += missed
-            LOG.warning("missed %d cycles: the loop was %.0f ms late, busy %.0f ms", missed, late_s * 1e3, busy_s * 1e3)
+            self._tell(missed, now_s)
         return due_s + (1 + missed) * period_s
+
+    def _tell(self, missed: int, now_s: float) -> None:
+        """Log it, unless there was a line just now of a stall that was no shorter."""
+        if now_s - self._told_s < TELL_AGAIN_S and missed <= self._told:
+            self._untold += missed
+            return
+        before = f" ({self._untold} more since the last such line)" if self._untold else ""
+        late_ms, busy_ms = self.last_late_s * 1e3, self.last_busy_s * 1e3
+        LOG.warning("missed %d cycles: the loop was %.0f ms late, busy %.0f ms%s", missed, late_ms, busy_ms, before)
+        self._told_s, self._told, self._untold = now_s, missed, 0
 
     def count_unmeasured(self, fault: str) -> None:
         """One more cycle without a measurement; ``fault`` says why, of one joint. The log tells an episode's begin."""

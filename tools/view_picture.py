@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import sync_playwright
 
+from bench.browser import browser_page
 from nodes.pick_place.settings import Settings
 from servoloop.files import read_files
 from servoloop.live.recording import Recording
@@ -21,7 +21,6 @@ from servoloop.view.page import Page
 from servoloop.view.server import PageServer
 
 SIZE = {"width": 1400, "height": 820}
-WITHOUT_GPU = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DRAWN_MS = 4000.0
 NOTICE = "Software WebGL rendering detected"
 
@@ -46,9 +45,7 @@ def main(picture: Path) -> None:
 
 def photograph(url: str, picture: Path) -> None:
     """Open the page in a browser without a screen; what it says of a machine without a graphics card is closed."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=WITHOUT_GPU)
-        page = browser.new_page(viewport=SIZE)
+    with browser_page(shutil.which("chromium") or "chromium", SIZE) as page:
         page.goto(url)
         page.wait_for_selector("canvas")
         page.wait_for_timeout(DRAWN_MS)
@@ -56,7 +53,6 @@ def photograph(url: str, picture: Path) -> None:
             page.locator(f"[role=alert]:has-text('{NOTICE}') button").click()
             page.wait_for_timeout(DRAWN_MS / 4)
         page.screenshot(path=picture)
-        browser.close()
 
 
 if __name__ == "__main__":

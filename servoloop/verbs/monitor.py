@@ -1,18 +1,15 @@
 """``servoloop monitor``: the arm in a terminal."""
 
 import importlib.util
-import os
 import sys
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
-
-NICE: Final = 5
-"""The loop that is looked at may run on the same machine: it comes first."""
+from servoloop.realtime import stand_back
 
 
 def monitor(
@@ -41,7 +38,7 @@ def monitor(
     from servoloop.monitor.app import MonitorApp
     from servoloop.signals import Signals
 
-    os.nice(NICE)
+    stand_back()
     clock = MonotonicClock()
     source = LiveSource(arm, clock) if recording is None else Playback(Recording(recording), clock)
     with Signals() as signals:

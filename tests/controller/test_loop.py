@@ -309,9 +309,18 @@ def test_times_and_misses_add_up_over_the_cycles(caplog: pytest.LogCaptureFixtur
     figures = loop.figures
     assert (figures.missed, figures.summary) == (3, "3 cycles missed")
     assert figures.busy_s == pytest.approx(0.2)
+    assert caplog.messages == ["missed 2 cycles: the loop was 0 ms late, busy 120 ms"]
+
+
+def test_a_loop_that_misses_all_the_time_says_so_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    puppet, loop, _, clock = puppet_loop()
+    stalls = iter([0.07, 0.07, 0.12, *[0.07] * 13])
+    puppet.during_update = lambda: clock.sleep_until(clock.now() + next(stalls))
+    loop.run(lambda: loop.figures.cycles == 16)
     assert caplog.messages == [
-        "missed 2 cycles: the loop was 0 ms late, busy 120 ms",
         "missed 1 cycles: the loop was 0 ms late, busy 70 ms",
+        "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last such line)",
+        "missed 1 cycles: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
     ]
 
 

@@ -9,11 +9,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from PIL import Image, ImageChops
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
-PATIENCE_MS = 60_000.0
-WITHOUT_GPU = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-VIEWPORT = {"width": 1100, "height": 700}
+from bench.browser import PATIENCE_MS, browser_page
 
 
 def find_chromium() -> str:
@@ -62,12 +60,8 @@ def changed(before: Image.Image, after: Image.Image) -> float:
 @contextmanager
 def open_page(url: str) -> Iterator[OpenPage]:
     """The page in a browser without a screen and without a graphics card."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=WITHOUT_GPU)
-        try:
-            shown = OpenPage(browser.new_page(viewport=VIEWPORT))  # type: ignore[arg-type]
-            shown.page.goto(url)
-            shown.page.wait_for_selector("canvas", timeout=PATIENCE_MS)
-            yield shown
-        finally:
-            browser.close()
+    with browser_page(find_chromium()) as page:
+        shown = OpenPage(page)
+        page.goto(url)
+        page.wait_for_selector("canvas", timeout=PATIENCE_MS)
+        yield shown

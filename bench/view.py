@@ -1,0 +1,127 @@
+"""The control loop's time with the page of ``servoloop view`` open, and without: ``python -m bench.view [--jobs 6]``.
+
+The cell is that of ``servoloop demo``, once without a view and once with the page open in the machine's Chromium, which
+draws without a graphics card. The period is that between the stamps of two cycles of the arm's controller, while a job
+runs; its deviation is that from the period asked for.
+"""
+
+import argparse
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.arguments import in_words, positive
+from bench.browser import PATIENCE_MS, browser_page
+from servoloop.arms.folder import find_arm
+from servoloop.demo.cell import ADDRESS, Cell, cell
+from servoloop.demo.live import Live
+from sim_backend.mechanics.build import Build
+
+PERIOD_S: Final = 0.05
+GRADES: Final = "ABC"
+LOOP: Final = ("cycles", "missed_cycles", "latest_wake_up_ms")
+QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
+
+
+@dataclass(slots=True)
+class Outcome:
+    """The jobs of one run, and how even the loop was meanwhile."""
+
+    view: bool
+    jobs: int = 0
+    sorted: int = 0
+    loop: dict[str, str] = field(default_factory=dict)
+    """The loop's own figures, as /diagnostics has them."""
+    deviations_s: list[float] = field(default_factory=list)
+    browser_s: float = 0.0
+    """The processor time of the browser and all that it has started."""
+
+
+def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
+    """Run so many jobs in a new cell."""
+    with Live(console) as live, cell(folder, find_arm(), None, Build(), live, view=view) as ready:
+        if not view:
+            return _measure(Outcome(view), ready, jobs)
+        address = ADDRESS.findall((folder / "view.log").read_text())[0]
+        with page(address) as used_s:
+            outcome = _measure(Outcome(view), ready, jobs)
+            outcome.browser_s = used_s()
+            return outcome
+
+
+@contextmanager
+def page(address: str) -> Iterator[Callable[[], float]]:
+    """The page in a browser, with the arm drawn in it; the processor time (s) that the browser has taken since."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise SystemExit("there is no chromium on PATH: apt-get install chromium")
+    with browser_page(chromium) as shown:
+        shown.goto(address)
+        shown.wait_for_selector("canvas", timeout=PATIENCE_MS)
+        shown.wait_for_function("document.body.innerText.includes('joint1 (servo 1)')", timeout=PATIENCE_MS)
+        before_s = _browser_s()
+        yield lambda: _browser_s() - before_s
+
+
+def _browser_s() -> float:
+    """The processor time of all processes of the browser."""
+    ticks = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            name, values = stat.read_text().rsplit(")", 1)
+            ticks += sum(map(int, values.split()[11:13])) if "(chrom" in name else 0
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def _measure(found: Outcome, ready: Cell, jobs: int) -> Outcome:
+    ready.runner.idle(2.0)
+    for number in range(jobs):
+        run = ready.runner.run(GRADES[number % len(GRADES)])
+        found.jobs += 1
+        found.sorted += run.success
+        stamps_s = [sample.stamp_s for sample in ready.monitor.newest.samples]
+        found.deviations_s += list(np.abs(np.diff(stamps_s) - PERIOD_S))
+    ready.runner.idle(2.0)  # the loop reports once a second
+    found.loop = ready.monitor.newest.loop
+    return found
+
+
+def show(console: Console, outcomes: list[Outcome]) -> None:
+    """Print one line a run, and the ratio of the two."""
+    table = Table("page", "cubes", "cycles", "missed", "latest wake-up, ms", "period's deviation, us", "browser, s")
+    for one in outcomes:
+        quantiles = " / ".join(f"{1e6 * value:.0f}" for value in np.quantile(one.deviations_s, QUANTILES))
+        counted = f"{one.sorted} of {one.jobs}", *(one.loop.get(name, "?") for name in LOOP)
+        table.add_row("open" if one.view else "none", *counted, quantiles, f"{one.browser_s:.0f}")
+    console.print(table)
+    without, with_page = (np.quantile(one.deviations_s, 0.999) for one in outcomes)
+    ratio = f"{with_page / without:.2f} times that without"
+    console.print(f"deviation: p50 / p99 / p99.9 / largest. p99.9 with the page open: {ratio}")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--jobs", type=positive, default=6, help="with and without the page")
+    arguments = parser.parse_args()
+    console = Console(width=120)
+    outcomes = []
+    for view in (False, True):
+        with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+            outcomes.append(measure(view, arguments.jobs, Path(folder), console))
+    show(console, outcomes)
+
+
+if __name__ == "__main__":
+    with in_words():
+        main()
