@@ -33,6 +33,7 @@ class Watch:
         self._stack = stack
         self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
         former, former_step = stack.on_state, stack.on_step
+        on_steps = [one.on_step for one in self._invariants if type(one).on_step is not Invariant.on_step]
         for name, port in stack.ports.items():
             port.on_write = self._reader(name)
 
@@ -43,8 +44,8 @@ class Watch:
 
         def on_step(time_s: float) -> None:
             former_step(time_s)
-            for one in self._invariants:
-                one.on_step(time_s)
+            for look in on_steps:
+                look(time_s)
 
         stack.on_state, stack.on_step = on_state, on_step
 

@@ -1,12 +1,11 @@
 """What must hold of the arm's own motion, whatever it was told."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-
-from hal.types import FloatArray, JointState
+from hal.types import JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -29,26 +28,26 @@ class NoFasterThanAllowed(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
-        self._mine = [joint for joint in self.joints if joint.name in stack.arm.joints]
-        self._index = [stack.arm.joints.index(joint.name) for joint in self._mine]
+        self._mine = {joint.name: joint for joint in self.joints}
         time_s = OVER_STEPS * 0.001 + stack.loop.period_s + LAG_S  # of the goals that fall into it
-        self._furthest = np.array([joint.limits.velocity for joint in self._mine]) * time_s + OVERSHOOT_RAD
+        limits = [self._mine[name].limits.velocity if name in self._mine else math.inf for name in stack.arm.joints]
+        self._furthest = [limit * time_s + OVERSHOOT_RAD for limit in limits]
         self._excused = 0
-        self._ways = deque[FloatArray](maxlen=OVER_STEPS + 1)
+        self._ways = deque[list[float]](maxlen=OVER_STEPS + 1)
 
     def on_step(self, time_s: float) -> None:
-        self._ways.append(self.stack.trace.actual[-1][self._index])
+        now: list[float] = self.stack.trace.actual[-1].tolist()  # of six numbers, which NumPy would take longer for
+        self._ways.append(now)
         self._excused -= 1
-        if any(one.kind in NOT_ITS_OWN for one in self.stack.player.active.values()):
+        active = self.stack.player.active
+        if active and any(one.kind in NOT_ITS_OWN for one in active.values()):
             self._excused = AFTER_STEPS
-        way = np.abs(self._ways[-1] - self._ways[0])
-        if self._excused > 0 or (way <= self._furthest).all():
+        if self._excused > 0:
             return
-        for place in np.flatnonzero(way > self._furthest):
-            joint = self._mine[place]
-            if self.active and self.torque(joint):
-                limit = f"its limit is {joint.limits.velocity:g} rad/s"
-                self.say(f"{joint.name} turned by {way[place]:.3f} rad in {OVER_STEPS} ms; {limit}")
+        for joint, here, there, furthest in zip(self.stack.arm.joints, now, self._ways[0], self._furthest, strict=True):
+            if abs(here - there) > furthest and self.active and self.torque(self._mine[joint]):
+                limit = f"its limit is {self._mine[joint].limits.velocity:g} rad/s"
+                self.say(f"{joint} turned by {abs(here - there):.3f} rad in {OVER_STEPS} ms; {limit}")
 
     def on_state(self, state: JointState) -> None:
         if not self.active:  # what falls or is carried is not driven

@@ -5,12 +5,15 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.servos import sts
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.sts.servo import VirtualServo
+
+_POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
 
 CYCLES_TO_NAME: Final = 2
 """In so many cycles a servo that is not heard is named."""
@@ -61,26 +64,40 @@ class MeasuredNow(Invariant):
         super().__init__(stack, say)
         self._shared_before = True
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
-        self._lowest = self._highest = self._now = self._counts()
+        servos = [self.servos[joint.name] for joint in self.joints]
+        self._said: Callable[[], NDArray[Any]] = lambda: np.array([_own_count(servo) for servo in servos])
+        if len(stack.lines) == 1 and (tables := stack.bus.rig.tables) is not None:
+            # Of all servos at once, and still in bytes: this happens every millisecond.
+            servos = list(stack.bus.servos)
+            self._said = tables[:, _POSITION].copy
+        self._columns = [servos.index(self.servos[joint.name]) for joint in self.joints]
+        self._steps = [self._said()]
+        """What all servos said in the last cycle, and after each step since then."""
 
     def on_step(self, time_s: float) -> None:
-        self._now = self._counts()
-        self._lowest = np.minimum(self._lowest, self._now)
-        self._highest = np.maximum(self._highest, self._now)
+        self._steps.append(self._said())
 
     def on_state(self, state: JointState) -> None:
         shared = self.shared_id
+        said = _decoded(np.array(self._steps))[:, self._columns]
+        lowest_of, highest_of = said.min(axis=0), said.max(axis=0)
         for place, joint in enumerate(self.joints):
             if joint.name in state.faults or shared or self._shared_before:
                 continue
             counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts
-            lowest, highest = self._lowest[place], self._highest[place]
+            lowest, highest = lowest_of[place], highest_of[place]
             if not lowest - SAMPLED_COUNTS <= counts <= highest + SAMPLED_COUNTS:
                 self.say(f"{joint.name} is reported at {counts:.0f}; it was between {lowest:.0f} and {highest:.0f}")
-        self._lowest, self._highest, self._shared_before = self._now, self._now, shared
+        self._steps, self._shared_before = self._steps[-1:], shared
 
-    def _counts(self) -> FloatArray:
-        return np.array([_own_count(self.servos[joint.name]) for joint in self.joints], dtype=np.float64)
+
+def _decoded(said: NDArray[Any]) -> FloatArray:
+    """Counts, shape (m, n), from counts, or from the bytes of the registers, shape (m, n, 2)."""
+    if said.ndim == 2:
+        return said
+    words = said.astype(np.int64) @ (1, 256)
+    sign = 1 << (sts.present_position.sign_bit or 16)
+    return np.where(words < sign, words, sign - words).astype(np.float64)
 
 
 def _own_count(servo: Any) -> float:

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.plant import Plant
@@ -76,6 +77,8 @@ class Rig(Generic[AnyServo]):
         ]
         self._built = self._loads
         self._shared: Supplies | None = None
+        self.tables: NDArray[np.uint8] | None = None
+        """The control tables of all servos as they are, a row for each, where all are STS; written by them alone."""
         self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
             firmware.observe(angle)
@@ -114,6 +117,7 @@ class Rig(Generic[AnyServo]):
         for i, one in enumerate(firmware):
             one.work_on(states[i : i + 1])
             states["supply"][i] = next(k for k, (_, loads) in enumerate(self._loads) if one in loads)
+        self.tables = states["table"]
         self._shared = shared = np.array(
             [(supply.voltage_v, supply.resistance_ohm, 0.0) for supply, _ in self._loads], SUPPLY
         )
