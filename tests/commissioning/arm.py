@@ -11,6 +11,7 @@ from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import Found, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus
 from hal.joint import Joint
+from hal.types import FloatArray
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.emulator import couplings, virtual_bus
 from sim_backend.clock import SimulatedClock
@@ -31,6 +32,7 @@ PLAN = ArmPlan(
     }
 )
 LOOK_S = 0.05
+LOOK_STEPS = 1000
 OVER_THE_STOP_RAD = 0.05
 """So much further than a stop the hand wants to go."""
 
@@ -54,8 +56,9 @@ class UnalignedArm:
         if start is None:
             self.world.model.geom_contype[:] = 0
         self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
-        self.fastest_rad_s = 0.0
-        """Of the servos' shafts, so far."""
+        self._fastest_rad_s = 0.0
+        self._passed: list[tuple[FloatArray, FloatArray]] = []
+        """Positions and velocities behind each step that nobody has looked at yet."""
         self._reach = np.array([one.transmission for one in self.couplings])
         self.mark()
         plant = WorldPlant(self.world, self.couplings, self._after_step)
@@ -68,20 +71,43 @@ class UnalignedArm:
         self.port = VirtualPort(self.line, self.clock)
         return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints})
 
+    @property
+    def fastest_rad_s(self) -> float:
+        """Of the servos' shafts, since it was set."""
+        self._look()
+        return self._fastest_rad_s
+
+    @fastest_rad_s.setter
+    def fastest_rad_s(self, value: float) -> None:
+        self._passed.clear()
+        self._fastest_rad_s = value
+
     def mark(self) -> None:
         """From here on see how far the joints go."""
+        self._look()
         self._marked = self.world.position()
         self._farthest = np.zeros(len(self._marked))
 
     def went(self, joint: str) -> float:
         """How far the joint went since the mark, at the farthest, with the sign."""
+        self._look()
         return float(self._farthest[self.world.joints.index(joint)])
 
     def _after_step(self, time_s: float) -> None:
         self.hand.update()
-        self.fastest_rad_s = max(self.fastest_rad_s, float(np.abs(self.world.velocity() / self._reach).max()))
-        away = self.world.position() - self._marked
-        self._farthest = np.where(np.abs(away) > np.abs(self._farthest), away, self._farthest)
+        self._passed.append((self.world.position(), self.world.velocity()))
+        if len(self._passed) >= LOOK_STEPS:
+            self._look()
+
+    def _look(self) -> None:
+        """Take in what has passed: at once, as a look at every step takes as long as the step."""
+        if not self._passed:
+            return
+        positions, velocities = map(np.array, zip(*self._passed, strict=True))
+        self._passed.clear()
+        self._fastest_rad_s = max(self._fastest_rad_s, float(np.abs(velocities / self._reach).max()))
+        away = np.vstack((self._farthest, positions - self._marked))
+        self._farthest = away[np.abs(away).argmax(axis=0), range(away.shape[1])]
 
     def coupling(self, joint: str) -> Coupling:
         """How this joint's servo is really mounted."""

@@ -56,9 +56,13 @@ def pixels(path: Path) -> list[NDArray[np.uint8]]:
         return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
 
 
-@pytest.mark.slow
+def when(command: str) -> pytest.MarkDecorator:
+    """The script of the arms draws one of them in every run, the others in the long one."""
+    return pytest.mark.soak if "docs/arms/" in command else pytest.mark.slow
+
+
 @pytest.mark.runs(*SIMULATED)
-@pytest.mark.parametrize("command", SIMULATED)
+@pytest.mark.parametrize("command", [pytest.param(command, marks=when(command)) for command in SIMULATED])
 def test_the_script_draws_the_picture_that_is_there(command: str, tmp_path: Path) -> None:
     drawn, kept = run(command, tmp_path)
     if kept.suffix == ".svg":

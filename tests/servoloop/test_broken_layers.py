@@ -158,8 +158,12 @@ FOUND_BY = {
 }
 
 
-def first_that_breaks(invariant: str, scenario: Scenario) -> Schedule:
-    for seed in range(SEEDS):
+LATE = {"takes_the_limits_of_the_joint_before": 80, "believes_in_torque": 20, "knows_no_ends": 25}
+"""Seeds at which a campaign begins that would search long: from 0 on it finds these at 87, 25 and 31."""
+
+
+def first_that_breaks(invariant: str, scenario: Scenario, first: int) -> Schedule:
+    for seed in range(first, SEEDS):
         report = run_seed(scenario, seed)
         if any(one.invariant == invariant for one in report.violations):
             return report.schedule
@@ -176,7 +180,7 @@ def test_a_campaign_finds_it_and_shrinks_it_to_what_matters(monkeypatch: pytest.
         return any(one.invariant == invariant for one in run_schedule_of(schedule).violations)
 
     scenario = MOVING if name == "believes_in_torque" else SCENARIO
-    smallest = shrink(first_that_breaks(invariant, scenario), breaks)
+    smallest = shrink(first_that_breaks(invariant, scenario, LATE.get(name, 0)), breaks)
     assert len(smallest.faults) <= 3
     monkeypatch.undo()
     assert run_schedule_of(smallest).violations == (), "falls with whole layers too"
