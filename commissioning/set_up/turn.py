@@ -104,7 +104,6 @@ def _left_limp(bus: Bus, servo_id: int, place: Place) -> Iterator[None]:
 def _let_go(bus: Bus, servo_id: int, place: Place, before: Mapping[Register, int]) -> bool:
     """Switch the torque off, then write the registers of before; whether the servo has acknowledged all that."""
     try:
-        bus.torque_off([servo_id])
         for register, value in {place.series.torque_enable: 0, **before}.items():
             retry(partial(bus.write, servo_id, register, value))
     except (ServoError, PortLost):
