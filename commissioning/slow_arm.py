@@ -12,6 +12,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.gate import SafetyGate
 from hal.joint import Joint
+from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
@@ -85,6 +86,8 @@ class SlowArm:
             self._hardware.activate()
             self._state = self._hardware.read()
         except BaseException:
+            if self._hardware.state is LifecycleState.ACTIVE:
+                self._hardware.deactivate(relax=True)
             self._hardware.cleanup()
             raise
         self.command = self._state.position.copy()

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from commissioning.drive_trial import JointMotion
 from drivers.bus.types import ServoState
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
@@ -79,28 +80,6 @@ class BusSnapshot:
     problem: PortProblem | None = None
     """Why nothing could be measured, or no more."""
     problem_text: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class JointMotion:
-    """What one joint did when it was moved a little, slowly. Positions in rad or m, speeds in rad/s or m/s."""
-
-    joint: Joint
-    asked: float
-    """The way that it was to go, with its direction."""
-    moved: float
-    speed: float
-    """The difference of two speeds at which it went there and back,"""
-    drive: float
-    """and of the mean drives, as shares of full drive: friction and gravity are in both, and drop out."""
-    error: float
-    """The largest distance from where it was sent, at rest."""
-    expected_sag: float
-    """How far gravity's torque pulls it off by its servo's stiffness; 0 where one of them is unknown."""
-    swing: float
-    """The distance between the outermost positions at rest."""
-    lowest_v: float
-    """The lowest voltage meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)

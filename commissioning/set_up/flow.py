@@ -1,15 +1,18 @@
 """The set-up of an arm's servos, one connected after the other; whatever was done before is recognised."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import degrees
 from typing import Final, Literal, Protocol
 
 from calibration.eeprom import Change
 from commissioning.provision import provision
 from commissioning.registers.tables import rates_of
+from commissioning.set_up.gear import GearLook, judge_gear, rivals
 from commissioning.set_up.only_one import NotYet, only_servo, require_fit, voltage
 from commissioning.set_up.place import FACTORY_ID, Place, SetUpError, in_order
 from commissioning.set_up.rate import bring_to_rate
+from commissioning.set_up.turn import WAY_RAD, turn_loose
 from commissioning.who import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
@@ -55,6 +58,8 @@ class Audit:
     from_id: int | None
     """The ID that it had when it was connected; None where it was found set up."""
     from_baud: int | None
+    gear: GearLook | None = None
+    """What its turn has shown; None where it was not turned in this run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +69,27 @@ class _Made:
     changes: tuple[Change, ...] = ()
     from_id: int | None = None
     from_baud: int | None = None
+    gear: GearLook | None = None
 
 
 class SetUp:
-    """The set-up of all servos on one line. Torque is never switched, and the EEPROM is locked whenever it ends."""
+    """The set-up of all servos on one line. The EEPROM is locked whenever it ends, and torque as it was."""
 
-    def __init__(self, bus: Bus, clock: Clock, places: Sequence[Place], guide: Guide) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        clock: Clock,
+        places: Sequence[Place],
+        guide: Guide,
+        *,
+        turn: bool = False,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """``turn``: each single servo whose model's number is that of others too turns its horn, which tells its gear;
+        otherwise torque is never switched. ``stopped`` is asked meanwhile: once it says yes, StoppedError is raised.
+        """
+        self.turn = turn
+        self._stopped = stopped
         self._bus = bus
         self._clock = clock
         self._places = tuple(places)
@@ -87,7 +107,9 @@ class SetUp:
         for place in in_order(self._places):
             if place.joint not in self._made:
                 self._one(place)
-        return self._chain()
+        audit = self._chain()
+        self._say_whose_gear_is_unknown()
+        return audit
 
     def _recognise(self) -> None:
         """Note the servos that answer and are as they shall be. A factory ID proves nothing but in a whole chain."""
@@ -110,6 +132,10 @@ class SetUp:
     def _one(self, place: Place) -> None:
         """Have one servo connected, and make it the place's."""
         text, problem = f"Connect only the servo of {place.joint} (it becomes servo {place.servo_id})", ""
+        if self._turns(place):
+            text += (
+                f"; its horn will turn by up to {degrees(WAY_RAD):.0f} degrees and back (Ctrl-C stops it): have it free"
+            )
         for _ in range(TRIES):
             self._guide.connect(Task("one", text, place.joint, problem))
             try:
@@ -127,10 +153,45 @@ class SetUp:
             with self._bus.at_baud(answer.baud) as other:
                 require_fit(other, answer.servo_id, place, self._places)
             bring_to_rate(self._bus, self._clock, answer.servo_id, place.model, answer.baud)
-        changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.wanted())
+        changes: tuple[Change, ...] = ()
+        gear: GearLook | None = None
+        if self._turns(place):
+            changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.basics())
+            gear = self._gear(place, answer.servo_id)
+        changes += provision(self._bus, self._clock, answer.servo_id, place.model, place.wanted())
         what = f"{len(changes)} registers written, read back, locked" if changes else "nothing to write"
         self._guide.say(f"{place.joint}: servo {place.servo_id}, {what}")
-        return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud)
+        return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud, gear)
+
+    def _turns(self, place: Place) -> bool:
+        return self.turn and bool(rivals(place.model))
+
+    def _gear(self, place: Place, servo_id: int) -> GearLook:
+        """Have the servo turn its horn; a servo of another gear gets neither the joint's settings nor its ID."""
+        self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns")
+        gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
+        if gear.verdict == "other":
+            anew = servo_id == place.servo_id != FACTORY_ID
+            left = (
+                f"'servoloop factory-reset {servo_id}' and 'servoloop set-id {servo_id} {FACTORY_ID}' make this one new"
+            )
+            raise NotYet(
+                f"servo {servo_id} has another gear than {place.joint} is to have: {gear.text}. Connect the right one; "
+                + (left if anew else "this one can still become any other joint's")
+            )
+        said = "its gear fits" if gear.verdict == "fits" else "its gear cannot be told"
+        self._guide.say(f"{place.joint}: {said}: {gear.text}")
+        return gear
+
+    def _say_whose_gear_is_unknown(self) -> None:
+        """Say in one line of which servos nobody knows whether they have their model's gear."""
+        looks = {place.joint: self._made[place.joint].gear for place in self._places if rivals(place.model)}
+        unknown = [joint for joint, gear in looks.items() if gear is None or gear.verdict != "fits"]
+        if unknown:
+            self._guide.say(
+                f"the gears of {', '.join(unknown)} are not known, for models with other gears say the same number: "
+                "'servoloop setup --turn' tells those of single servos, 'servoloop doctor --move' those of an arm"
+            )
 
     def _chain(self) -> list[Audit]:
         """Have all connected, and see that each answers and holds what it shall."""
@@ -166,4 +227,6 @@ class SetUp:
     def _audit(self, place: Place) -> Audit:
         made = self._made[place.joint]
         volts = voltage(self._bus, place.servo_id)
-        return Audit(place.joint, place.servo_id, place.model.name, volts, made.changes, made.from_id, made.from_baud)
+        return Audit(
+            place.joint, place.servo_id, place.model.name, volts, made.changes, made.from_id, made.from_baud, made.gear
+        )

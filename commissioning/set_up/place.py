@@ -1,6 +1,6 @@
 """A place in the arm: which servo a joint is to have, and what its EEPROM is to hold."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -40,13 +40,20 @@ class Place:
         """The series of its servo."""
         return series_of(self.model)
 
-    def wanted(self) -> dict[Register, int]:
-        """What the EEPROM is to hold: answers at once and to everything, position mode, the file's settings, the ID."""
-        table, series = persistent_registers(self.model), self.series
+    def basics(self) -> dict[Register, int]:
+        """What the EEPROM of every servo is to hold, whatever its place: answers at once and to all, position mode."""
+        series = self.series
         values = {"return_delay": 0, series.status_level.name: series.answers_all}
         if series.name in POSITION_MODES:
             values["operating_mode"] = POSITION_MODES[series.name]
-        values |= dict(self.settings) | {"id": self.servo_id}
+        return self._registers(values)
+
+    def wanted(self) -> dict[Register, int]:
+        """What the EEPROM is to hold in the end: the basics, the file's settings, the ID."""
+        return self.basics() | self._registers(dict(self.settings) | {"id": self.servo_id})
+
+    def _registers(self, values: Mapping[str, int]) -> dict[Register, int]:
+        table = persistent_registers(self.model)
         return {table[name]: value for name, value in values.items() if name in table}
 
     def differs(self, bus: Bus, servo_id: int) -> dict[str, tuple[int, int]]:

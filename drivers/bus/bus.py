@@ -246,6 +246,15 @@ class Bus:
             self._port.set_baud(former)
             self._line.clean = False
 
+    @contextmanager
+    def lent(self, models: Mapping[int, ServoModel]) -> Iterator["Bus"]:
+        """The same line for somebody who closes it when done: the port stays open. It is not used meanwhile."""
+        try:
+            yield Bus(_LentPort(self._port), self._clock, models)
+            self._let_pass()
+        finally:
+            self._line.clean = False
+
     def _let_pass(self) -> None:
         """Throw away what comes until nothing comes any more, or somebody never stops."""
         end_s = self._line.now() + 4.0 * HELD_S
@@ -255,3 +264,21 @@ class Bus:
     def close(self) -> None:
         """Give the port back."""
         self._port.close()
+
+
+class _LentPort:
+    """A port that stays open when it is closed."""
+
+    def __init__(self, port: Port) -> None:
+        self.name = port.name
+        self._port = port
+        self.write, self.read, self.discard_input = port.write, port.read, port.discard_input
+        self.set_baud = port.set_baud
+
+    @property
+    def baud(self) -> int:
+        """Bits per second."""
+        return self._port.baud
+
+    def close(self) -> None:
+        """Do nothing: its owner closes it."""

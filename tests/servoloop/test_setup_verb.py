@@ -7,13 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import IO
 
 import pytest
 
+from drivers.bus.bus import Bus
+from drivers.clock import MonotonicClock
 from drivers.errors import PortLost
+from drivers.port.serial_port import SerialPort
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.verbs.set_up import _run
 from sim_backend.control import ask, control_path
@@ -67,8 +70,19 @@ def plug(link: Path, setup: "subprocess.Popen[str]", *joints: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_box_becomes_an_arm_over_two_runs(link: Path) -> None:
+@pytest.mark.runs("servoloop setup --arm so101 --turn --port /dev/ttyACM0")
+def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None:
     words = ("setup", "--arm", "so101", "--port", str(link), "--json")
+    with program(*words, "--turn") as setup:
+        assert setup.stderr is not None
+        assert "only the servo of gripper (it becomes servo 6); its horn will turn" in asked(setup.stderr)
+        plug(link, setup, "gripper")
+        assert "gripper: the horn of servo 1 turns" in setup.stderr.readline()
+        setup.send_signal(signal.SIGTERM)
+        assert setup.wait(LIMIT_S) == 130
+        assert "interrupted; no servo is set up yet" in setup.stderr.read()
+    with closing(Bus(SerialPort(str(link), 1_000_000, MonotonicClock()), MonotonicClock())) as bus:
+        assert not bus.torque_is_on(1)
     with program(*words) as setup:
         assert setup.stderr is not None
         for joint in reversed(JOINTS[4:]):
@@ -87,8 +101,9 @@ def test_a_box_becomes_an_arm_over_two_runs(link: Path) -> None:
             plug(link, setup, joint)
         assert "all 6 servos in a chain" in asked(setup.stderr)
         plug(link, setup)
-        out, _ = setup.communicate(timeout=LIMIT_S)
+        out, said = setup.communicate(timeout=LIMIT_S)
         assert setup.returncode == 0
+    assert f"the gears of {', '.join(JOINTS)} are not known" in said
     audit = json.loads(out)
     assert [(row["joint"], row["servo_id"]) for row in audit] == [(name, i) for i, name in enumerate(JOINTS, 1)]
     assert [row["from_id"] for row in audit] == [1, 1, 1, 1, None, None]

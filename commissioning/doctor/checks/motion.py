@@ -7,8 +7,8 @@ from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
-from commissioning.doctor.motion import STUCK_SHARE
-from commissioning.doctor.snapshot import JointMotion, ServoSnapshot, Snapshot
+from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
+from commissioning.drive_trial import STUCK_SHARE, JointMotion
 from hal.joint import Joint
 
 SHAKES_COUNTS: Final = 12.0
@@ -17,8 +17,6 @@ GIVES_WAY: Final = 2.0
 """Times what stiffness, dead band and friction explain."""
 SPEED_FACTOR: Final = 1.5
 """The other gears of an STS3215 are 1.8 (1:191) and 2.3 times (1:147) faster than 1:345."""
-LEAST_DRIVE: Final = 0.04
-"""Of full drive: what is less is lost in the steps in which goals are sent."""
 
 
 def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
@@ -51,12 +49,8 @@ def _stuck(place: Place, motion: JointMotion) -> Finding:
 
 def gear_ratio(motion: JointMotion) -> float | None:
     """By how much the servo is faster for its drive than its model; None where it is not, or cannot be told."""
-    joint = motion.joint
-    expected = motion.speed / (joint.model.no_load_speed_rad_s * joint.transmission)
-    if expected < LEAST_DRIVE or motion.drive <= 0.0:
-        return None
-    ratio = expected / motion.drive
-    return ratio if ratio > SPEED_FACTOR else None
+    ratio = motion.faster
+    return ratio if ratio is not None and ratio > SPEED_FACTOR else None
 
 
 def _rest(place: Place, servo: ServoSnapshot, motion: JointMotion) -> Iterator[Finding]:

@@ -1,0 +1,77 @@
+"""One loose servo of some model on a line of its own, on simulated time: its horn turns freely, and is watched."""
+
+from collections.abc import Callable
+from math import tau
+
+from commissioning.drive_trial import JointMotion
+from commissioning.set_up.place import Place
+from commissioning.set_up.turn import turn_loose
+from drivers.bus.bus import Bus
+from drivers.servos import sts
+from drivers.servos.register import ServoModel
+from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.motor import sts_motor
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.mechanics.rig import Rig, Supply
+from sim_backend.mechanics.spread import Spread
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
+from tests.commissioning.box import Port
+
+
+class Plant(BenchPlant):
+    """A shaft that notes how fast it was and how far it went, rad."""
+
+    def __init__(self, angle_rad: float) -> None:
+        super().__init__([1])
+        self.place([angle_rad])
+        self.fastest = 0.0
+        self.ends = [angle_rad, angle_rad]
+
+    def advance(self) -> None:
+        super().advance()
+        angle = float(self.joints.position[0])
+        self.fastest = max(self.fastest, abs(float(self.joints.velocity[0])))
+        self.ends = [min(self.ends[0], angle), max(self.ends[1], angle)]
+
+
+class Loose:
+    """``seed``: the servo of one production of many; ``counts``: where its horn stands."""
+
+    def __init__(
+        self, model: ServoModel, seed: int | None = None, supply_v: float | None = None, counts: int = 2048
+    ) -> None:
+        spread = Spread(seed)
+        self.model = model
+        self.clock = SimulatedClock(10.0)
+        self.servo = VirtualServo(model, 1, spread.motor(sts_motor(model), 1))
+        self.plant = Plant((counts + 0.5) * tau / model.counts_per_turn)
+        supply = spread.supply(Supply(supply_v or model.rated_voltage_v))
+        self.line: VirtualBus = VirtualBus(Rig([self.servo], self.plant, supply))
+        self.port = Port(self.line, self.clock)
+        self.bus = Bus(self.port, self.clock)
+
+    def turn(self, place: ServoModel | None = None, stopped: Callable[[], bool] = lambda: False) -> JointMotion | None:
+        """Turn it as the servo of a place that has this model."""
+        return turn_loose(self.bus, self.clock, 1, Place("jaw", 1, place or self.model), stopped)
+
+    @property
+    def left(self) -> tuple[int, int]:
+        """Its torque switch and its torque limit."""
+        return self.servo.memory.get(sts.torque_enable), self.servo.memory.get(sts.torque_limit)
+
+
+class Cut:
+    """Does something before the n-th packet."""
+
+    def __init__(self, at: int, what: Callable[[], None]) -> None:
+        self.left, self.what = at, what
+
+    def __call__(self, data: bytes) -> None:
+        self.left -= 1
+        if self.left == 0:
+            self.what()
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,155 @@
+"""A loose servo's turn: which gear it tells, how far and how fast the horn goes, and how it is left."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import sqrt, tau
+
+import pytest
+
+from commissioning.drive_trial import JointMotion
+from commissioning.set_up.gear import GearLook, called, judge_gear, rivals, v_s_rad
+from commissioning.set_up.turn import WAY_RAD
+from commissioning.slow_arm import StoppedError
+from drivers.errors import PortLost
+from drivers.servos import sts
+from drivers.servos.register import ServoModel
+from sim_backend.faults import Disturbance
+from sim_backend.mechanics.gears import Gears
+from tests.commissioning.loose import Cut, Loose, Plant, interrupt
+
+GEARS = (sts.STS3215_C001, sts.STS3215_C044, sts.STS3215_C046)
+STARTS = {None: 2048, 0: 3, 1: 4090}
+"""Where the horn stands, by seed: in the middle, and on both sides of the encoder's seam."""
+LEFT_AS_IT_WAS = (0, 1000)
+
+
+def in_place_of(model: ServoModel, motion: JointMotion | None) -> GearLook:
+    """What is said of the motion in a place that has this model; their rated voltages are the same."""
+    assert motion is not None
+    return judge_gear(replace(motion, joint=replace(motion.joint, model=model)))
+
+
+@pytest.mark.parametrize("seed", STARTS)
+@pytest.mark.parametrize("model", GEARS, ids=lambda model: model.name)
+def test_each_gear_is_told_in_each_place_and_the_horn_turns_little_and_slowly(
+    model: ServoModel, seed: int | None
+) -> None:
+    loose = Loose(model, seed, counts=STARTS[seed])
+    start_rad = loose.plant.ends[0]
+    motion = loose.turn()
+    for place in GEARS:
+        gear = in_place_of(place, motion)
+        assert gear.verdict == ("fits" if place == model else "other"), (place.name, gear)
+        assert place == model or f"seems to be a {called(model)}" in gear.text
+    assert loose.left == LEFT_AS_IT_WAS
+    assert 0.2 < loose.plant.fastest < 0.25 * min(one.no_load_speed_rad_s for one in rivals(model))
+    assert loose.plant.ends[0] > 0.0 and loose.plant.ends[1] < tau, "over the seam"
+    lowest, highest = (end - start_rad for end in loose.plant.ends)
+    assert 0.9 * WAY_RAD < highest - lowest < 1.1 * WAY_RAD
+
+
+@pytest.mark.parametrize(
+    ("model", "place", "supply_v", "verdict"),
+    [
+        (sts.STS3215, sts.STS3215, 12.0, "fits"),
+        (sts.STS3215_C044, sts.STS3215, 12.0, "other"),
+        (sts.STS3215, sts.STS3215_C046, 7.4, "other"),
+    ],
+)
+def test_servos_of_12_v_among_those_of_7_v(model: ServoModel, place: ServoModel, supply_v: float, verdict: str) -> None:
+    loose = Loose(model, 2, supply_v)
+    gear = judge_gear(loose.turn(place))
+    assert gear.verdict == verdict
+    assert verdict == "fits" or f"seems to be a {called(model)}" in gear.text
+    assert loose.left == LEFT_AS_IT_WAS
+    assert loose.plant.fastest < 0.25 * min(model.no_load_speed_rad_s, place.no_load_speed_rad_s)
+
+
+def test_between_two_gears_it_says_so_and_never_names_the_wrong_one() -> None:
+    motion = Loose(sts.STS3215_C044).turn()
+    assert motion is not None
+    between = 1.02 * sqrt(v_s_rad(sts.STS3215_C044) * v_s_rad(sts.STS3215_C046))
+    motion = replace(motion, drive=motion.speed * between / motion.joint.model.rated_voltage_v)
+    assert [in_place_of(place, motion).verdict for place in GEARS] == ["other", "not sure", "not sure"]
+    either = f"{called(sts.STS3215_C046)} or a {called(sts.STS3215_C044)}"
+    assert all(either in in_place_of(place, motion).text for place in GEARS)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_lost_packets_change_nothing(seed: int) -> None:
+    loose = Loose(sts.STS3215_C046, seed)
+    loose.line.faults.disturbance = Disturbance(seed, drop=0.05, flip=0.02, miss=0.02)
+    motion = loose.turn()
+    loose.line.faults.disturbance = None
+    assert [in_place_of(place, motion).verdict for place in GEARS] == ["other", "other", "fits"]
+    assert loose.left == LEFT_AS_IT_WAS
+
+
+@pytest.mark.parametrize(
+    ("hinder", "text"),
+    [
+        (lambda plant: plant.fit([Gears(0.0154, 0.0, 50.0, 0.0)]), "its horn did not follow"),
+        (lambda plant: plant.load_nm.__setitem__(0, 0.3), "something pulls at its horn"),
+    ],
+)
+def test_a_horn_that_is_not_free_says_nothing(hinder: Callable[[Plant], None], text: str) -> None:
+    loose = Loose(sts.STS3215_C046)
+    hinder(loose.plant)
+    gear = judge_gear(loose.turn())
+    assert (gear.verdict, text in gear.text) == ("not sure", True)
+    assert loose.left == LEFT_AS_IT_WAS
+
+
+def test_a_servo_stays_within_its_own_limits_or_does_not_turn() -> None:
+    loose = Loose(sts.STS3215_C046, counts=1050)
+    loose.servo.memory.save(sts.min_position, 900)
+    loose.servo.memory.save(sts.max_position, 1100)
+    assert loose.turn() is None and loose.plant.fastest == 0.0
+    loose.servo.memory.save(sts.min_position, 600)
+    assert loose.turn() is not None
+    assert loose.plant.ends[0] * 4096 / tau > 600 and loose.plant.ends[1] * 4096 / tau < 1100
+
+
+def fail() -> None:
+    raise RuntimeError("broken")
+
+
+@pytest.mark.parametrize("at", [*range(5, 50, 3), 80, 150])
+def test_an_interrupt_at_any_packet_leaves_it_limp(at: int) -> None:
+    loose = Loose(sts.STS3215_C046)
+    loose.port.before_write = Cut(at, interrupt if at % 2 else fail)
+    with pytest.raises((KeyboardInterrupt, RuntimeError)):
+        loose.turn()
+    loose.clock.sleep_until(loose.clock.now() + 0.1)
+    loose.line.advance(loose.clock.now())
+    assert loose.left == LEFT_AS_IT_WAS
+    assert abs(float(loose.plant.joints.velocity[0])) < 0.01
+
+
+def test_whoever_stops_it_has_a_limp_servo_at_once() -> None:
+    loose = Loose(sts.STS3215_C046)
+    stopped_s: list[float] = []
+
+    def stopped() -> bool:
+        if loose.clock.now() > 12.0:
+            stopped_s.append(loose.clock.now())
+        return bool(stopped_s)
+
+    with pytest.raises(StoppedError):
+        loose.turn(stopped=stopped)
+    assert loose.left == LEFT_AS_IT_WAS
+    assert loose.clock.now() - stopped_s[0] < 0.1
+
+
+@pytest.mark.parametrize("at", [12, 30, 80])
+def test_a_lost_port_says_that_torque_may_be_on(at: int) -> None:
+    loose = Loose(sts.STS3215_C046)
+    loose.port.before_write = Cut(at, loose.port.unplug)
+    with pytest.raises(PortLost) as lost:
+        loose.turn()
+    assert "servo 1 may hold torque: unplug it, or switch its supply off" in lost.value.__notes__
+
+
+def test_a_servo_with_a_number_of_its_own_has_no_rivals() -> None:
+    assert rivals(sts.STS3250) == ()
+    assert rivals(sts.STS3215_C046) == (sts.STS3215, sts.STS3215_C001, sts.STS3215_C044)

@@ -1,0 +1,135 @@
+"""Set-up that has loose servos turn: a servo of the wrong gear is named before it becomes a joint's."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from commissioning.set_up.flow import SetUp, Task
+from commissioning.set_up.place import Place
+from commissioning.slow_arm import StoppedError
+from drivers.bus.bus import Bus
+from drivers.servos import sts
+from servoloop.processes import Interrupted
+from servoloop.verbs.set_up import _run
+from sim_backend.box import VirtualBox
+from sim_backend.clock import SimulatedClock
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.port import VirtualPort
+from tests.commissioning.box import GRIPPER
+
+LIFT, JAW = 0, 1
+PLACES = [Place("lift", 2, sts.STS3215_C001), Place("jaw", 3, sts.STS3215_C046, GRIPPER)]
+NAMES = [place.joint for place in PLACES]
+
+
+@dataclass
+class Table:
+    """Two loose servos of a leader, and hands that connect the one that is asked for, or what ``instead`` says."""
+
+    instead: Callable[[Task], int | None] = lambda task: None
+    asked: list[Task] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.clock = SimulatedClock(10.0)
+        self.box = VirtualBox([place.model for place in PLACES])
+        self.bus = Bus(VirtualPort(self.box.line, self.clock), self.clock)
+
+    def servo(self, number: int) -> VirtualServo:
+        servo = self.box.servos[number]
+        assert isinstance(servo, VirtualServo)
+        return servo
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def connect(self, task: Task) -> None:
+        self.asked.append(task)
+        other = self.instead(task)
+        right = range(len(PLACES)) if task.kind == "chain" else (NAMES.index(task.joint),)
+        self.box.connect(*(right if other is None else (other,)))
+        self.clock.sleep_until(self.clock.now() + 1.0)
+
+    def set_up(self, *, turn: bool = True, stopped: Callable[[], bool] = lambda: False) -> SetUp:
+        return SetUp(self.bus, self.clock, PLACES, self, turn=turn, stopped=stopped)
+
+
+def the_wrong_one_first(task: Task) -> int | None:
+    return LIFT if task.joint == "jaw" and not task.problem else None
+
+
+def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> None:
+    table = Table(the_wrong_one_first)
+    held: list[tuple[int, ...]] = []
+
+    def look(task: Task) -> int | None:
+        if task.problem:
+            memory = table.servo(LIFT).memory
+            held.append(tuple(memory.get(register) for register in (sts.servo_id, sts.position_p, sts.max_torque)))
+        return the_wrong_one_first(task)
+
+    table.instead = look
+    audit = table.set_up().run()
+    (problem,) = (task.problem for task in table.asked if task.problem)
+    assert "servo 1 has another gear than jaw is to have" in problem
+    assert "in a sts3215_c046 (7.4 V, gear 1:147): it seems to be a sts3215_c001 (7.4 V, gear 1:345)" in problem
+    assert "this one can still become any other joint's" in problem
+    assert held == [(1, 32, 1000)], "as it was delivered"
+    assert [(one.joint, one.gear and one.gear.verdict) for one in audit] == [("lift", "fits"), ("jaw", "fits")]
+    assert table.box.ids() == [2, 3]
+    for number, place in enumerate(PLACES):
+        table.servo(number).power_cycle()
+        assert {r: table.servo(number).memory.get(r) for r in place.wanted()} == place.wanted()
+    assert [("its horn will turn" in task.text) for task in table.asked] == [True, True, True, False]
+    assert not any("not known" in text for text in table.said)
+
+
+def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_new() -> None:
+    table = Table(the_wrong_one_first)
+    table.servo(LIFT).memory.save(sts.servo_id, 3)
+
+    def end(task: Task) -> int | None:
+        if task.problem:
+            raise KeyboardInterrupt
+        return the_wrong_one_first(task)
+
+    table.instead = end
+    with pytest.raises(KeyboardInterrupt):
+        table.set_up().run()
+    assert "'servoloop factory-reset 3' and 'servoloop set-id 3 1' make this one new" in table.asked[-1].problem
+
+
+def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> None:
+    table = Table()
+    table.box.line.rig.plant.load_nm[JAW] = 0.3
+    audit = table.set_up().run()
+    assert [one.gear and one.gear.verdict for one in audit] == ["fits", "not sure"]
+    assert "jaw: its gear cannot be told: something pulls at its horn" in table.said
+    assert table.said[-1].startswith("the gears of jaw are not known")
+    assert table.box.ids() == [2, 3]
+
+
+def test_without_turning_no_torque_is_switched_and_the_end_says_that_gears_were_not_looked_at() -> None:
+    table = Table(the_wrong_one_first)
+    table.instead = lambda task: None
+    audit = table.set_up(turn=False).run()
+    assert [one.gear for one in audit] == [None, None]
+    assert table.said[-1].startswith("the gears of lift, jaw are not known")
+    assert not any("horn" in task.text for task in table.asked)
+    assert [table.servo(number).memory.get(sts.goal_position) for number in (LIFT, JAW)] == [0, 0], "never had a goal"
+
+
+def test_a_signal_while_a_horn_turns_is_an_interruption_and_the_servo_is_limp() -> None:
+    table = Table()
+
+    def stopped() -> bool:
+        return table.servo(JAW).memory.get(sts.torque_enable) == 1 and table.clock.now() > 18.0
+
+    with pytest.raises(
+        Interrupted, match=r"interrupted; no servo is set up yet\. The servos' torque is as it was"
+    ) as end:
+        _run(table.set_up(stopped=stopped))
+    assert isinstance(end.value.__context__, StoppedError)
+    assert table.servo(JAW).memory.get(sts.torque_enable) == 0
+    assert table.box.ids() == [1, 1]
