@@ -5,9 +5,12 @@ from math import log
 from typing import Final, Literal
 
 from commissioning.drive_trial import STUCK_SHARE, JointMotion
+from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 
+GEARS: Final = {sts.STS3215: 345, sts.STS3215_C001: 345, sts.STS3215_C044: 191, sts.STS3215_C046: 147}
+"""Turns of the motor in one of the shaft, by the makers' data sheets, of models that say one number."""
 FITS: Final = 0.22
 """Natural logarithm of measured by expected: motors of one model differ by up to a tenth, a cold one needs more."""
 CLEARLY: Final = 0.06
@@ -40,7 +43,7 @@ def v_s_rad(model: ServoModel) -> float:
 
 def called(model: ServoModel) -> str:
     """The model's name with that in which those of its number differ."""
-    gear = f", gear 1:{model.gear:g}" if model.gear else ""
+    gear = f", gear 1:{GEARS[model]}" if model in GEARS else ""
     return f"{model.name} ({model.rated_voltage_v:g} V{gear})"
 
 

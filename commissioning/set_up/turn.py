@@ -48,7 +48,7 @@ def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Cal
     if joint is None:
         return None
     way = max(joint.limits.lower, joint.limits.upper, key=abs)
-    with _left_limp(bus, servo_id, place), bus.lent({servo_id: place.model}) as line:
+    with _left_limp(bus, servo_id, place), bus.at_baud(bus.baud, {servo_id: place.model}) as line:
         try:
             with SlowArm(lambda: line, [joint], clock, stopped, FASTEST_RAD_S, PERIOD_S) as arm:
                 arm.relax = False  # nothing hangs on it: it is let go at once, by who called

@@ -27,8 +27,7 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_AT_ONCE: Final = 256
-"""Bytes that are thrown away in one read."""
+_AT_ONCE: Final = 256  # bytes that are thrown away in one read
 
 
 class Bus:
@@ -46,14 +45,14 @@ class Bus:
         models: Mapping[int, ServoModel] | None = None,
         *,
         position_p: Mapping[int, int] | None = None,
+        lent: bool = False,
     ) -> None:
         """``models`` by ID; ValueError where they cannot share a line. None: STS servos.
 
         ``position_p``: the position P gain of Dynamixels (by ID) that are not to have the factory's. It lives
-        in RAM: it is written whenever the torque goes on.
+        in RAM: it is written whenever the torque goes on. ``lent``: the port is another bus's, and ``close`` leaves it.
         """
-        self._port = port
-        self._clock = clock
+        self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
         try:
@@ -232,27 +231,18 @@ class Bus:
         retry(partial(self.write, servo_id, register, value))
 
     @contextmanager
-    def at_baud(self, baud: int) -> Iterator["Bus"]:
-        """The same line at another rate, to see who is there. Raises PortError where the adapter cannot.
+    def at_baud(self, baud: int, models: Mapping[int, ServoModel] | None = None) -> Iterator["Bus"]:
+        """The same line at this rate, for these models, if any. Raises PortError where the adapter has no such rate.
 
-        What is still on the way then is an answer to that rate's questions, and not to be heard at the next.
+        What is still on the way then is an answer to that bus's questions, and not to be heard at the next.
         """
         former = self._port.baud
         self._port.set_baud(baud)
         try:
-            yield Bus(self._port, self._clock, self._servos.models)
+            yield Bus(self._port, self._clock, models or self._servos.models, lent=True)
             self._let_pass()
         finally:
             self._port.set_baud(former)
-            self._line.clean = False
-
-    @contextmanager
-    def lent(self, models: Mapping[int, ServoModel]) -> Iterator["Bus"]:
-        """The same line for somebody who closes it when done: the port stays open. It is not used meanwhile."""
-        try:
-            yield Bus(_LentPort(self._port), self._clock, models)
-            self._let_pass()
-        finally:
             self._line.clean = False
 
     def _let_pass(self) -> None:
@@ -263,22 +253,5 @@ class Bus:
 
     def close(self) -> None:
         """Give the port back."""
-        self._port.close()
-
-
-class _LentPort:
-    """A port that stays open when it is closed."""
-
-    def __init__(self, port: Port) -> None:
-        self.name = port.name
-        self._port = port
-        self.write, self.read, self.discard_input = port.write, port.read, port.discard_input
-        self.set_baud = port.set_baud
-
-    @property
-    def baud(self) -> int:
-        """Bits per second."""
-        return self._port.baud
-
-    def close(self) -> None:
-        """Do nothing: its owner closes it."""
+        if not self._lent:
+            self._port.close()

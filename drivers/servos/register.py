@@ -94,8 +94,6 @@ class ServoModel:
     no_load_speed_rad_s: float
     positions: int | None = None
     """Readings and goals are below this where the sensor sees less than a turn; None: a whole turn."""
-    gear: float | None = None
-    """Turns of the motor in one of the shaft, where models of one number differ in it."""
 
     @property
     def last_count(self) -> int:

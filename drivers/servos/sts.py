@@ -107,15 +107,11 @@ RPM: Final = 2.0 * math.pi / 60.0  # rad/s in a turn a minute
 DEG: Final = math.pi / 180.0
 
 # Name, number, byte order, counts a turn; at this voltage torque at stall (N m) and speed without load (rad/s).
-STS3215 = ServoModel("sts3215", 777, "little", 4096, 12.0, 2.94, 45.0 * RPM, gear=345)  # C018; 30 kg cm
-STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM, 52.0 * RPM, gear=345)
+STS3215 = ServoModel("sts3215", 777, "little", 4096, 12.0, 2.94, 45.0 * RPM)  # C018, gear 1:345; 30 kg cm
+STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM, 52.0 * RPM)  # gear 1:345
 # Shops disagree about these: the same motor by the ratio of the gears.
-STS3215_C044 = ServoModel(
-    "sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191, gear=191
-)
-STS3215_C046 = ServoModel(
-    "sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147, gear=147
-)
+STS3215_C044 = ServoModel("sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191)
+STS3215_C046 = ServoModel("sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147)
 STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
 STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 
