@@ -55,6 +55,7 @@ def torque(arm: UnalignedArm) -> list[int]:
     return [servo.servo_id for servo in arm.line.servos if servo.memory.get(sts.torque_enable)]
 
 
+@pytest.mark.slow
 def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_difference(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)

@@ -260,7 +260,7 @@ def interrupt() -> None:
     raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("at", range(0, 20, 2))
+@pytest.mark.parametrize("at", range(0, 20, 4))
 def test_an_interrupt_within_a_write_leaves_the_eeprom_locked_and_the_next_run_goes_on(at: int) -> None:
     bench = Bench()
     bench.servo(4).memory.save(sts.baud_rate, 4)  # the second to be asked for: there is a rate to change too
@@ -274,7 +274,7 @@ def test_an_interrupt_within_a_write_leaves_the_eeprom_locked_and_the_next_run_g
     assert_set_up(bench)
 
 
-@pytest.mark.parametrize("at", range(0, 20, 2))
+@pytest.mark.parametrize("at", range(0, 20, 4))
 def test_a_lost_port_is_said_and_the_next_run_goes_on(at: int) -> None:
     bench = Bench()
     bench.servo(4).memory.save(sts.baud_rate, 4)
@@ -287,7 +287,7 @@ def test_a_lost_port_is_said_and_the_next_run_goes_on(at: int) -> None:
     assert_set_up(bench)
 
 
-@pytest.mark.parametrize("at", range(0, 20, 2))
+@pytest.mark.parametrize("at", range(0, 20, 4))
 def test_a_power_cut_within_a_write_is_asked_again_or_mended(at: int) -> None:
     bench = Bench()
 
