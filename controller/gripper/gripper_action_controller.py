@@ -25,6 +25,7 @@ from controller.interface import ControllerContext
 from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop
 from controller.parameters import Parameters
 from controller.settling import Settling
+from controller.unmeasured import Unmeasured
 from hal.types import FloatArray, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.controller")
@@ -59,6 +60,7 @@ class GripperActionController:
         self._motion: Motion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
+        self._unmeasured = Unmeasured((self.joint,))
         self._elapsed_s = self._last_s = self._still_s = 0.0
         self._running = False
 
@@ -97,7 +99,7 @@ class GripperActionController:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._refuse_waiting()
         self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
-        self._last_s = state.stamp_s
+        self._last_s, self._unmeasured.cycles = state.stamp_s, 0
         self.command = command.copy()
         self._settling.begin(command)
         self.state = None
@@ -116,6 +118,8 @@ class GripperActionController:
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         step_s = min(now_s - self._last_s, LONGEST_STEP * period_s)
         self._last_s = now_s
+        if state.faults or self._unmeasured.cycles:
+            step_s = self._unmeasured.step_s(state.faults, step_s)
         self._elapsed_s += step_s
         before, self.state = self.state, self._measured(state)
         reference = self._sample(0.0)

@@ -17,6 +17,7 @@ from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
+from controller.unmeasured import Unmeasured
 from hal.types import FloatArray, JointLimits, JointState
 
 UNSEEN = 100
@@ -74,7 +75,7 @@ class JointTrajectoryController:
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
         """The loop's period; 0 before the first cycle."""
-        self._last_s = 0.0
+        self._last_s, self._unmeasured = 0.0, Unmeasured(self.joints, self._sampler)
 
     @classmethod
     def build(
@@ -145,7 +146,7 @@ class JointTrajectoryController:
         self._execution.end()
         self._sampler.hold(command)
         self._start = self._sampler.reference()
-        self._last_s = state.stamp_s
+        self._last_s, self._unmeasured.cycles = state.stamp_s, 0
         self.command = command.copy()
         self.running = True
 
@@ -159,8 +160,9 @@ class JointTrajectoryController:
         return self._execution.idle
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
-        step_s = min(now_s - self._last_s, LONGEST_STEP * period_s)
-        self._last_s = now_s
+        step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
+        if state.faults or self._unmeasured.cycles:
+            step_s = self._unmeasured.step_s(state.faults, step_s)
         parameters, sampler = self.parameters, self._sampler
         reference = sampler.advance(step_s)
         measured, velocity = state.position[self._index], state.velocity[self._index]

@@ -1,13 +1,21 @@
-"""The line stalls for up to 0.2 s, at random moments of motions: no goal ends by it."""
+"""The line stalls for up to 0.2 s, at random moments of motions: no goal ends by it, none leaves its arm behind."""
 
 import random
+from typing import Final
 
+import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
 from servoloop.simulation.recording import RecordingPort
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import BINS, PICK, READY
+
+LONGEST_S: Final = 0.2
+WAY_RAD: Final = 1.5
+MOVE_S: Final = 1.8
+LARGEST_ERROR_RAD: Final = 0.2
+"""Of what is measured. The paths' tolerance is 0.3."""
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -33,3 +41,44 @@ def test_a_stall_of_the_line_ends_no_goal(seed: int, monkeypatch: pytest.MonkeyP
         rig.run(10.0, lambda handle=handle: handle.done)  # type: ignore[misc]
         assert handle.status is GoalStatus.SUCCEEDED, handle.error_text
     assert stalls >= 2 and rig.loop.figures.unmeasured > 0
+
+
+@pytest.mark.parametrize("at_s", [0.5, 0.7, 0.9, 1.1, 1.3])
+def test_where_nothing_goes_either_way_the_path_waits_for_the_arm(at_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when the other end of the line is stopped: goals reach the servos late, and all at once."""
+    rig = SimulatedStack().up()
+    rig.run(0.5)
+    rig.go([*READY[:5], -WAY_RAD])
+    rig.run(5.0)
+    begin_s, end_s = rig.clock.now() + at_s, rig.clock.now() + at_s + LONGEST_S
+    read, write = RecordingPort.read, RecordingPort.write
+    held: list[bytes] = []
+
+    def stalls() -> bool:
+        return begin_s <= rig.clock.now() < end_s
+
+    def stalling_read(port: RecordingPort, size: int, deadline_s: float) -> bytes:
+        if stalls():
+            port.clock.sleep_until(min(deadline_s, end_s))
+        return b"" if stalls() else read(port, size, deadline_s)
+
+    def stalling_write(port: RecordingPort, data: bytes) -> None:
+        held.append(data)
+        while held and not stalls():
+            write(port, held.pop(0))
+
+    monkeypatch.setattr(RecordingPort, "read", stalling_read)
+    monkeypatch.setattr(RecordingPort, "write", stalling_write)
+    behind: list[float] = []
+
+    def note_error() -> None:
+        assert rig.arm.tracking is not None
+        if not rig.loop.figures.unmeasured_in_a_row:
+            behind.append(float(np.abs(rig.arm.tracking.error).max()))
+
+    rig.after_cycle = note_error
+    handle = rig.go([*READY[:5], WAY_RAD], MOVE_S)
+    rig.run(10.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED, handle.error_text
+    assert rig.loop.figures.unmeasured >= 3
+    assert max(behind) < LARGEST_ERROR_RAD
