@@ -78,7 +78,7 @@ def page(address: str) -> Iterator[Callable[[], float]]:
     chromium = shutil.which("chromium")
     if chromium is None:
         raise SystemExit("there is no chromium on PATH: apt-get install chromium")
-    with browser_page(chromium) as shown:
+    with browser_page(chromium, stand_back=True) as shown:
         shown.goto(address)
         shown.wait_for_selector("canvas", timeout=PATIENCE_MS)
         shown.wait_for_function("document.body.innerText.includes('joint1 (servo 1)')", timeout=PATIENCE_MS)

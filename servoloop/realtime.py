@@ -12,7 +12,7 @@ LOG = logging.getLogger("servoloop")
 
 PRIORITY = 10
 LOOP_PRIORITY = 11
-ONLOOKERS_NICE: Final = 10
+ONLOOKERS_NICE: Final = 5
 """Of programs that show what a loop does, and of the browser that they open: it comes first."""
 
 
