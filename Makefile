@@ -41,8 +41,9 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
+# Two in real time, whole demos and browsers, which need a core each, and one that computes beside them.
 test-slow: setup
-	$(PYTEST) -m slow $(PYTEST_ARGS)
+	$(PYTEST) -n 3 -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 

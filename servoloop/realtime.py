@@ -13,7 +13,7 @@ LOG = logging.getLogger("servoloop")
 PRIORITY = 10
 LOOP_PRIORITY = 11
 ONLOOKERS_NICE: Final = 5
-"""Of programs that show what a loop does, and of the browser that they open: it comes first."""
+"""Of a program that shows what a loop does: the loop comes first."""
 
 
 def claim_realtime_priority() -> bool:
@@ -42,7 +42,7 @@ def put_first() -> None:
 
 
 def stand_back() -> None:
-    """Leave the processor to the loop that this process looks at; what it starts stands back with it."""
+    """Leave the processor to the loop that this process looks at."""
     os.nice(ONLOOKERS_NICE - os.nice(0))
 
 

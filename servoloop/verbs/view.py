@@ -36,7 +36,6 @@ def view(
         raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
     from servoloop.live.live_source import LiveSource
     from servoloop.live.recording import Recording
-    from servoloop.realtime import stand_back
     from servoloop.signals import Signals
     from servoloop.view.move_panel import MovePanel
     from servoloop.view.mover import Mover
@@ -45,7 +44,6 @@ def view(
     from servoloop.view.server import PageServer
     from servoloop.view.view import show
 
-    stand_back()
     clock = MonotonicClock()
     found = LiveSource(arm, clock) if recording is None else Recording(recording)
     with Signals() as signals:
