@@ -16,7 +16,7 @@ from tests.ros.stack_process import PATIENCE_S, until
 from tests.view.chromium import changed, find_chromium, open_page
 from tests.view.test_page_in_chromium import MOVED, degrees
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
 THREE = blocks("index.md")[0].commands
 

@@ -24,7 +24,7 @@ from tests.ros.stack_process import PATIENCE_S, PICK, READY, ArmClient, arm_clie
 from tests.view.chromium import OpenPage, find_chromium, open_page
 from tests.view.view_process import viewing
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
 ON, BACK = "Turn on (+)", "Turn back (−)"
 AGAIN_S = 9.0

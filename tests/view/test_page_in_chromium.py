@@ -15,7 +15,7 @@ from tests.ros.stack_process import PICK, arm_client, emulating, running, until
 from tests.view.chromium import OpenPage, changed, find_chromium, open_page
 from tests.view.view_process import viewing
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
 MOVED = 0.02
 """Of the picture; the arm and its shadow fill more than a tenth of it."""

@@ -1,0 +1,16 @@
+"""What the tests of the page share."""
+
+import fcntl
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def one_browser() -> Iterator[None]:
+    """No other test on this machine draws in a browser meanwhile: without a graphics card it takes all processors."""
+    with (Path(tempfile.gettempdir()) / "servoloop-tests-browser.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
