@@ -4,7 +4,6 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
 
 import psutil
 
@@ -12,8 +11,6 @@ LOG = logging.getLogger("servoloop")
 
 PRIORITY = 10
 LOOP_PRIORITY = 11
-ONLOOKERS_NICE: Final = 5
-"""Of a program that shows what a loop does: the loop comes first."""
 
 
 def claim_realtime_priority() -> bool:
@@ -39,11 +36,6 @@ def put_first() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
     except PermissionError:
         LOG.info("the control loop has no priority over this process' other threads (rtprio %d)", LOOP_PRIORITY)
-
-
-def stand_back() -> None:
-    """Leave the processor to the loop that this process looks at."""
-    os.nice(ONLOOKERS_NICE - os.nice(0))
 
 
 @contextmanager

@@ -61,10 +61,15 @@ def require_fit(bus: Bus, servo_id: int, place: Place, places: Sequence[Place]) 
 
 def voltage(bus: Bus, servo_id: int) -> float:
     """What the servo measures at its supply, V."""
+    return state_of(bus, servo_id).voltage_v
+
+
+def state_of(bus: Bus, servo_id: int) -> ServoState:
+    """The servo's state, asked for more than once where an answer is lost. Raises NotYet."""
     for _ in range(CLOSER_LOOKS):
         state = bus.read_states([servo_id])[servo_id]
         if isinstance(state, ServoState):
-            return state.voltage_v
+            return state
     raise NotYet(f"servo {servo_id} does not answer any more: is its plug loose?")
 
 

@@ -8,12 +8,11 @@ from typing import Final
 
 from commissioning.drive_trial import DriveTrial, JointMotion, Pace
 from commissioning.set_up.gear import rivals
-from commissioning.set_up.only_one import NotYet
+from commissioning.set_up.only_one import NotYet, state_of
 from commissioning.set_up.place import Place
 from commissioning.slow_arm import SlowArm, StoppedError
 from drivers.bus.bus import Bus
-from drivers.bus.retry import ATTEMPTS, retry
-from drivers.bus.types import ServoState
+from drivers.bus.retry import retry
 from drivers.clock import Clock
 from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos.register import Register
@@ -63,7 +62,7 @@ def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Cal
 
 def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
     """The horn as a joint that is at 0 where it stands, and has room on the side where there is more."""
-    here = _position(bus, servo_id)
+    here = state_of(bus, servo_id).position_counts
     lowest, highest = bus.position_limits(servo_id) or (0, place.model.last_count)
     below = here - max(lowest, 0) - MARGIN_COUNTS
     above = min(highest, place.model.last_count) - MARGIN_COUNTS - here
@@ -75,14 +74,6 @@ def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
     slowest = min(model.no_load_speed_rad_s for model in (place.model, *rivals(place.model)))
     limits = JointLimits(lower, upper, slowest, ACCELERATION_RAD_S2, JERK_RAD_S3)
     return Joint(place.joint, servo_id, place.model, limits, zero_counts=here, torque_limit=TORQUE_SHARE)
-
-
-def _position(bus: Bus, servo_id: int) -> int:
-    for _ in range(ATTEMPTS):
-        state = bus.read_states([servo_id])[servo_id]
-        if isinstance(state, ServoState):
-            return state.position_counts
-    raise NotYet(f"servo {servo_id} does not answer any more: is its plug loose?")
 
 
 @contextmanager

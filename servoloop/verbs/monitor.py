@@ -1,15 +1,18 @@
 """``servoloop monitor``: the arm in a terminal."""
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
-from servoloop.realtime import stand_back
+
+NICE: Final = 5
+"""The loop that is looked at may run on the same machine: it comes first."""
 
 
 def monitor(
@@ -38,7 +41,7 @@ def monitor(
     from servoloop.monitor.app import MonitorApp
     from servoloop.signals import Signals
 
-    stand_back()
+    os.nice(NICE)
     clock = MonotonicClock()
     source = LiveSource(arm, clock) if recording is None else Playback(Recording(recording), clock)
     with Signals() as signals:
