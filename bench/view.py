@@ -2,7 +2,7 @@
 
 The cell is that of ``servoloop demo``, once without a view and once with the page open in the machine's Chromium, which
 draws without a graphics card and gives way to everything else (bench/browser.py). Two periods are looked at while jobs
-run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's own,
+run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's,
 and from one measurement to the next, which has in it what kernel and virtual servos take to answer.
 """
 
