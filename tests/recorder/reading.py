@@ -31,6 +31,12 @@ def by_mcap(path: Path) -> Messages:
     return found
 
 
+def faults(path: Path) -> list[str]:
+    """The faults for which a file was written, as "joint: kind", the first of them first."""
+    with path.open("rb") as stream:
+        return [text for record in make_reader(stream).iter_metadata() for text in record.metadata.values()]
+
+
 def stamp_s(message: Any) -> float:
     """The time in a message's header (s)."""
     stamp = message.header.stamp

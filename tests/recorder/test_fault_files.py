@@ -5,11 +5,10 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
 from hal.lifecycle import LifecycleState
 from servoloop.recorder.fault_files import FILES, KEPT_S, FaultFiles
-from tests.recorder.reading import by_rosbags, stamp_s
+from tests.recorder.reading import by_rosbags, faults, stamp_s
 from tests.recorder.rig import Rig
 from tests.stack.rig import PICK, READY
 
@@ -45,11 +44,6 @@ class Watched(Rig):
 @pytest.fixture
 def rig(tmp_path: Path) -> Watched:
     return Watched(tmp_path / "out" / "faults")
-
-
-def faults(path: Path) -> list[str]:
-    with path.open("rb") as stream:
-        return [text for record in make_reader(stream).iter_metadata() for text in record.metadata.values()]
 
 
 def test_while_all_is_well_nothing_is_written(rig: Watched) -> None:
