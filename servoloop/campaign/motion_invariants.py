@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from operator import gt, sub
 from typing import Final
 
 from hal.types import JointState
@@ -36,13 +37,14 @@ class NoFasterThanAllowed(Invariant):
         self._ways = deque[list[float]](maxlen=OVER_STEPS + 1)
 
     def on_step(self, time_s: float) -> None:
-        now: list[float] = self.stack.trace.actual[-1].tolist()  # of six numbers, which NumPy would take longer for
+        now: list[float] = self.stack.trace.actual[-1].tolist()
         self._ways.append(now)
         self._excused -= 1
         active = self.stack.player.active
         if active and any(one.kind in NOT_ITS_OWN for one in active.values()):
             self._excused = AFTER_STEPS
-        if self._excused > 0:
+        # Six numbers every millisecond: NumPy would take longer, and so would a loop.
+        if self._excused > 0 or not any(map(gt, map(abs, map(sub, now, self._ways[0])), self._furthest)):
             return
         for joint, here, there, furthest in zip(self.stack.arm.joints, now, self._ways[0], self._furthest, strict=True):
             if abs(here - there) > furthest and self.active and self.torque(self._mine[joint]):

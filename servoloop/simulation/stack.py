@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller, ControllerContext
 from controller.loop import ControlLoop
@@ -84,6 +86,8 @@ class SimulatedStack:
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
         self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
+        """Where the positions of the arm's joints are, without the hand's: each millisecond asks."""
         self._wrap = wrap
         for controller in built:
             self.add_controller(controller)
@@ -162,7 +166,7 @@ class SimulatedStack:
 
     def _after_step(self, time_s: float) -> None:
         self.trace.world_s.append(time_s)
-        self.trace.actual.append(self.world.position()[: len(self.arm.joints)])
+        self.trace.actual.append(self.world.arrays.position.take(self._arm_at))
         self.on_step(time_s)
 
     def _on_cycle(self, state: JointState) -> None:

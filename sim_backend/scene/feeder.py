@@ -95,8 +95,9 @@ def _done(world: World) -> bool:
 
     A job that failed may leave it leaning against the fingers that are open around the stand.
     """
-    in_hand = world.cube_touched() and not (_at_ready(world) and _open(world))
-    return world.cube_at_rest() and not world.cube_on_stand() and not in_hand
+    if not world.cube_at_rest() or world.cube_on_stand():
+        return False
+    return not world.cube_touched() or (_at_ready(world) and _open(world))
 
 
 def _at_ready(world: World) -> bool:
