@@ -69,12 +69,9 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# uv resolves for all supported versions of Python at once, which pip can not; it stays out of .venv.
+# Without `setup`, which refuses a lock that is to be renewed.
 lock:
-	@mkdir -p build && sh tools/setup.sh --python > build/python
-	@"$$(cat build/python)" -m venv build/lock
-	@build/lock/bin/pip --disable-pip-version-check install --quiet uv==0.13.8
-	@build/lock/bin/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
+	@$(BIN)/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
 	  --extra ros --extra report --extra ray --extra view --extra monitor \
 	  --group interfaces-build --group bench --group peers --group docs --group dev \
 	  --custom-compile-command 'make lock' --output-file requirements.lock $(LOCK_ARGS) > /dev/null

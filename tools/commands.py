@@ -17,7 +17,7 @@ FOREIGN = re.compile(r"(AMENT|COLCON|CMAKE|ROS|_ROS|PYTHON|CONDA)_?|LD_LIBRARY_P
 
 
 COMMAND_S = 3600.0
-"""The longest that one command may take. pip gives up a connection by itself, the slowest build takes minutes."""
+"""The longest that one command may take. uv gives up a connection by itself, the slowest build takes minutes."""
 STOP_S = 5.0
 """From asking commands to end to killing them."""
 
@@ -107,11 +107,15 @@ def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
 HINTS = (
     (r"Killed: it had not ended", "It hangs: look at the end of the log, and at what else the machine is doing."),
     (r"No space left on device", "The disk is full: .venv and build/ need 1 GB."),
-    (r"DO NOT MATCH THE HASHES", "A package differs from the locked one. Do not install it; find out why."),
+    (
+        r"DO NOT MATCH THE HASHES|Hash mismatch",
+        "A package differs from the locked one. Do not install it; find out why.",
+    ),
     (
         r"Temporary failure in name resolution|Connection|Max retries|timed out|CERTIFICATE|ProxyError"
-        r"|No matching distribution found",
-        "The package registry can not be reached or lacks this: look at the network, the proxy and pip config list.",
+        r"|No matching distribution found|Failed to fetch|No solution found",
+        "The package registry can not be reached or lacks this: look at the network and the proxy. A registry of your "
+        "own is told to pip by pip config, and to uv, which brings the rest, by UV_DEFAULT_INDEX.",
     ),
     (r"Python\.h", "This Python has no headers; on Debian or Ubuntu: sudo apt install python3-dev"),
     (r"Killed|cc1plus.*(memory|Terminated)", "The compiler ran out of memory: close something and try again."),

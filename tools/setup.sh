@@ -1,6 +1,5 @@
 #!/bin/sh
 # `make setup`: can this machine do it, and with which Python? Then set_up.py does the work.
-# With --python it only prints the Python it would take.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -45,8 +44,4 @@ done
     "Install one with its headers and venv; on Debian or Ubuntu: sudo apt install python3 python3-dev python3-venv" \
     "One that is not on the PATH: make setup PYTHON=/path/to/python3.12"
 
-if [ "${1:-}" = --python ]; then
-    printf '%s\n' "$python"
-else
-    exec "$python" -B tools/set_up.py
-fi
+exec "$python" -B tools/set_up.py

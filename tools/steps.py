@@ -14,6 +14,8 @@ from progress import Step
 from stamps import digest, interface_key, locked_packages, project_key, stamp, venv_key
 
 CORES = len(os.sched_getaffinity(0))
+PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--progress-bar=off")
+UV = (VENV / "bin" / "uv", "pip", "install", "--python", PYTHON, "--no-deps", "--no-build-isolation")
 
 
 def make_venv(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
@@ -40,54 +42,34 @@ def check_lock() -> None:
 
 def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
     check_lock()
-    total = len(locked_packages())
-    fetched: list[str] = []
+    detail = ["uv"]
 
     def on_line(line: str) -> None:
-        if line.startswith("Collecting "):
-            fetched.append(line.split()[1].split("=")[0])
+        if words := re.match(r"\s*(Downloading|Building) (\S+)|(Prepared|Installed) \d+ packages", line):
+            detail[0] = words.group(0).strip().lower()
 
-    def detail() -> str:
-        installed = len(list(SITE_PACKAGES.glob("*.dist-info")))
-        if installed < 5:
-            return f"fetching {len(fetched)}/{total} {fetched[-1] if fetched else ''}"
-        return f"installing {min(installed, total)}/{total}"
-
-    # The lock names everything with its hash, so pip has nothing to resolve (--no-deps) and fetches no builders of its
-    # own (--no-build-isolation; setuptools comes first, because two packages are source). Python compiles what is
-    # really imported, when it is (--no-compile).
-    pip = (
-        PYTHON,
-        "-m",
-        "pip",
-        "--disable-pip-version-check",
-        "--no-input",
-        "install",
-        "--progress-bar=off",
-        "--no-deps",
-    )
-    builder = LOGS / "setuptools.lock"
-    builder.write_text("".join(re.findall(r"^setuptools==.*\n(?: .*\n)*", LOCK.read_text(), re.MULTILINE)))
+    # pip brings uv and setuptools, with which uv builds the two packages that are source. The lock names everything
+    # with its hash: there is nothing to resolve. Python compiles what is really imported, when it is.
+    first = LOGS / "first.lock"
+    first.write_text("".join(re.findall(r"^(?:uv|setuptools)==.*\n(?: .*\n)*", LOCK.read_text(), re.MULTILINE)))
 
     def run() -> None:
-        for lock in (builder, LOCK):
-            options = ("--no-build-isolation", "--no-compile", "--require-hashes", "-r", lock)
-            commands.run("packages", *pip, *options, on_line=on_line)
+        commands.run("packages", *PIP, "--no-compile", "--no-deps", "--require-hashes", "-r", first)
+        commands.run("packages", *UV, "--require-hashes", "-r", LOCK, on_line=on_line)
 
-    # Killed while it unpacks, pip may leave half a package that it can not mend: then .venv is made anew.
+    # Killed while it unpacks, uv may leave half a package that it can not mend: then .venv is made anew.
     stamp("installing", "")
     try:
-        step.follow([pool.submit(run)], detail)
+        step.follow([pool.submit(run)], lambda: detail[0])
     except SetUpError:
-        (STAMPS / "installing").unlink()  # pip itself gave up, and tidied up
+        (STAMPS / "installing").unlink()  # uv itself gave up, and tidied up
         raise
     (STAMPS / "installing").unlink()
     stamp("packages", digest(LOCK))
 
 
 def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    pip = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--no-deps")
-    command = (*pip, "--no-build-isolation", "--editable", ROOT)
+    command = (*UV, "--editable", ROOT)
     step.follow([pool.submit(commands.run, "project", *command)], lambda: "servoloop itself, editable")
     stamp("project", project_key())
 
