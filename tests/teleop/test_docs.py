@@ -73,7 +73,7 @@ def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: 
             teleop.send_signal(signal.SIGINT)
             assert teleop.stdout is not None
             said = teleop.stdout.read()
-            assert "from the leader's angles to the follower's goals: median" in said.replace("\n", " ")
+            assert "from the leader's angles to the follower's goals: median" in " ".join(said.split())
             assert teleop.wait(30.0) == 0
         refused = run(REAL.replace("/dev/ttyACM0", "./leader").replace("/dev/ttyACM1", "./follower"), tmp_path)
         assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr
