@@ -106,7 +106,7 @@ def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
 
 HINTS = (
     (r"Killed: it had not ended", "It hangs: look at the end of the log, and at what else the machine is doing."),
-    (r"No space left on device", "The disk is full: .venv and build/ need 1 GB."),
+    (r"No space left on device", "The disk is full: .venv and build/ need 2 GB."),
     (
         r"DO NOT MATCH THE HASHES|Hash mismatch",
         "A package differs from the locked one. Do not install it; find out why.",

@@ -16,7 +16,7 @@ from nodes.pick_place.settings import Settings
 from servoloop.files import read_files
 from servoloop.live.playback import Playback
 from servoloop.live.recording import Recording
-from servoloop.monitor.app import MonitorApp
+from servoloop.monitor.app import ALL, JOINTS_S, MonitorApp
 from servoloop.recorder.reader import read_recording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
@@ -26,6 +26,9 @@ COLUMNS, LINES = 130, 44
 JOBS = ("A", "B", "C")
 FAULT = parse("silent id=5 at=20s for=0.2s")
 JOINT = "1"
+STILL_S = 1.5 * ALL * JOINTS_S
+"""In this time everything is renewed at least once: a screen that is still the same has settled."""
+SETTLE_S = 30.0
 
 
 def main(picture: Path) -> None:
@@ -42,12 +45,15 @@ def main(picture: Path) -> None:
 
 
 async def screen(playback: Playback) -> str:
-    """The screen as SVG, which asks for no fonts of other machines."""
+    """The settled screen as SVG, which asks for no fonts of other machines. Raises TimeoutError if it never settles."""
     app = MonitorApp(playback)
     async with app.run_test(size=(COLUMNS, LINES)) as pilot:
         await pilot.press(JOINT)
-        await pilot.pause()
-        drawn = app.export_screenshot(simplify=True)
+        async with asyncio.timeout(SETTLE_S):
+            former, drawn = "", app.export_screenshot(simplify=True)
+            while drawn != former:  # strips are as large as there was room when they were drawn
+                await pilot.pause(STILL_S)
+                former, drawn = drawn, app.export_screenshot(simplify=True)
     return re.sub(r"@font-face \{.*?\}", "", drawn, flags=re.DOTALL)
 
 
