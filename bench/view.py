@@ -1,6 +1,6 @@
 """The control loop's time with the page of ``servoloop view`` open, and without: ``python -m bench.view [--jobs 6]``.
 
-The cell is that of ``servoloop demo``, once without a view and once with the page open in the machine's Chromium, which
+The cell is that of ``servoloop demo``, without a view and then with the page open in the machine's Chromium, which
 draws without a graphics card and gives way to everything else (bench/browser.py). Two periods are looked at while jobs
 run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's,
 and from one measurement to the next, which has in it what kernel and virtual servos take to answer. In 24 jobs p99.9
@@ -132,7 +132,7 @@ def show(console: Console, outcomes: list[Outcome]) -> None:
 
 
 def _ratio(deviations_s: list[tuple[bool, FloatArray]]) -> str:
-    """The p99.9 of all deviations with the page, in those without."""
+    """The p99.9 of all deviations with the page, divided by that of all without."""
     shown, hidden = (
         np.quantile(np.concatenate([own for view, own in deviations_s if view is wanted]), 0.999)
         for wanted in (True, False)
