@@ -1,5 +1,6 @@
 """The same examples in every run, none too slow on a busy machine, and an order that keeps both cores busy."""
 
+import signal
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,9 @@ settings.load_profile("repeatable")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Have what is compiled compiled before there are workers: several that compile at once spoil its cache."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # So a shell starts what is to run in the background, and the programs under test would not hear Ctrl-C either.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not hasattr(config, "workerinput"):
         line = VirtualBus.of(BenchPlant([1]))
         line.rig.step()
