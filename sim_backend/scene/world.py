@@ -11,6 +11,7 @@ perhaps `rest`; the freejoint and geom `cube`; the geoms `stand` and `cube_place
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import sub
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,6 +102,7 @@ class World:
         self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
+        self._home_m: list[float] = self._home[:3].tolist()
 
     def _rest(self) -> FloatArray:
         keys = [self.model.key(i) for i in range(self.model.nkey)]
@@ -113,7 +115,7 @@ class World:
         self._cube_geom = self.model.geom("cube").id
         self._place_geom = self.model.geom("cube_place").id
         width, depth, _ = self.model.geom("stand").size
-        self._on_stand_m = np.array([width + OFF_STAND_M, depth + OFF_STAND_M, LIFTED_M])
+        self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
 
     def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
@@ -207,8 +209,9 @@ class World:
 
     def cube_on_stand(self) -> bool:
         """Whether the cube lies at rest on the stand."""
-        offset = np.abs(self.arrays.position[self._cube_qpos][:3] - self._home[:3])
-        return bool((offset < self._on_stand_m).all()) and self.cube_at_rest()
+        place: list[float] = self.arrays.position[self._cube_qpos].tolist()  # NumPy takes longer for three
+        apart = map(sub, place, self._home_m)
+        return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 
     def cube_touched(self) -> bool:
         """Whether the arm touches the cube."""

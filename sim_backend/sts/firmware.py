@@ -8,7 +8,7 @@ from drivers.servos.register import Register
 from sim_backend.mechanics.motor import MotorConstants
 from sim_backend.sts import kernel
 from sim_backend.sts.memory import StsMemory
-from sim_backend.sts.state import States, forget_volatile, new_states, value_of
+from sim_backend.sts.state import STATE, States, forget_volatile, new_states
 
 ENCODER_LAG_S: Final = 0.0018
 """Of the AS5600's own filter, as fitted to step responses recorded on hardware; its data sheet says about 2 ms."""
@@ -60,9 +60,10 @@ class StsFirmware:
 
     def __init__(self, memory: StsMemory, states: States, voltage_v: float, variant: StsVariant) -> None:
         self._memory = memory
-        self._states = states
+        self._take(states)
+        self._deaf = False
         self._variant = variant
-        self._wound = {name: float(value_of(states, name)) for name in _WINDING}
+        self._wound = {name: self._value(name) for name in _WINDING}
         self.voltage_v = voltage_v
         self.restart()
         self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
@@ -70,8 +71,13 @@ class StsFirmware:
     def work_on(self, states: States) -> None:
         """Move into this record: a line keeps those of all its servos side by side."""
         states[:] = self._states
-        self._states = states
+        self._take(states)
         self._memory.work_on(states)
+
+    def _take(self, states: States) -> None:
+        self._states = states
+        # Each is looked up once: the line asks for some of them with every packet.
+        self._fields = {name: states[name] for name in STATE.names or ()}
 
     def restart(self) -> None:
         """Power-on: all state from the registers, the motor free."""
@@ -84,13 +90,13 @@ class StsFirmware:
 
     def observe(self, angle_rad: float) -> None:
         """Take the shaft's angle as it is, at rest: the first look after power-on, or a shaft put there by hand."""
-        self._states["lagged_rad"] = angle_rad
+        self._fields["lagged_rad"][0] = angle_rad
         kernel.look(self._states, self.voltage_v)
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         """``dt_s`` of the loop on the shaft's true state; returns the torque on the shaft, N m."""
         torque_nm, current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
-        self._states["supply_current_a"] = current_a
+        self._fields["supply_current_a"][0] = current_a
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
@@ -98,34 +104,41 @@ class StsFirmware:
         noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")
-        self._states["noted"] = noted
+        self._fields["noted"][0] = noted
 
     def forget_turns(self) -> None:
         """The present angle is within the first turn again."""
-        self._states["recount"] = 1
+        self._fields["recount"][0] = 1
 
     @property
     def voltage_v(self) -> float:
         """What the supply has left for it."""
-        return float(value_of(self._states, "voltage_v"))
+        return self._value("voltage_v")
 
     @voltage_v.setter
     def voltage_v(self, voltage_v: float) -> None:
-        self._states["voltage_v"] = voltage_v
+        self._fields["voltage_v"][0] = voltage_v
 
     @property
     def supply_current_a(self) -> float:
         """What the motor takes from the supply."""
-        return float(value_of(self._states, "supply_current_a"))
+        return self._value("supply_current_a")
 
     @property
     def deaf_s(self) -> float:
         """For how long it will not hear anything, because it reboots."""
-        return float(value_of(self._states, "deaf_s"))
+        return self._value("deaf_s")
 
     @deaf_s.setter
     def deaf_s(self, seconds: float) -> None:
-        self._states["deaf_s"] = seconds
+        self._fields["deaf_s"][0] = seconds
+        self._deaf = True
+
+    @property
+    def deaf(self) -> bool:
+        """Whether it is rebooting."""
+        self._deaf = self._deaf and self.deaf_s > 0.0
+        return self._deaf
 
     @property
     def encoder_fails(self) -> bool:
@@ -134,7 +147,7 @@ class StsFirmware:
 
     @encoder_fails.setter
     def encoder_fails(self, fails: bool) -> None:
-        self._states["encoder_fails"] = fails
+        self._fields["encoder_fails"][0] = fails
 
     @property
     def encoder_sticks(self) -> bool:
@@ -143,17 +156,17 @@ class StsFirmware:
 
     @encoder_sticks.setter
     def encoder_sticks(self, sticks: bool) -> None:
-        self._states["encoder_sticks"] = sticks
+        self._fields["encoder_sticks"][0] = sticks
 
     @property
     def turns_left(self) -> float:
         """The share of its motor's turns of wire that are not shorted; a fault to inject."""
-        return float(value_of(self._states, "resistance_ohm")) / self._wound["resistance_ohm"]
+        return self._value("resistance_ohm") / self._wound["resistance_ohm"]
 
     @turns_left.setter
     def turns_left(self, share: float) -> None:
         for name, whole in self._wound.items():
-            self._states[name] = whole * share
+            self._fields[name][0] = whole * share
 
     @property
     def raw_count(self) -> int:
@@ -178,19 +191,22 @@ class StsFirmware:
     @property
     def current_a(self) -> float:
         """Through the motor, with its direction."""
-        return float(value_of(self._states, "current_a"))
+        return self._value("current_a")
 
     @property
     def temperature_c(self) -> float:
         """Of the motor."""
-        return float(value_of(self._states, "temperature_c"))
+        return self._value("temperature_c")
 
     @temperature_c.setter
     def temperature_c(self, temperature_c: float) -> None:
-        self._states["temperature_c"] = temperature_c
+        self._fields["temperature_c"][0] = temperature_c
 
     def _number(self, name: str) -> int:
-        return int(value_of(self._states, name))
+        return int(self._fields[name].item())
+
+    def _value(self, name: str) -> float:
+        return float(self._fields[name].item())
 
 
 def touches(address: int, size: int, register: Register) -> bool:

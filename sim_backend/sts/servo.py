@@ -54,6 +54,10 @@ class VirtualServo(PacketServo):
         self.firmware.deaf_s = seconds
 
     @property
+    def deaf(self) -> bool:
+        return self.firmware.deaf
+
+    @property
     def return_delay_s(self) -> float:
         """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
         return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
@@ -105,10 +109,10 @@ class VirtualServo(PacketServo):
 
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""
-        mode = self.memory.get(sts.operating_mode)
+        mode = self.memory.get(sts.operating_mode) if touches(address, len(data), sts.operating_mode) else None
         self.memory.write(address, data)
         self.firmware.note_write(address, len(data))
-        if self.memory.get(sts.operating_mode) != mode:
+        if mode is not None and self.memory.get(sts.operating_mode) != mode:
             self.firmware.forget_turns()
             for register in (sts.torque_enable, sts.acceleration, sts.goal_velocity):
                 self.memory.put(register, 0)

@@ -3,7 +3,7 @@
 The first field is the control table itself: the firmware reads its settings from there and shows its state there.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +101,3 @@ def forget_volatile(states: States) -> None:
     """Put everything to 0 that power-off takes away, but for the table."""
     for name, _ in _VOLATILE:
         states[name] = 0
-
-
-def value_of(states: States, name: str) -> Any:
-    """One number of the first servo's record."""
-    return states[name].item(0)

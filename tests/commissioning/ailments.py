@@ -86,11 +86,8 @@ def mute(patient: Patient) -> None:
 
 def loose_plug(patient: Patient) -> None:
     """One servo is heard only now and then."""
-    faults = patient.line.faults
     questions = count()
-    hears = faults.hears
-    changed: Any = faults
-    changed.hears = lambda servo_id: hears(servo_id) and (servo_id != ELBOW or next(questions) % 3 == 0)
+    patient.line.faults.on_instruction.append(lambda servo_id: servo_id != ELBOW or next(questions) % 3 == 0)
 
 
 def wheel_mode(patient: Patient) -> None:
