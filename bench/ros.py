@@ -29,6 +29,7 @@ from rich.table import Table
 
 from nodes import timing_client
 from nodes.client_node import client_node
+from nodes.discovery import stay_on_this_machine
 from nodes.timing_client import Promptness, TimingClient
 from servoloop.processes import end, end_with_parent
 from servoloop.realtime import claim_realtime_priority
@@ -66,7 +67,8 @@ def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.
 def stack() -> Iterator[psutil.Process]:
     """``servoloop up`` on the mock, ready for goals, in a ROS domain of its own."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100)), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
+        stay_on_this_machine(settings)
         before = {name: os.environ.get(name) for name in settings}
         os.environ |= settings  # for this process's own participants too
         ready, log = Path(folder) / "ready", Path(folder) / "log"

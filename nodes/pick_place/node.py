@@ -28,8 +28,8 @@ from nodes.pick_place.waiter import Waiter
 _LOG_EVERY_S = 5.0
 _LAST_WORDS_S = 0.1
 _DISCOVERY_S = 4.0
-"""Before the first job: two participants see each other at the next announcement of one of them, every 3 s (Fast DDS),
-and a job waits for the arm for 2 s only."""
+"""Before the first job: two participants see each other at the next announcement of one of them, every 3 s as Fast DDS
+has it without this_machine.xml, and a job waits for the arm for 2 s only."""
 
 
 class PickPlaceNode:

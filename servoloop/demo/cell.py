@@ -57,9 +57,8 @@ def check_grades(grades: Sequence[str], arm: Arm) -> None:
 
 
 def environment() -> dict[str, str]:
-    """The environment with a ROS domain of the demo's own on this machine, unless the user has named one."""
+    """The environment with a ROS domain of the demo's own, unless the user has named one."""
     values = dict(os.environ)
-    values.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     values.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     return values
 

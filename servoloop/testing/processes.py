@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from nodes.discovery import stay_on_this_machine
 from servoloop.testing.ros_domain import own_domain
 
 START_S = 60.0
@@ -95,6 +96,7 @@ class RosStack(_Process):
     def running(self) -> Iterator[Self]:
         """Have it up until the end of the block. Nodes that the test makes find it; so do processes it starts."""
         ready = self._folder / "ready"
-        settings = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": str(self._folder / "ros_log")}
+        settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
+        stay_on_this_machine(settings)
         with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):
             yield self

@@ -37,6 +37,8 @@ def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], add
     [
         ({}, SUBNET),
         (LOCAL, SUBNET),
+        (BOUND, SUBNET),
+        (LOCAL | {PROFILES: "/home/arm/mine.xml"}, SUBNET | {PROFILES: "/home/arm/mine.xml"}),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, SUBNET),
         ({"ROS_LOCALHOST_ONLY": "1", "ROS_DOMAIN_ID": "3"}, SUBNET | {"ROS_DOMAIN_ID": "3"}),
         (SUBNET, SUBNET),

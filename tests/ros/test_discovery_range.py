@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from nodes.discovery import PROFILES, RANGE
 from tests.ros.stack_process import READY, StackProcess, arm_client, running, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -37,7 +38,8 @@ def receiving_on(pid: int, domain: int) -> set[str]:
 @pytest.fixture
 def unset(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """The domain, and no discovery range."""
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    monkeypatch.delenv(RANGE)
+    monkeypatch.delenv(PROFILES)
     yield ros_domain
 
 
