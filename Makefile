@@ -41,9 +41,10 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
-# Two in real time, whole demos and browsers, which need a core each, and one that computes beside them.
+# Two in real time, whole demos and browsers, which need a core each, and one that computes beside them; a third in real
+# time when that is done.
 test-slow: setup
-	$(PYTEST) -n 3 -m slow $(PYTEST_ARGS)
+	$(PYTEST) -m slow $(PYTEST_ARGS)
 
 test-all: test test-slow
 
