@@ -7,7 +7,7 @@ ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST alone is not enough for that. With rmw_f
 the listening to multicast, and nothing else: the unicast sockets stay bound to all interfaces, and a host that names
 this one in its ROS_STATIC_PEERS is let in (measured between two network namespaces). ROS_LOCALHOST_ONLY=1 is the same
 without static peers of one's own. The profile this_machine.xml binds the sockets to the loopback interface, and has
-programs announce themselves more often: they find each other within half a second, where it may take three.
+programs announce themselves every half second instead of every three, so they find each other sooner.
 """
 
 from collections.abc import Mapping, MutableMapping

@@ -34,15 +34,19 @@ settings.load_profile("repeatable")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Have what is compiled compiled before there are workers: several that compile at once spoil its cache."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # So a shell starts what is to run in the background, and the programs under test would not hear Ctrl-C either.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    _hear_interrupts()
     if not hasattr(config, "workerinput"):
         line = VirtualBus.of(BenchPlant([1]))
         line.rig.step()
         line.servo(1).firmware.step(0.001, 0.0, 0.0)
         one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
         drive(one, one, one, none, none, none, one, one, 0.0, one, one, one)
+
+
+def _hear_interrupts() -> None:
+    """Undo what a shell does to programs in the background: they and the programs under test ignore Ctrl-C."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(optionalhook=True)

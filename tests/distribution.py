@@ -46,8 +46,9 @@ class ComputingAside(LoadFileScheduling):
         """Has no work until the computing is done."""
 
     def _choose(self) -> None:
+        """Choose the worker that computes, and the one that takes its place."""
         self._computing = self.nodes[-1]
-        slow = getattr(self.config.option, "markexpr", "") == "slow"
+        slow = self.config.option.markexpr == "slow"
         if slow and len(self.nodes) > 2 and self._next_to_compute() is not None:
             self._substitute = self.nodes[-2]
 

@@ -10,7 +10,6 @@ from typing import Any, Self
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
-from nodes.discovery import stay_on_this_machine
 from servoloop.testing.ros_domain import own_domain
 
 START_S = 60.0
@@ -97,6 +96,5 @@ class RosStack(_Process):
         """Have it up until the end of the block. Nodes that the test makes find it; so do processes it starts."""
         ready = self._folder / "ready"
         settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
-        stay_on_this_machine(settings)
         with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):
             yield self

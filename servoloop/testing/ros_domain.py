@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from nodes.discovery import stay_on_this_machine
+
 DOMAINS = range(1, 98, 4)
 """From 102 on they can meet the ports that Linux hands out; a run may use the next two as well."""
 
@@ -28,9 +30,10 @@ def free_domain() -> Iterator[int]:
 
 @contextmanager
 def own_domain(settings: Mapping[str, str]) -> Iterator[int]:
-    """A free domain, in the environment with these ``settings`` until the end of the block."""
+    """A free domain on this machine alone, in the environment with these ``settings`` until the end of the block."""
     with free_domain() as domain:
         said = {"ROS_DOMAIN_ID": str(domain), **settings}
+        stay_on_this_machine(said)
         before = {name: os.environ.get(name) for name in said}
         os.environ.update(said)
         try:

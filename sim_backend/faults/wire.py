@@ -100,11 +100,6 @@ class WireFaults:
         """Whether the servo is cut off."""
         return servo_id in self._silent
 
-    @property
-    def all_hear(self) -> bool:
-        """Whether the next instruction reaches every servo."""
-        return not (self._silent or self.disturbance or self.on_instruction)
-
     def hears(self, servo_id: int) -> bool:
         """Whether the next instruction reaches the servo."""
         reached = not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))

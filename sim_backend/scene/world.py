@@ -102,7 +102,6 @@ class World:
         self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
-        self._home_m: list[float] = self._home[:3].tolist()
 
     def _rest(self) -> FloatArray:
         keys = [self.model.key(i) for i in range(self.model.nkey)]
@@ -210,7 +209,7 @@ class World:
     def cube_on_stand(self) -> bool:
         """Whether the cube lies at rest on the stand."""
         place: list[float] = self.arrays.position[self._cube_qpos].tolist()  # NumPy takes longer for three
-        apart = map(sub, place, self._home_m)
+        apart = map(sub, place[:3], self._home.tolist())
         return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 
     def cube_touched(self) -> bool:

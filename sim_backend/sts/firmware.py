@@ -61,7 +61,6 @@ class StsFirmware:
     def __init__(self, memory: StsMemory, states: States, voltage_v: float, variant: StsVariant) -> None:
         self._memory = memory
         self._take(states)
-        self._deaf = False
         self._variant = variant
         self._wound = {name: self._value(name) for name in _WINDING}
         self.voltage_v = voltage_v
@@ -132,13 +131,6 @@ class StsFirmware:
     @deaf_s.setter
     def deaf_s(self, seconds: float) -> None:
         self._fields["deaf_s"][0] = seconds
-        self._deaf = True
-
-    @property
-    def deaf(self) -> bool:
-        """Whether it is rebooting."""
-        self._deaf = self._deaf and self.deaf_s > 0.0
-        return self._deaf
 
     @property
     def encoder_fails(self) -> bool:

@@ -13,8 +13,6 @@ from sim_backend.sts.state import TABLE_SIZE, States
 
 READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
 PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
-VOLATILE: Final = range(40, 56)
-"""Writable, and kept nowhere."""
 KEPT: Final = Kept(sts.REGISTERS, PERSISTENT - READ_ONLY, "little")
 MIDDLE_SPAN: Final = 2047
 """The homing offset's largest size: its twelfth bit is the sign."""
@@ -95,21 +93,13 @@ class StsMemory:
 
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire. Read-only bytes stay as they are, the others are written."""
-        end = address + len(data)
-        if address in VOLATILE and end <= VOLATILE.stop:  # goals, several in each cycle
-            self._table[address:end] = data
-            self._cut_acceleration()
-            return
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
                 self._write_byte(at, self._sensible(at, value))
-        self._cut_acceleration()
-        self._decode()
-
-    def _cut_acceleration(self) -> None:
         largest = self._table[sts.max_acceleration.address]
         if largest and self._table[sts.acceleration.address] > largest:
             self._table[sts.acceleration.address] = largest
+        self._decode()
 
     def save(self, register: Register, value: int) -> None:
         """Put a persistent register so that it survives power-off, whatever the lock says."""

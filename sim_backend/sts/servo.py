@@ -54,10 +54,6 @@ class VirtualServo(PacketServo):
         self.firmware.deaf_s = seconds
 
     @property
-    def deaf(self) -> bool:
-        return self.firmware.deaf
-
-    @property
     def return_delay_s(self) -> float:
         """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
         return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)

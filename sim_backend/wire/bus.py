@@ -24,7 +24,7 @@ from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
 from sim_backend.sts.servo import VirtualServo
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.line import Reply, ServoLine, Turn, by_id, named
+from sim_backend.wire.line import Reply, ServoLine, Turn, named
 from sim_backend.wire.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
 
 __all__ = ["Reply", "VirtualBus"]
@@ -109,9 +109,9 @@ class VirtualBus(ServoLine[PacketServo]):
             return []
         address, size = parameters[:2]
         slot_s, replies = (STATUS_OVERHEAD + size + _SLOT_PAUSE) * byte_s, []
-        knowing = by_id([servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE])
+        knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE]
         for place, servo_id in enumerate(parameters[2:]):
-            asked = knowing.get(servo_id, [])
+            asked = named(servo_id, knowing)
             packets = [servo.read_status(address, size) for servo in asked]
             for servo in asked:
                 self._waiting.pop(servo, None)  # type: ignore[call-overload]
@@ -169,9 +169,8 @@ def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
     if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return
     address, size = parameters[:2]
-    meant = by_id(servos)
     for at in range(2, len(parameters), size + 1):
         data = parameters[at + 1 : at + 1 + size]
-        for servo in meant.get(parameters[at], ()):
+        for servo in named(parameters[at], servos):
             if data and (len(data) == size or isinstance(servo, VirtualServo)):
                 servo.write(address, data)

@@ -168,9 +168,16 @@ class ServoLine(ABC, Generic[AnyServo]):
 
     def _listening(self, baud: int) -> list[AnyServo]:
         """Servos that understand this baud and are there. The others hear garbage, or nothing."""
-        faults, cut_off = self.faults, self._unplugged | self.faults.mute
-        there = [servo for servo in self.servos if servo not in cut_off and servo.baud == baud and not servo.deaf]
-        return there if faults.all_hear else [servo for servo in there if faults.hears(servo.servo_id)]
+        faults = self.faults
+        return [
+            servo
+            for servo in self.servos
+            if servo not in self._unplugged
+            and servo not in faults.mute
+            and servo.baud == baud
+            and not servo.deaf
+            and faults.hears(servo.servo_id)
+        ]
 
     @abstractmethod
     def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
@@ -215,14 +222,6 @@ def _nothing() -> None:
 def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
     """Those that answer to this ID."""
     return [servo for servo in servos if servo.servo_id == servo_id]
-
-
-def by_id(servos: Sequence[AnyServo]) -> dict[int, list[AnyServo]]:
-    """The same for all IDs."""
-    found: dict[int, list[AnyServo]] = {}
-    for servo in servos:
-        found.setdefault(servo.servo_id, []).append(servo)
-    return found
 
 
 def overlaid(packets: Sequence[bytes]) -> bytes:

@@ -26,8 +26,13 @@ class Worker:
         self.shutting_down = True
 
 
-def run(tests: list[str], workers: list[Worker], marker: str, request: pytest.FixtureRequest) -> None:
-    """As xdist does it: a worker runs what it was sent but the last one, which it keeps until told there is no more."""
+def run(
+    tests: list[str], workers: list[Worker], marker: str, request: pytest.FixtureRequest
+) -> list[tuple[Worker, str]]:
+    """As xdist does it: a worker runs what it was sent but the last one, which it keeps until told there is no more.
+
+    The workers take turns; what each ran is returned in its order.
+    """
     config: Any = SimpleNamespace(
         option=SimpleNamespace(loadscopereorder=False, markexpr=marker),
         getvalue=lambda name: ["popen"] * len(workers),
@@ -38,24 +43,15 @@ def run(tests: list[str], workers: list[Worker], marker: str, request: pytest.Fi
         scheduler.add_node(worker)
         scheduler.add_node_collection(worker, tests)
     scheduler.schedule()
+    ran: list[tuple[Worker, str]] = []
     while ready := [one for one in workers if len(one.queue) > (0 if one.shutting_down else 1)]:
         worker = min(ready, key=lambda one: len(one.ran))
         index = worker.queue.pop(0)
         worker.ran.append(tests[index])
+        ran.append((worker, tests[index]))
         scheduler.mark_test_complete(worker, index)
     assert all(worker.shutting_down for worker in workers)
-
-
-class Told(list[str]):
-    """What a worker ran, told to a list of all workers' too."""
-
-    def __init__(self, number: int, all_ran: list[tuple[int, str]]) -> None:
-        super().__init__()
-        self._number, self._all = number, all_ran
-
-    def append(self, test: str) -> None:
-        super().append(test)
-        self._all.append((self._number, test))
+    return ran
 
 
 FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_size=12)
@@ -85,11 +81,8 @@ def test_a_third_stack_runs_only_when_the_slow_tests_that_compute_are_done(reque
     tests = [f"tests/ros/test_{i}.py::test" for i in range(40)]
     tests += [f"tests/hal/test_{file}.py::test_{i}" for file in range(3) for i in range(4)]
     workers = [Worker() for _ in range(4)]
-    ran: list[tuple[int, str]] = []
-    for number, worker in enumerate(workers):
-        worker.ran = Told(number, ran)
-    run(tests, workers, "slow", request)
-    by_substitute = [place for place, (number, _) in enumerate(ran) if number == 2]
+    ran = run(tests, workers, "slow", request)
+    by_substitute = [place for place, (worker, _) in enumerate(ran) if worker is workers[2]]
     computed = [place for place, (_, test) in enumerate(ran) if not in_real_time(test)]
     assert len(computed) == 12 and len(by_substitute) > 5
     assert min(by_substitute) > max(computed)
