@@ -1,4 +1,4 @@
-"""Pictures of the arm at work, by ray casting in numpy: no OpenGL, so they work on every machine.
+"""Pictures of the arm at work, by ray casting: no OpenGL, so they work on every machine.
 
 One ray a pixel from the camera, one from the lamp for its shadow, Lambert shading. Smooth pictures are
 the mean of four, each with the rays a quarter of a pixel off and the lamp moved a little.
@@ -6,6 +6,7 @@ Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
 from collections.abc import Sequence
+from math import floor, sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from sim_backend.scene.rays import PLANE, FloatArray, cast, turn, visible
+from sim_backend.scene.rays import PLANE, FloatArray, cast, visible
 from sim_backend.scene.world import World
+from sim_backend.sts.compiled import compiled
 
 Picture = NDArray[np.uint8]
 
@@ -44,7 +46,7 @@ class View:
         focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
         self._passes = []
         for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
-            rays = turn(_rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3).T)
+            rays = _rays(width, height, focal, dx, dy) @ view.xmat.reshape(3, 3).T
             lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
             self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
 
@@ -71,12 +73,12 @@ class _Pass:
         _, first, _ = cast(model, data, lamp, toward, self._still)
         lit = _lit(first, reach, normal[seen], toward)
         self._colours = np.tile(SKY, (len(rays), 1))
-        self._colours[seen] = _colours(model, geom[seen], point, _light(normal[seen], lit))
+        self._colours[seen] = self._paint(geom[seen], point, _light(normal[seen], lit))
         # Only what is in the light can come into the shadow of something that moves.
         bright = np.flatnonzero(lit > 0.0)
         self._bright, self._toward, self._reach = seen[bright], toward[bright], reach[bright]
         dark = _light(normal[self._bright], np.zeros(len(bright)))
-        self._dark = _colours(model, geom[self._bright], point[bright], dark)
+        self._dark = self._paint(geom[self._bright], point[bright], dark)
 
     def colours(self, data: Any) -> FloatArray:
         """Colours of all rays, shape (n, 3), 0 to 1."""
@@ -90,8 +92,11 @@ class _Pass:
         toward, reach = _from(self._lamp, point)
         _, first, _ = cast(model, data, self._lamp, toward, self._all)
         lit = _lit(first, reach, normal[changed], toward)
-        colours[changed] = _colours(model, geom[changed], point, _light(normal[changed], lit))
+        colours[changed] = self._paint(geom[changed], point, _light(normal[changed], lit))
         return colours
+
+    def _paint(self, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
+        return _colours(self._model.geom_rgba, self._model.geom_type, geom, point, light)
 
 
 def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -120,15 +125,19 @@ def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatA
     return unit
 
 
-def _colours(model: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
+@compiled
+def _colours(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
     """The geoms' own colours in this light; the floor has tiles and fades into the sky."""
-    colour: FloatArray = model.geom_rgba[geom, :3] * light[:, None]
-    floor = model.geom_type[geom] == PLANE
-    x, y = point[floor, 0], point[floor, 1]
-    tile = (np.floor(x / TILE_M) + np.floor(y / TILE_M)) % 2
     near, far = FADE_M
-    fade = np.clip((np.hypot(x - 0.2, y) - near) / (far - near), 0.0, 1.0)[:, None]
-    colour[floor] = colour[floor] * (1.0 - 0.06 * tile[:, None]) * (1.0 - fade) + SKY * fade
+    colour = np.empty((len(geom), 3))
+    for n in range(len(geom)):
+        tile, fade = 1.0, 0.0
+        if kinds[geom[n]] == PLANE:
+            x, y = point[n, 0], point[n, 1]
+            tile = 1.0 - 0.06 * ((floor(x / TILE_M) + floor(y / TILE_M)) % 2)
+            fade = min(max((sqrt((x - 0.2) ** 2 + y**2) - near) / (far - near), 0.0), 1.0)
+        for i in range(3):
+            colour[n, i] = rgba[geom[n], i] * light[n] * tile * (1.0 - fade) + SKY[i] * fade
     return colour
 
 

@@ -1,13 +1,16 @@
-"""Where rays first meet the geoms of a MuJoCo model, in numpy. n is the number of rays.
+"""Where rays first meet the geoms of a MuJoCo model, as machine code. n is the number of rays.
 
 MuJoCo says where the geoms are; its own mj_multiRay cuts pieces off them (it culls too much).
 """
 
+from math import inf, sqrt
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from sim_backend.sts.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
@@ -18,12 +21,8 @@ VISIBLE_GROUPS: Final = (0, 1, 2)
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
 BOX: Final = int(mujoco.mjtGeom.mjGEOM_BOX)
 CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-
-
-def turn(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
-    """`vectors @ matrix`, on one core: the threads of a matrix library cost more than they do here."""
-    turned: FloatArray = np.einsum("ni,ij->nj", vectors, matrix)
-    return turned
+WALL: Final = -1
+"""Where a ray entered a solid: a cylinder's round wall; other places are the axis across the face."""
 
 
 def visible(model: Any) -> Any:
@@ -37,70 +36,88 @@ def no_hits(count: int) -> Hits:
 
 
 def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any, so_far: Hits | None = None) -> Hits:
-    """First hit of each ray on one of ``geoms``, unless something nearer has been hit ``so_far``."""
-    columns = np.asfortranarray(rays, dtype=np.float32)
+    """First hit of each ray on one of ``geoms``, unless something nearer has been hit ``so_far``.
+
+    Raises ValueError where a geom is none of the shapes that can be drawn.
+    """
     geom, nearest, normal = (values.copy() for values in so_far or no_hits(len(rays)))
     for i in geoms:
-        axes, away = data.geom_xmat[i].reshape(3, 3), data.geom_xpos[i] - origin
-        index = _candidates(columns, away, model.geom_rbound[i])
-        distance, local = _hit(model.geom_type[i], model.geom_size[i], -away @ axes, turn(rays[index], axes))
-        first = distance < nearest[index]
-        index = index[first]
-        nearest[index], geom[index] = distance[first], i
-        normal[index] = turn(local[first], axes.T)
+        kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
+        if kind not in (PLANE, BOX, CYLINDER):
+            raise ValueError(f"pictures are made of planes, boxes and cylinders; this is geom type {kind}")
+        away = data.geom_xpos[i] - origin
+        half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]
+        radius = model.geom_size[i][0] if kind == CYLINDER else 0.0
+        # A plane has no bounding sphere: every ray may meet it.
+        outside = float(away @ away) - (1.001 * model.geom_rbound[i]) ** 2
+        beside = -inf if kind == PLANE else max(0.0, outside) ** 0.5
+        _cast_one(i, kind == PLANE, half, radius, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
     return geom, nearest, normal
 
 
-def _candidates(columns: Any, away: FloatArray, radius: float) -> Any:
-    """Indices of the rays that meet the bounding sphere; all of them for a plane (radius 0).
+@compiled
+def _cast_one(
+    number: int, plane: bool, half: FloatArray, radius: float, axes: FloatArray, away: FloatArray, origin: FloatArray,
+    beside: float, rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
+) -> None:  # fmt: skip
+    """Note the rays that meet one geom first. ``origin``: the rays', in the geom's frame. ``away``: from there to its
+    middle; rays that go less than ``beside`` along it pass its bounding sphere."""
+    x, y, z = away
+    ray = np.empty(3)
+    for n in range(len(rays)):
+        if rays[n, 0] * x + rays[n, 1] * y + rays[n, 2] * z <= beside:
+            continue
+        for i in range(3):
+            ray[i] = rays[n, 0] * axes[0, i] + rays[n, 1] * axes[1, i] + rays[n, 2] * axes[2, i]
+        distance, face = _on_plane(origin, ray) if plane else _on_solid(half, radius, origin, ray)
+        if not 0.0 < distance < nearest[n]:
+            continue
+        nearest[n], geom[n] = distance, number
+        for i in range(3):
+            if face == WALL:
+                on_wall = [origin[k] + distance * ray[k] for k in range(2)]
+                normal[n, i] = (axes[i, 0] * on_wall[0] + axes[i, 1] * on_wall[1]) / radius
+            else:
+                normal[n, i] = axes[i, face] if ray[face] < 0.0 else -axes[i, face]
 
-    Most of the time goes here: single precision, column by column, and nothing but one comparison.
+
+@compiled
+def _on_plane(origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
+    """Distance (infinite for none) and face of the hit, in the plane's own frame."""
+    return (-origin[2] / ray[2] if ray[2] < 0.0 else inf), 2
+
+
+@compiled
+def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
+    """Distance (infinite for none) and face of the first hit, in the solid's own frame.
+
+    The solids are convex, so each is a meeting of slabs (with a ``radius``: of one, and a round wall): a ray is inside
+    from the last entry to the first exit.
     """
-    if radius == 0.0:
-        return np.arange(len(columns))
-    x, y, z = away.astype(np.float32)
-    along = columns[:, 0] * x
-    along += columns[:, 1] * y
-    along += columns[:, 2] * z
-    nearest = float(away @ away) - (1.001 * radius) ** 2
-    return np.flatnonzero(along > np.float32(max(0.0, nearest) ** 0.5))
+    enter, leave, face = -inf, inf, WALL
+    if radius > 0.0:
+        enter, leave = _in_circle(radius, origin, ray)
+    for i in range(2 if radius > 0.0 else 0, 3):
+        if ray[i] == 0.0:
+            if abs(origin[i]) > half[i]:
+                return inf, face
+            continue
+        middle, reach = -origin[i] / ray[i], abs(half[i] / ray[i])
+        if middle - reach > enter:
+            enter, face = middle - reach, i
+        leave = min(leave, middle + reach)
+    return (enter if enter <= leave else inf), face
 
 
-def _hit(kind: int, size: FloatArray, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance (infinite for none) and normal of the first hit, all in the geom's own frame.
-
-    The solids are convex, so each is a meeting of slabs (and a round wall): a ray is inside from the
-    last entry to the first exit.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if kind == PLANE:
-            distance = np.where(rays[:, 2] < 0.0, -origin[2] / rays[:, 2], np.inf)
-            return distance, np.tile([0.0, 0.0, 1.0], (len(rays), 1))
-        half = size if kind == BOX else np.array([np.inf, np.inf, size[1]])
-        middle, reach = -origin / rays, np.abs(half / rays)
-        enter, leave = middle - reach, middle + reach
-        normal = -np.sign(rays)
-        if kind == CYLINDER:
-            enter[:, 0], leave[:, 0], wall = _round_wall(size[0], origin[:2], rays[:, :2])
-            enter[:, 1], leave[:, 1] = -np.inf, np.inf
-        elif kind != BOX:
-            raise ValueError(f"pictures are made of planes, boxes and cylinders; this is geom type {kind}")
-    last = np.argmax(enter, axis=1)
-    rows = np.arange(len(rays))
-    distance = enter[rows, last]
-    local = np.zeros_like(rays)
-    local[rows, last] = normal[rows, last]
-    if kind == CYLINDER:
-        round_ = last == 0
-        local[round_, :2] = wall[round_]
-        local[round_, 2] = 0.0
-    return np.where((distance <= leave.min(axis=1)) & (distance > 0.0), distance, np.inf), local
-
-
-def _round_wall(radius: float, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where rays in the plane enter and leave a circle about zero (NaN: never), and the wall's normal."""
-    a = np.sum(rays * rays, axis=1)
-    b = rays @ origin
-    root = np.sqrt(b * b - a * (origin @ origin - radius * radius))
-    enter = np.nan_to_num((-b - root) / a, nan=np.inf)
-    return enter, np.nan_to_num((-b + root) / a, nan=-np.inf), (origin + rays * enter[:, None]) / radius
+@compiled
+def _in_circle(radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, float]:
+    """Between which distances a ray is within a circle about the third axis; from infinity on where it never is."""
+    a = ray[0] * ray[0] + ray[1] * ray[1]
+    b = ray[0] * origin[0] + ray[1] * origin[1]
+    c = origin[0] * origin[0] + origin[1] * origin[1] - radius * radius
+    if a == 0.0:
+        return (inf, -inf) if c > 0.0 else (-inf, inf)
+    inside = b * b - a * c
+    if inside < 0.0:
+        return inf, -inf
+    return (-b - sqrt(inside)) / a, (-b + sqrt(inside)) / a
