@@ -15,6 +15,7 @@ from hal.errors import RobotFileError
 from hal.robot_file.robot import Robot
 from servoloop.files import Files
 from servoloop.ports import device_paths
+from servoloop.realtime import realtime_priority
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
 from sim_backend.control import ControlServer, Handler, control_path
 from sim_backend.eeprom import keep_eeprom
@@ -164,7 +165,11 @@ def emulate(
         player.play(faults, world.time_s)
         on_ready()
 
-    with WorldFeed(feed_path(link)) as feed, ControlServer(control_path(link), handle) as control:
+    with (
+        WorldFeed(feed_path(link)) as feed,
+        ControlServer(control_path(link), handle) as control,
+        realtime_priority(),
+    ):
 
         def on_tick(now_s: float) -> None:
             feed.tick(now_s, world, max(line.dropped_s for line in lines.values()))

@@ -28,6 +28,21 @@ def claim_realtime_priority() -> bool:
     return True
 
 
+@contextmanager
+def realtime_priority() -> Iterator[None]:
+    """Have real-time priority where the system grants it, and what was there before afterwards.
+
+    For a program that computes long before or behind what it does in real time: at this priority it would keep the
+    loops of other programs from the processor for as long.
+    """
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    claim_realtime_priority()
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
 def put_first() -> None:
     """Let the calling thread run before the others of this process, where the process has real-time priority."""
     if os.sched_getscheduler(0) != os.SCHED_RR:

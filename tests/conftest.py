@@ -60,10 +60,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """A run of nothing but slow or random tests passes over the files that have none: to import all takes each worker
     ten seconds."""
-    marker = config.option.markexpr
-    if marker not in ONLY or not collection_path.match("test_*.py"):
+    markers = config.option.markexpr.split(" or ")
+    if not ONLY.keys() >= {*markers} or not collection_path.match("test_*.py"):
         return None
-    return not _has_a_word_of(marker, collection_path) or None
+    return not any(_has_a_word_of(marker, collection_path) for marker in markers) or None
 
 
 def _has_a_word_of(marker: str, path: Path) -> bool:

@@ -48,7 +48,6 @@ def emulate(
     Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
     """
     from servoloop.emulator import emulate as run
-    from servoloop.realtime import claim_realtime_priority
     from servoloop.signals import Signals
     from sim_backend.faults.script import read_script
     from sim_backend.mechanics.build import Build
@@ -60,7 +59,6 @@ def emulate(
         make_folder(pictures)
     files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
     events = read_script(faults) if faults is not None else ()
-    claim_realtime_priority()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:
         run(
