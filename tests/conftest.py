@@ -11,6 +11,8 @@ from hypothesis import settings
 
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.scene.mujoco_hardware import drive
+from sim_backend.scene.picture import View
+from sim_backend.scene.world import World
 from sim_backend.wire.bus import VirtualBus
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
@@ -41,6 +43,8 @@ def pytest_configure(config: pytest.Config) -> None:
         line.servo(1).firmware.step(0.001, 0.0, 0.0)
         one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
         drive(one, one, one, none, none, none, one, one, 0.0, one, one, one)
+        world = World()
+        View(world.model, world.data, width=4, height=3).picture(world.data)
 
 
 def _hear_interrupts() -> None:

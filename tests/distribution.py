@@ -48,7 +48,7 @@ class ComputingAside(LoadFileScheduling):
     def _choose(self) -> None:
         """Choose the worker that computes, and the one that takes its place."""
         self._computing = self.nodes[-1]
-        slow = self.config.option.markexpr == "slow"
+        slow = "slow" in self.config.option.markexpr.split(" or ")
         if slow and len(self.nodes) > 2 and self._next_to_compute() is not None:
             self._substitute = self.nodes[-2]
 

@@ -16,6 +16,7 @@ from tests.pages import code
 PAGE = "calibration-scripts.md"
 
 
+@pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 1")
 def test_the_script_calibrates_an_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(ARMS / "so101", tmp_path / "so101")

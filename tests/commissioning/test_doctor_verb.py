@@ -47,6 +47,7 @@ def test_a_whole_arm_is_well_and_the_report_names_nobody(
     assert (CONFIG / "robot_arm.yaml").read_text().rstrip() in text
 
 
+@pytest.mark.slow
 @pytest.mark.runs(*PAGE)
 @pytest.mark.parametrize("command", PAGE)
 def test_a_command_of_the_page_finds_an_arm_that_is_well(

@@ -159,6 +159,7 @@ def test_gains_that_are_there_already_are_not_written_and_nothing_is_measured_tw
     assert report.written == () and report.after is None
 
 
+@pytest.mark.slow
 def test_a_joint_with_backlash_shakes_with_the_factory_s_p_and_not_with_half_of_it() -> None:
     """One that gravity does not hold at one end of its gap."""
     patient = Patient(build=Build(backlash_deg=1.0))

@@ -66,6 +66,7 @@ def test_the_first_command_asks_measures_and_writes_nothing(
     assert ElementTree.parse("out/tune/shoulder_lift.svg").getroot().tag.endswith("svg")
 
 
+@pytest.mark.slow
 @pytest.mark.runs(REAL[1])
 def test_gains_are_written_and_both_measurements_stand_side_by_side(
     arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -82,6 +83,7 @@ def test_gains_are_written_and_both_measurements_stand_side_by_side(
     assert "P 32, D 32, I 0" in picture and "P 24, D 32, I 0" in picture
 
 
+@pytest.mark.slow
 @pytest.mark.runs(REAL[2], VIRTUAL[2])
 @pytest.mark.parametrize("command", [f"{REAL[2]} --json", VIRTUAL[2]], ids=["real", "virtual"])
 def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(

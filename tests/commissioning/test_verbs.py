@@ -202,6 +202,7 @@ def test_a_scan_prints_json_and_ends_with_1_where_somebody_is_absent(
     assert "servo 2: is absent" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_dynamixels_on_a_pseudo_terminal(
     link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

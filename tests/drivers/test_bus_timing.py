@@ -126,8 +126,20 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize(("period_s", "dead_first"), [(0.02, True), (0.05, False)], ids=["dead first", "dead last"])
-@pytest.mark.parametrize("dead", PLAIN, ids=lambda kind: f"{kind.name} dead")
-@pytest.mark.parametrize("alive", PLAIN, ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    ("alive", "dead"),
+    [
+        # Each kind beside one other in every run, beside all of them in the long one.
+        pytest.param(
+            alive,
+            dead,
+            id=f"{alive.name}, {dead.name} dead",
+            marks=() if dead is PLAIN[place - 1] else pytest.mark.slow,
+        )
+        for place, alive in enumerate(PLAIN)
+        for dead in PLAIN
+    ],
+)
 def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: float, dead_first: bool) -> None:
     clock = SimulatedClock(50.0)
     lines = {"dead": Line(dead, clock=clock), "alive": Line(alive, clock=clock)}

@@ -27,6 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
     return rig, path
 
 
+@pytest.mark.slow
 def test_every_moment_is_what_was_measured_then_wherever_one_comes_from(run: tuple[Rig, Path]) -> None:
     rig, path = run
     recording = Recording(path)

@@ -33,6 +33,7 @@ SIMULATE, _, _, *RUNNING, PLOT = commands(PAGE)
 READING, RECOVERING = codes(PAGE, "python")
 
 
+@pytest.mark.slow
 @pytest.mark.runs(SIMULATE, PLOT, f"{PAGE} python 1")
 def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -52,6 +52,7 @@ def read(request: pytest.FixtureRequest, run: tuple[SimulationResult, Path]) -> 
     yield request.param(run[1])
 
 
+@pytest.mark.slow
 def test_the_digest_is_the_same_with_and_without_a_recording(run: tuple[SimulationResult, Path]) -> None:
     assert simulate(read_files(), Settings(), SCHEDULE).digest == run[0].digest
 

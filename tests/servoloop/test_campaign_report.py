@@ -184,6 +184,7 @@ def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
     assert mended.exit_code == 0 and "no invariant fell" in mended.output
 
 
+@pytest.mark.slow
 def test_an_exception_is_traced_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     limit, calls = SafetyGate.limit, []
 

@@ -103,6 +103,7 @@ def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
     assert new.servos[0].servo_id == 6
 
 
+@pytest.mark.slow
 def test_without_a_file_it_is_that_of_the_adapters_serial_number(
     line: VirtualBus, port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

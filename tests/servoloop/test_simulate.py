@@ -30,6 +30,7 @@ COMMAND, *_ = commands(PAGE)
 SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 
 
+@pytest.mark.slow
 def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> None:
     once = subprocess.run([sys.executable, "-m", "servoloop", *SHORT], capture_output=True, text=True, check=True)
     here, other = (simulate(read_files(), Settings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
@@ -65,6 +66,7 @@ def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
     assert json.loads(there)["digest"] == json.loads(here)["digest"]
 
 
+@pytest.mark.slow
 def test_a_job_brings_its_cube_home_and_says_how_well_it_went() -> None:
     ran = CliRunner().invoke(cli.app, ["simulate", "--job", "b", "--json"])
     assert ran.exit_code == 0, ran.output
@@ -89,6 +91,7 @@ def test_a_job_that_fails_says_why_and_its_states_are_the_nodes() -> None:
 FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, at_s: 0.5, for_s: 1.0, seed: 4}\n"
 
 
+@pytest.mark.slow
 def test_faults_happen_at_their_time_and_a_schedule_is_the_same_run(tmp_path: Path) -> None:
     script, file = tmp_path / "faults.yaml", tmp_path / "schedule.yaml"
     script.write_text(FAULTS)

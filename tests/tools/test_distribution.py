@@ -57,7 +57,7 @@ def run(
 FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_size=12)
 
 
-@given(files=FILES, count=st.integers(1, 5), marker=st.sampled_from(["slow", "not slow and not soak"]))
+@given(files=FILES, count=st.integers(1, 5), marker=st.sampled_from(["slow or soak", "not slow and not soak"]))
 def test_all_are_run_and_who_computes_does_nothing_else(
     request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int, marker: str
 ) -> None:
@@ -81,7 +81,7 @@ def test_a_third_stack_runs_only_when_the_slow_tests_that_compute_are_done(reque
     tests = [f"tests/ros/test_{i}.py::test" for i in range(40)]
     tests += [f"tests/hal/test_{file}.py::test_{i}" for file in range(3) for i in range(4)]
     workers = [Worker() for _ in range(4)]
-    ran = run(tests, workers, "slow", request)
+    ran = run(tests, workers, "slow or soak", request)
     by_substitute = [place for place, (worker, _) in enumerate(ran) if worker is workers[2]]
     computed = [place for place, (_, test) in enumerate(ran) if not in_real_time(test)]
     assert len(computed) == 12 and len(by_substitute) > 5
