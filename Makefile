@@ -41,8 +41,7 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
-# The random ones too, over 1,000 cycles: they compute. Two in real time, whole demos and browsers, which need a core
-# each, and one that computes beside them; a third in real time when that is done.
+# The random ones too, over 1,000 cycles.
 test-slow: setup
 	$(PYTEST) -m 'slow or soak' $(PYTEST_ARGS)
 

@@ -5,6 +5,7 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -12,7 +13,6 @@ from hypothesis import settings
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.scene.mujoco_hardware import drive
 from sim_backend.scene.picture import View
-from sim_backend.scene.world import World
 from sim_backend.wire.bus import VirtualBus
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
@@ -28,7 +28,13 @@ ONLY = {"slow": ("slow", "workspace", "installed", "share"), "soak": ("soak",)}
 LONG_FILES = (
     *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
     *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
+    *("tests/servoloop/test_campaign", "tests/servoloop/test_simulate", "tests/servoloop/test_broken_layers"),
+    "tests/docs/test_pictures",
 )
+
+PICTURED = """<mujoco><worldbody>
+<light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
+</worldbody></mujoco>"""
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
@@ -43,8 +49,10 @@ def pytest_configure(config: pytest.Config) -> None:
         line.servo(1).firmware.step(0.001, 0.0, 0.0)
         one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
         drive(one, one, one, none, none, none, one, one, 0.0, one, one, one)
-        world = World()
-        View(world.model, world.data, width=4, height=3).picture(world.data)
+        model = mujoco.MjModel.from_xml_string(PICTURED)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        View(model, data, width=4, height=3).picture(data)
 
 
 def _hear_interrupts() -> None:

@@ -26,15 +26,13 @@ class Worker:
         self.shutting_down = True
 
 
-def run(
-    tests: list[str], workers: list[Worker], marker: str, request: pytest.FixtureRequest
-) -> list[tuple[Worker, str]]:
+def run(tests: list[str], workers: list[Worker], request: pytest.FixtureRequest) -> None:
     """As xdist does it: a worker runs what it was sent but the last one, which it keeps until told there is no more.
 
-    The workers take turns; what each ran is returned in its order.
+    The workers take turns.
     """
     config: Any = SimpleNamespace(
-        option=SimpleNamespace(loadscopereorder=False, markexpr=marker),
+        option=SimpleNamespace(loadscopereorder=False),
         getvalue=lambda name: ["popen"] * len(workers),
         hook=request.config.hook,
     )
@@ -43,23 +41,20 @@ def run(
         scheduler.add_node(worker)
         scheduler.add_node_collection(worker, tests)
     scheduler.schedule()
-    ran: list[tuple[Worker, str]] = []
     while ready := [one for one in workers if len(one.queue) > (0 if one.shutting_down else 1)]:
         worker = min(ready, key=lambda one: len(one.ran))
         index = worker.queue.pop(0)
         worker.ran.append(tests[index])
-        ran.append((worker, tests[index]))
         scheduler.mark_test_complete(worker, index)
     assert all(worker.shutting_down for worker in workers)
-    return ran
 
 
 FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_size=12)
 
 
-@given(files=FILES, count=st.integers(1, 5), marker=st.sampled_from(["slow or soak", "not slow and not soak"]))
+@given(files=FILES, count=st.integers(1, 5))
 def test_all_are_run_and_who_computes_does_nothing_else(
-    request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int, marker: str
+    request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int
 ) -> None:
     kinds = sorted(files, key=lambda one: not one[0])
     tests = [
@@ -68,21 +63,10 @@ def test_all_are_run_and_who_computes_does_nothing_else(
         for i in range(many)
     ]
     workers = [Worker() for _ in range(count)]
-    run(tests, workers, marker, request)
+    run(tests, workers, request)
     assert sorted(test for worker in workers for test in worker.ran) == sorted(tests)
     if count == 1:
         return
     for worker in workers:
         kinds_run = [in_real_time(test) for test in worker.ran]
         assert kinds_run == sorted(kinds_run, reverse=True), "computed, and then worked in real time"
-
-
-def test_a_third_stack_runs_only_when_the_slow_tests_that_compute_are_done(request: pytest.FixtureRequest) -> None:
-    tests = [f"tests/ros/test_{i}.py::test" for i in range(40)]
-    tests += [f"tests/hal/test_{file}.py::test_{i}" for file in range(3) for i in range(4)]
-    workers = [Worker() for _ in range(4)]
-    ran = run(tests, workers, "slow or soak", request)
-    by_substitute = [place for place, (worker, _) in enumerate(ran) if worker is workers[2]]
-    computed = [place for place, (_, test) in enumerate(ran) if not in_real_time(test)]
-    assert len(computed) == 12 and len(by_substitute) > 5
-    assert min(by_substitute) > max(computed)
