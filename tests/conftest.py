@@ -35,6 +35,7 @@ LONG_FILES = (
 PICTURED = """<mujoco><worldbody>
 <light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
 </worldbody></mujoco>"""
+"""As little as can be drawn, of no file: some tests copy a part of this project and run its tests there."""
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")

@@ -46,7 +46,8 @@ class View:
         focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
         self._passes = []
         for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
-            rays = _rays(width, height, focal, dx, dy) @ view.xmat.reshape(3, 3).T
+            # A matrix product would wake the matrix library's threads, on processors that others may need.
+            rays = np.einsum("ni,ji->nj", _rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3))
             lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
             self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
 

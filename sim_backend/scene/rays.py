@@ -75,8 +75,8 @@ def _cast_one(
         nearest[n], geom[n] = distance, number
         for i in range(3):
             if face == WALL:
-                on_wall = [origin[k] + distance * ray[k] for k in range(2)]
-                normal[n, i] = (axes[i, 0] * on_wall[0] + axes[i, 1] * on_wall[1]) / radius
+                x_wall, y_wall = origin[0] + distance * ray[0], origin[1] + distance * ray[1]
+                normal[n, i] = (axes[i, 0] * x_wall + axes[i, 1] * y_wall) / radius
             else:
                 normal[n, i] = axes[i, face] if ray[face] < 0.0 else -axes[i, face]
 
