@@ -30,7 +30,8 @@ def claim_realtime_priority() -> bool:
 
 @contextmanager
 def realtime_priority() -> Iterator[None]:
-    """Have real-time priority where the system grants it, and what was there before afterwards.
+    """Have real-time priority where the system grants it, and what was there before afterwards; ordinary priority
+    where that was more than the system grants now.
 
     For a program that computes long before or behind what it does in real time: at this priority it would keep the
     loops of other programs from the processor for as long.
@@ -40,7 +41,10 @@ def realtime_priority() -> Iterator[None]:
     try:
         yield
     finally:
-        os.sched_setscheduler(0, *before)
+        try:
+            os.sched_setscheduler(0, *before)
+        except PermissionError:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def put_first() -> None:

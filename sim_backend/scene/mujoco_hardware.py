@@ -13,9 +13,9 @@ from drivers.clock import Clock
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.types import FloatArray, JointCommand, JointState
+from sim_backend.compiled import compiled
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.world import World
-from sim_backend.sts.compiled import compiled
 
 IntArray = NDArray[np.int64]
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from sim_backend.compiled import compiled
 from sim_backend.scene.rays import PLANE, FloatArray, cast, visible
 from sim_backend.scene.world import World
-from sim_backend.sts.compiled import compiled
 
 Picture = NDArray[np.uint8]
 

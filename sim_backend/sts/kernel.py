@@ -10,8 +10,8 @@ All of it is one file because numba looks only at a function's own file when it 
 from math import floor, pi
 from typing import Any, Final
 
+from sim_backend.compiled import compiled
 from sim_backend.mechanics.plant import Floats, ShaftTable
-from sim_backend.sts.compiled import compiled
 from sim_backend.sts.state import States, Supplies
 
 Record = Any

@@ -56,3 +56,11 @@ def test_it_is_given_back_after_an_exception_too(monkeypatch: pytest.MonkeyPatch
         assert (scheduler.policy == os.SCHED_RR) is grants
         raise ZeroDivisionError
     assert scheduler.policy == os.SCHED_OTHER
+
+
+def test_what_is_no_longer_granted_becomes_ordinary(monkeypatch: pytest.MonkeyPatch) -> None:
+    scheduler = Scheduler(monkeypatch, grants=False)
+    scheduler.policy = os.SCHED_RR
+    with realtime_priority():
+        assert scheduler.policy == os.SCHED_RR
+    assert scheduler.policy == os.SCHED_OTHER
