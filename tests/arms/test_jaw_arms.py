@@ -88,7 +88,10 @@ def sorted_into(rig: SimulatedStack, name: str, grade: str) -> None:
     assert lay - {None} == {grade}
 
 
-@pytest.mark.parametrize(("name", "grade"), [*zip(ARMS, "ABCA", strict=True)])
+@pytest.mark.parametrize(
+    ("name", "grade"),
+    [pytest.param(*one, marks=() if one[0] == "so101" else pytest.mark.slow) for one in zip(ARMS, "ABCA", strict=True)],
+)
 def test_the_cube_gets_into_the_bin_of_its_grade(name: str, grade: str) -> None:
     """All three grades of every arm are below, with backlash."""
     rig = SimulatedStack(files=read_arm_files(find_arm(name))).up()

@@ -46,6 +46,7 @@ def test_adjacent_links_are_those_that_a_joint_of_the_urdf_joins() -> None:
     assert {links for links, reason in disabled().items() if reason == "Adjacent"} == joined
 
 
+@pytest.mark.slow
 def test_no_pair_that_never_touches_touches_in_other_poses(arm: Any) -> None:
     touched = TOOL.count(arm, 20_000, seed=2)
     never = {links for links, reason in disabled().items() if reason == "Never"}

@@ -129,6 +129,7 @@ def test_told_to_stop_it_ends_though_cycles_come_on(tmp_path: Path, monkeypatch:
     rig.feed.close((), failed=False)
 
 
+@pytest.mark.slow
 def test_cycles_for_which_it_was_too_slow_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewer, "BEHIND", 20_000)
     rig = LiveRig()

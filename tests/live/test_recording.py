@@ -41,6 +41,7 @@ def test_every_moment_is_what_was_measured_then_wherever_one_comes_from(run: tup
         assert time_s[-1] - time_s[0] == pytest.approx(min(60.0, stamps[place]), abs=0.11)
 
 
+@pytest.mark.slow
 def test_after_a_jump_all_that_was_said_long_before_still_holds(run: tuple[Rig, Path]) -> None:
     recording = Recording(run[1])
     snapshot = recording.play_to(75.0).state.snapshot

@@ -48,6 +48,7 @@ def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
     assert result.exit_code == 0 and result.output.startswith("job.html: "), result.output
 
 
+@pytest.mark.slow
 @pytest.mark.runs(*RUNNING)
 def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until it ends, and for ten seconds of its time."""
@@ -77,6 +78,7 @@ def ended_after(seconds: float) -> Iterator[None]:
     thread.join(30.0)
 
 
+@pytest.mark.slow
 def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
     simulate(read_files(), Settings(), Schedule(job=("B",)), tmp_path / "job.mcap")
     found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}

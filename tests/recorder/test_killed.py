@@ -28,6 +28,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     return path, told
 
 
+@pytest.mark.slow
 def test_what_was_written_can_be_read_to_the_end(killed: tuple[Path, int]) -> None:
     path, told = killed
     stamps = []

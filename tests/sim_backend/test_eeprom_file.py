@@ -196,6 +196,7 @@ def test_the_emulator_refuses_a_broken_file(
     assert not (path.parent / "bus").is_symlink()
 
 
+@pytest.mark.slow
 def test_an_emulator_that_was_killed_has_lost_nothing(path: Path) -> None:
     link = path.parent / "bus"
     command = [sys.executable, "-m", "servoloop", "emulate", str(link), "--eeprom", str(path)]

@@ -154,6 +154,7 @@ class Pair:
         assert self.servo.firmware.setpoint * 10000 == pytest.approx(plain.profile.place, abs=0.5)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(REGISTER_VALUES, EVENTS, st.floats(0.0, 6.28))
 def test_the_compiled_millisecond_is_the_plain_one(

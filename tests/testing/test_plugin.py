@@ -76,6 +76,7 @@ def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
         VirtualArm({}, without=("safe wires",))
 
 
+@pytest.mark.slow
 def test_a_test_fails_with_its_invariants_and_an_unknown_option_is_named(tmp_path: Path) -> None:
     from tests.testing.test_docs import pytest_in
 

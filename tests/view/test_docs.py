@@ -31,12 +31,14 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.runs(PLAYED)
 def test_a_recording_is_played_at_an_address_of_this_machine(recording: Path) -> None:
     with viewing(*shlex.split(PLAYED)[2:]) as address, urllib.request.urlopen(address, timeout=20.0) as page:
         assert address.startswith("http://127.0.0.1:") and page.status == 200
 
 
+@pytest.mark.slow
 @pytest.mark.runs(OTHERS)
 def test_other_machines_need_the_address_with_the_token(recording: Path) -> None:
     option, host = shlex.split(OTHERS)[2:]
