@@ -50,7 +50,7 @@ class JointFault(NamedTuple):
     """A fault of a joint."""
 
     kind: FaultKind | Literal["no_torque", "component"]
-    """The servo's kind of fault; or it came back limp; or its component is lost, switched or inactive."""
+    """The servo's kind of fault; or it answers and may be limp; or its component is lost, switched or inactive."""
     text: str
     """For people, naming the joint's servo."""
 

@@ -22,9 +22,15 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         content = yaml.safe_load(text)
+        doubles = list(_doubles(root))
     except yaml.YAMLError as reason:
         raise error(f"{path} is not YAML: {reason}") from reason
-    doubles = list(_doubles(root))
+    except ValueError as reason:  # of a date, say: it has no line
+        raise error(f"{path} has a value that cannot be: {reason}") from reason
+    except RecursionError as reason:
+        raise error(
+            f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
+        ) from reason
     if doubles:
         raise error("\n".join(f"{path}:{double}" for double in doubles))
     try:

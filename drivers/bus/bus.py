@@ -13,10 +13,10 @@ from drivers.bus.identify import check_model_number, check_settings
 from drivers.bus.indirect import IndirectMaps
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import HELD_S, LateReplies
-from drivers.bus.retry import retry
+from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
-from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
+from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
@@ -34,8 +34,8 @@ class Bus:
     """One transaction at a time, from one thread.
 
     Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
-    for lost packets (drivers/bus/retry.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on`` without a
-    deadline, ``limit_torque``. A cycle is ``request``, ``receive``, ``write_goals``.
+    for lost packets (drivers/bus/retry.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on``,
+    ``limit_torque``, ``torque_off``. A cycle is ``request``, ``receive``, ``write_goals``.
     """
 
     def __init__(
@@ -122,24 +122,19 @@ class Bus:
 
     def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
         """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
-        names: dict[int, Register] = {}
+        alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
-            if isinstance(reading, ServoFault):
-                if reading.kind == "reset" and self._maps is not None:
-                    self._maps.lost(servo_id)
-            elif reading.alarms == ALARMED and (source := self._servos.series(servo_id).hardware_error):
-                names[servo_id] = source[0]
-        return self._with_alarms_named(readings, names, deadline_s) if names else readings
-
-    def _with_alarms_named(
-        self, readings: Mapping[int, Reading], names: Mapping[int, Register], deadline_s: float
-    ) -> Mapping[int, Reading]:
-        named = dict(readings)
-        for servo_id, bits in self._reader.registers(names, deadline_s).items():
-            source, state = self._servos.series(servo_id).hardware_error, readings[servo_id]
-            if source and isinstance(state, ServoState):
-                named[servo_id] = state._replace(alarms=source[1](bits) or state.alarms)
-        return named
+            if isinstance(reading, ServoState):
+                if reading.alarms == ALARMED:
+                    alarmed[servo_id] = reading
+            elif reading.kind == "reset" and self._maps is not None:
+                self._maps.lost(servo_id)
+        if not alarmed:
+            return readings
+        sources = {i: source for i in alarmed if (source := self._servos.series(i).hardware_error)}
+        said = self._reader.registers({i: register for i, (register, _) in sources.items()}, deadline_s)
+        named = {i: alarmed[i]._replace(alarms=sources[i][1](bits) or ALARMED) for i, bits in said.items()}
+        return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
         """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
@@ -174,12 +169,15 @@ class Bus:
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         """Whether these servos drive their motors with the torque limit that they were given: a servo that was reset
         has another. As far as they answer by the deadline: one attempt."""
-        switches = {i: self._servos.series(i).torque_enable for i in servo_ids}
-        on = {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
-        limits = {i: limit for i in on if i in self._limits and (limit := self._servos.series(i).torque_limit)}
-        held = self._reader.registers(limits, deadline_s) if limits else {}
-        known = on.keys() - limits.keys() | held.keys()
-        return {i: on[i] and held.get(i) == self._limits.get(i) for i in known}
+        states: dict[int, bool] = {}
+        for ids in self._reader.groups(servo_ids):  # whoever is asked alone is asked for both, before the next
+            switches = {i: self._servos.series(i).torque_enable for i in ids}
+            on = {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
+            limits = {i: limit for i in on if i in self._limits and (limit := self._servos.series(i).torque_limit)}
+            held = self._reader.registers(limits, deadline_s) if limits else {}
+            known = on.keys() - limits.keys() | held.keys()
+            states |= {i: on[i] and held.get(i) == self._limits.get(i) for i in known}
+        return states
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor. The caller has written the goal before.
@@ -197,31 +195,37 @@ class Bus:
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Let go of every servo, each tried whatever the others answer; returns what failed."""
-        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged.
+        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged, or else once more.
         if servo_ids:
             self._line.tell(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
-        for servo_id in servo_ids:
-            try:
-                self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
-            except ServoError as error:
-                failed.append(error)
+        for _ in range(ATTEMPTS):
+            failed = []
+            for servo_id in servo_ids:
+                try:
+                    self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
+                except ServoError as error:
+                    failed.append(error)
+            servo_ids = [error.servo_id for error in failed]
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
         """Limit the drive to a share (0 to 1) of full drive until power-off."""
         series = self._servos.series(servo_id)
-        wanted, lasting = round(share * series.full_torque), series.max_torque
-        if series.torque_limit is not None:
-            # What lasts is the upper bound, and what a reset servo has: one less tells the two apart.
-            self._limits[servo_id] = min(wanted, max(self._read_surely(servo_id, lasting) - 1, 0))
-            self._write_surely(servo_id, series.torque_limit, self._limits[servo_id])
-        elif share < 1.0:
+        wanted, lasting, passing = round(share * series.full_torque), series.max_torque, series.torque_limit
+        held, where = self._read_surely(servo_id, lasting), f"{lasting.name} (register {lasting.address}"
+        # What lasts is the upper bound, and what a reset servo has: one less tells the two apart.
+        limit = min(wanted, held - 1 if passing else held)
+        if limit <= 0:
             raise ServoRefused(
-                servo_id,
-                f"has no torque limit that ends with the power: write {wanted} to {lasting.name} (register "
-                f"{lasting.address}, EEPROM) and set torque_limit: 1.0 in the robot file",
+                servo_id, f"would have no torque: {where}) is {held}, torque_limit {share:g}: raise what is too low"
             )
+        if passing is not None:
+            self._limits[servo_id] = limit
+            self._write_surely(servo_id, passing, limit)
+        elif share < 1.0:
+            what = f"write {wanted} to {where}, EEPROM) and set torque_limit: 1.0 in the robot file"
+            raise ServoRefused(servo_id, f"has no torque limit that ends with the power: {what}")
 
     def _read_surely(self, servo_id: int, register: Register) -> int:
         return retry(partial(self.read, servo_id, register))

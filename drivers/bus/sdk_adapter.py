@@ -15,6 +15,7 @@ CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """The other numbers are the same in both, or mean no answer."""
 _GRACE_S = 0.034
 """What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
+_NEVER_SILENT_S = 0.1  # behind the deadline: in less, all that had come by then is read
 
 
 class SdkAdapter:
@@ -53,8 +54,9 @@ class SdkAdapter:
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
-        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing.
-        if length <= 0:
+        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing. While bytes come they never
+        # look at the time, and a line that is never silent has always some.
+        if length <= 0 or self._line.now() >= self._deadline_s + _NEVER_SILENT_S:
             return b""
         data = self._doubtful + self._port.read(length, self._deadline_s)
         if self._line.echoes is False or not self._sent:

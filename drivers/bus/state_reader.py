@@ -157,7 +157,7 @@ class StateReader:
             # Not a servo that has lost its map: it would answer the same again.
             worth_it = [i for i in missing if results[i] != "reset"]
             again: dict[int, ReadResult] = {}
-            for servo_ids in self._groups(worth_it):
+            for servo_ids in self.groups(worth_it):
                 if self._has_time(servo_ids, self.deadline_s, GAP_S):
                     for servo_id in servo_ids:
                         self._counters.of(servo_id).retries += 1
@@ -168,7 +168,7 @@ class StateReader:
             results |= again
             missing = self._backoff.note(again, self._line.now())
 
-    def _groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
+    def groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
         """Those that are asked together where some may be silent: in a bulk read one would hide those behind it."""
         if self._sync:
             return [tuple(servo_ids)] if servo_ids else []
@@ -194,18 +194,17 @@ class StateReader:
 
     def _read_all(self, servo_ids: tuple[int, ...]) -> dict[int, ReadResult]:
         results: dict[int, ReadResult] = {}
-        for together in self._groups(servo_ids):
+        for together in self.groups(servo_ids):
             self._ask(together, len(together), -math.inf)
             results |= self._collect(math.inf)
         return results
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
         """One register of each servo, as far as they answer by the deadline: one attempt."""
-        now_s = self._line.now()
         # The answer may have the size of a late one to a question that a servo was asked by itself.
-        askable = tuple(i for i in registers if self._late.single_until_s(i) <= now_s)
+        askable = tuple(i for i in registers if self._late.single_until_s(i) <= self._line.now())
         found: dict[int, int] = {}
-        for together in self._groups(askable):
+        for together in self.groups(askable):
             plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
             if self._fits(plan.exchange_size, deadline_s, GAP_S):
                 self._group.ask(plan)
@@ -241,7 +240,7 @@ class StateReader:
     def exchange_size(self, asked: tuple[int, ...]) -> int:
         """Bytes on the wire for the states of all, where nothing goes wrong."""
         fast = self._servos.fast_plan(asked) if self._group.fast.known else None
-        groups = [asked] if self._servos.read_together else self._groups(asked)
+        groups = [asked] if self._servos.read_together else self.groups(asked)
         plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
         return sum(plan.exchange_size for plan in plans)
 

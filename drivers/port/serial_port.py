@@ -134,7 +134,7 @@ class SerialPort:
             try:
                 self._serial.baudrate = baud
                 _check_rate(self.name, self._fd, baud)
-            except (PortError, ValueError, OSError, termios.error) as error:
+            except (PortError, ValueError, OverflowError, OSError, termios.error) as error:
                 self._serial.baudrate = former  # which a port that is gone refuses too
                 raise _baud_error(self.name, baud, error) from error
             finally:
@@ -180,7 +180,7 @@ def _open(device: str, baud: int) -> serial.Serial:
         return serial.Serial(device, baud, timeout=0, write_timeout=None, exclusive=True)
     except serial.SerialException as error:
         raise _open_error(path, error) from error
-    except (ValueError, OSError, termios.error) as error:
+    except (ValueError, OverflowError, OSError, termios.error) as error:
         raise _baud_error(device, baud, error) from error
 
 

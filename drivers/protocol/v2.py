@@ -44,7 +44,7 @@ ALERT = 0x80
 """Bit of the error byte: the servo has a hardware error. It did what it was told all the same."""
 CAME_BROKEN, NO_ACCESS = 3, 7
 _ERRORS = {
-    1: "could not do it",
+    1: "could not do it (after a hardware error: reboot it)",
     2: "does not know the instruction",
     CAME_BROKEN: "received a broken packet",
     4: "was given a value out of range",

@@ -1,6 +1,7 @@
 """The Dynamixel series of protocol 2.0: how their lines speak, what their states and goals are in bytes."""
 
 import math
+from functools import partial
 from struct import Struct
 from typing import Final
 
@@ -9,7 +10,7 @@ from dynamixel_sdk import Protocol2PacketHandler
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v2
 from drivers.servos import x, xl320
-from drivers.servos.register import ServoModel
+from drivers.servos.register import ServoModel, bit_names
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
 
 ALARMED: Final = ("hardware error",)
@@ -171,7 +172,7 @@ XL: Final = Series(
     full_torque=xl320.FULL_TORQUE,
     config_error=_xl_config_error,
     position_p=xl320.p_gain,
-    hardware_error=(xl320.hardware_error_status, xl320.alarms),
+    hardware_error=(xl320.hardware_error_status, partial(bit_names, names=xl320.HARDWARE_ERROR_BITS)),
 )
 
 

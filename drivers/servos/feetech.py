@@ -15,8 +15,8 @@ from scservo_sdk.protocol_packet_handler import protocol_packet_handler
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1
 from drivers.servos import scs, sts
-from drivers.servos.register import ServoModel
-from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal, signed
+from drivers.servos.register import ServoModel, signed
+from drivers.servos.series import Read, Series, WireProtocol, blocks_from_start, check_goal
 
 STS_PROTOCOL: Final = WireProtocol(
     name="Feetech STS",
@@ -75,8 +75,12 @@ def _sts_goal(wanted: ServoGoal) -> tuple[int, ...]:
 
 
 def _sts_config_error(model: ServoModel, read: Read) -> str | None:
-    mode = sts.operating_mode
-    return f"is not in position mode: set {mode.name} ({mode.address}) to 0" if read(mode) else None
+    mode, factor = sts.operating_mode, sts.angular_resolution
+    if read(mode):
+        return f"is not in position mode: set {mode.name} ({mode.address}) to 0"
+    if (times := read(factor)) > 1:  # the firmware takes 0 for 1
+        return f"multiplies every goal by {times}: set {factor.name} ({factor.address}) to 1"
+    return None
 
 
 def _sts_config_warning(read: Read) -> str | None:

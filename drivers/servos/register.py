@@ -62,10 +62,12 @@ class Register:
     def decode(self, data: bytes, order: ByteOrder) -> int:
         """The value in ``data``, which is ``size`` bytes long."""
         raw = int.from_bytes(data, order, signed=self.signed)
-        if self.sign_bit is None:
-            return raw
-        sign = 1 << self.sign_bit
-        return -(raw & sign - 1) if raw & sign else raw & sign - 1
+        return raw if self.sign_bit is None else signed(raw, 1 << self.sign_bit)
+
+
+def signed(raw: int, sign: int) -> int:
+    """A sign-magnitude number whose sign is the bit ``sign``."""
+    return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def by_address(values: Iterable[object]) -> tuple[Register, ...]:

@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 from drivers.bus.types import ServoGoal, ServoState
-from drivers.servos.register import ByteOrder, Register, ServoModel
+from drivers.servos.register import ByteOrder, Register, ServoModel, signed
 
 Read = Callable[[Register], int]
 """Reads a register of the servo that is looked at."""
@@ -168,11 +168,6 @@ def bit_10_goal_of(last: int, unit_counts_s: float) -> Callable[[ServoGoal], tup
         return wanted.position_counts, min(math.ceil(wanted.velocity_counts_s / unit_counts_s), 1023)
 
     return goal
-
-
-def signed(raw: int, sign: int) -> int:
-    """A sign-magnitude number whose sign is the bit ``sign``."""
-    return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def check_goal(last: int, goal: ServoGoal) -> None:

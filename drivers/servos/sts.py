@@ -40,7 +40,7 @@ integral_limit = Register("integral_limit", 25, 1, persistent=True)  # 4 units o
 cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
 ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
 protection_current = Register("protection_current", 28, 2, persistent=True)  # 6.5 mA
-angular_resolution = Register("angular_resolution", 30, 1, persistent=True)
+angular_resolution = Register("angular_resolution", 30, 1, persistent=True)  # times every goal; 0 counts as 1
 homing_offset = Register("homing_offset", 31, 2, persistent=True, sign_bit=11)  # counts
 operating_mode = Register("operating_mode", 33, 1, persistent=True)  # 0 position, 1 speed, 2 PWM, 3 step
 protective_torque = Register("protective_torque", 34, 1, persistent=True)  # %

@@ -79,7 +79,6 @@ goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True)  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # MX-28; 214.577 rev/min^2
 
-STATE_BLOCK_ADDRESS: Final = present_pwm.address
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
 """All of the state in one piece, alike in all models: the drive is present_pwm, because what stands at 126 differs."""
 GOAL_BLOCK: Final = (profile_velocity, goal_position)

@@ -8,7 +8,7 @@ SDK (dynamixel_easy_sdk 4.1). Numbers are little endian. Speeds and loads have t
 import math
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, bit_names, by_address
+from drivers.servos.register import Access, Register, ServoModel, by_address
 
 READ: Final = Access.READ
 
@@ -51,7 +51,6 @@ punch = Register("punch", 51, 2)
 
 REGISTERS: Final = by_address(globals().values())
 
-STATE_BLOCK_ADDRESS: Final = present_position.address
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
 """All of the state in one piece; the two bytes at 43 have no name."""
 GOAL_BLOCK: Final = (goal_position, moving_speed)
@@ -73,8 +72,3 @@ VOLTAGE_UNIT_V: Final = 0.1
 
 XL320: Final = ServoModel("xl320", 350, "little", COUNTS_PER_TURN, 7.4, 0.39, 114.0 * 2.0 * math.pi / 60.0, POSITIONS)
 MODELS: Final = {XL320.name: XL320}
-
-
-def alarms(hardware_error: int) -> tuple[str, ...]:
-    """Names of the bits that are set in ``hardware_error_status``."""
-    return bit_names(hardware_error, HARDWARE_ERROR_BITS)

@@ -40,8 +40,10 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
 
 
 def require_positions(component: HardwareInfo) -> None:
-    """Raise DescriptionError unless each of its joints takes positions and nothing else, as servos do."""
+    """Raise DescriptionError unless it has joints, and each takes positions and nothing else, as servos do."""
     problems = [problem for name in component.joints for problem in _not_position_only(name, component)]
+    if not component.joints:
+        problems = ["it has no joint that a servo could drive: list its joints in the block, or take the block out"]
     if problems:
         raise DescriptionError("\n".join(f"{component.name}: {problem}" for problem in problems))
 

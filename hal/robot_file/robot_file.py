@@ -10,7 +10,7 @@ from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
-from hal.servos.servo_settings import mistakes
+from hal.servos.servo_settings import homing_mistake, mistakes
 from hal.yaml_file import load
 
 ExitPolicy = Literal["hold", "relax"]
@@ -113,7 +113,11 @@ class RobotFile(_Strict):
     @field_validator("joints")
     @classmethod
     def _fit_together(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
-        problems = _doubles(joints) + _babel(joints)
+        buses = info.data.get("buses") or {}
+        # Who names no bus is on the only one.
+        home = next(iter(buses)) if len(buses) == 1 else None
+        placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
+        problems = _doubles(placed) + _babel(placed)
         if "bus" in info.data and "buses" in info.data:  # else their own mistakes come first
             problems += _misplaced(joints, info.data["bus"], info.data["buses"])
         if problems:
@@ -173,6 +177,8 @@ def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
     if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
         problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
+    if wrong := homing_mistake(model, joint.homing_offset):
+        problems.append(f"{name}: {wrong}")
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
@@ -207,6 +213,8 @@ def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> Ro
             has = "no such joint" if joint is None else f"servo {joint.servo_id} there"
             problems.append(f"{path}: {name} was calibrated with servo {found.servo_id}, and the robot file has {has}")
             continue
+        if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):
+            problems.append(f"{path}: {name}: {wrong}")
         update = {"sign": found.sign, "zero_counts": found.zero_counts, "homing_offset": found.homing_offset}
         joints[name] = joint.model_copy(update=update)
     if problems:

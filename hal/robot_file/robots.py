@@ -33,6 +33,7 @@ def together(parts: Sequence[Part]) -> Robot:
     if len(policies) > 1:
         names = " and ".join(component.name for component, _ in parts)
         raise RobotFileError(f"the robot files of {names} differ in on_exit: the arm ends in one way, say the same")
+    _require_one_name_each(parts)
     joints = tuple(replace(joint, bus=bus_name(c, joint.bus)) for c, robot in parts for joint in robot.joints)
     file = RobotFile(
         buses=_buses(parts),
@@ -48,6 +49,17 @@ def bus_name(component: HardwareInfo, bus: str) -> str:
     """The name of a component's bus among all: ``hand``, or ``hand-left`` where the hand has several."""
     name = f"{component.name}-{bus}" if bus else component.name
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+
+
+def _require_one_name_each(parts: Sequence[Part]) -> None:
+    owners: dict[str, str] = {}
+    for component, robot in parts:
+        for name in (bus_name(component, bus) for bus in robot.file.lines()):
+            if name in owners:
+                raise RobotFileError(
+                    f"two buses are called {name}: give one of {owners[name]} and {component.name} another name"
+                )
+            owners[name] = component.name
 
 
 def limits_of(urdf: UrdfJoint) -> JointLimits:

@@ -30,6 +30,7 @@ class Activation:
         self._setup = ServoSetup(buses)
         self._measured = measured
         self._goals: dict[str, int] = {}
+        self._limp: list[Joint] = []
 
     def run(self) -> dict[str, int]:
         """Switch the torque on, joint by joint; returns the goals that are held, in counts by joint name.
@@ -38,11 +39,11 @@ class Activation:
         left under torque goes on holding: letting go would drop the arm.
         """
         self._take_goals(self._joints)
-        limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
+        self._limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
         for joint in self._joints:
-            if joint not in limp:
+            if joint not in self._limp:
                 self._check_turn(joint)
-        for joint in limp:
+        for joint in self._limp:
             self._setup.forget_turns(joint)
         try:
             for joint in self._joints:
@@ -52,10 +53,14 @@ class Activation:
             for joint in self._joints:
                 self._torque_on(joint)
         except BaseException:
-            for problem in self._setup.torque_off(limp):
-                LOG.error("torque may still be on: %s", problem)
+            self.let_go()
             raise
         return self._goals
+
+    def let_go(self) -> None:
+        """Make those limp again that were limp before."""
+        for problem in self._setup.torque_off(self._limp):
+            LOG.error("torque may still be on: %s", problem)
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
         """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""

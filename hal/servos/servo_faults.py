@@ -7,6 +7,7 @@ from typing import Final
 
 from drivers.bus.types import ServoFault
 from drivers.clock import Clock
+from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 from hal.types import JointFault
@@ -18,8 +19,18 @@ RESET_S: Final = 0.1
 Feetech's manual a restart takes 0.8 s; one that should be quicker is found by its torque limit."""
 WATCH_S: Final = 0.35
 """Within this time every servo is asked whether it still drives its motor: there are ways to lose that in silence."""
+MISSED: Final = 1.2
+"""So many times that without an answer: a servo has missed its turn, and is asked in every cycle that has the time."""
+LATEST: Final = 1.4
+"""So many times that: no cycle had the time, and the servo is asked beyond the end of one. Better one late cycle now
+and then than a limp joint that nobody knows of, or one that gets no goals for ever."""
+LATE_S: Final = 0.08
+"""How late that cycle may be: two questions, through an adapter that holds answers back too. Less than ``RESET_S``."""
 TAKEN: Final = ("current", "temperature")
 """Alarms with which a servo lets go. A goal would switch it on again, or send it off once it has cooled down."""
+REBOOT: Final = "reboot it (servoloop reboot), then activate again"
+"""What to do where a servo has shut down and refuses its torque until then."""
+_UNASKED: Final = "answers again, and nobody has asked it yet whether it has torque: it gets no goals until then"
 
 
 class ServoFaults:
@@ -37,15 +48,20 @@ class ServoFaults:
         self._faults: dict[str, JointFault] = {}
         self._let_go: dict[str, str] = {}
         """Joints whose servos have let go to protect themselves, and what to say of it."""
+        self._latched: dict[str, str] = {}
+        """Alarms that last until a reboot."""
         self._heard_s: dict[str, float] = {}
         """When those that are missing were last measured."""
+        self._shown_s: dict[str, float] = {}
+        """When each was last found to drive its motor, or else missing."""
         self._next = 0
-        self._next_s = 0.0
+        self._next_s = self._next_late_s = 0.0
 
     def forget(self) -> None:
         """Forget all faults: the servos start anew."""
         self._faults.clear()
         self._let_go.clear()
+        self._latched.clear()
         self._heard_s.clear()
         self.withheld.clear()
 
@@ -55,11 +71,14 @@ class ServoFaults:
         if name not in self._faults and found not in self._faults.values():  # a line's is told once
             LOG.error("%s", found.text)
         self._faults[name] = found
+        self._shown_s[name] = self._clock.now()
         if self._clock.now() - self._heard_s.setdefault(name, heard_s) >= RESET_S:
             self.withheld.add(name)
 
     def note_alarms(self, joint: Joint, alarms: Sequence[str], buses: JointBuses) -> None:
         """An active component's servo has alarms; with some of them it has let go."""
+        if series_of(joint.model).hardware_error:
+            self._latched[joint.name] = f"{', '.join(alarms)} alarm"
         taken = [alarm for alarm in alarms if alarm in TAKEN]
         if taken and joint.name not in self._let_go:
             self._let_go[joint.name] = f"{_called(joint, buses)} has let go ({', '.join(taken)} alarm)"
@@ -71,53 +90,79 @@ class ServoFaults:
         """The faults after a cycle in which these joints (by name) were measured.
 
         ``ask_until_s``: until then servos that are to drive their motors are asked for that: those whose turn it is,
-        and all that answer again. Whoever there is no time to ask waits for the next cycle.
+        and all that answer again. Whoever there is no time to ask waits for the next cycle, but not for ever.
         """
         back = [joint for joint in self._joints if joint.name in self._faults and joint.name in measured]
         if ask_until_s is None:
             for joint in back:
                 self._rejoin(joint.name)
+            self._shown_s = dict.fromkeys((joint.name for joint in self._joints), self._clock.now())
         else:
             for name in [joint.name for joint in back if joint.name in self._let_go]:
                 self._refuse(name, self._let_go[name])  # also if it was silent meanwhile
-            self._ask([joint for joint in back if joint.name not in self._let_go], buses, ask_until_s)
-            due = [joint for joint in self._due() if joint.name in measured and joint.name not in self._faults]
-            self._watch(due, buses, ask_until_s)
-        return {
-            name: fault for name, fault in self._faults.items() if name not in measured or fault.kind == "no_torque"
+            late = self._overdue(measured)
+            until_s = self._clock.now() + LATE_S if late else ask_until_s
+            self._ask([joint for joint in back if joint.name not in self._let_go], buses, until_s)
+            due = self._due(measured, 0.0 if late else MISSED * WATCH_S)
+            self._watch([joint for joint in due if joint.name not in self._faults], buses, until_s)
+        unasked = {
+            joint.name: JointFault("no_torque", f"{_called(joint, buses)} {_UNASKED}")
+            for joint in back
+            if joint.name in self.withheld and self._faults[joint.name].kind != "no_torque"
         }
+        return {n: f for n, f in self._faults.items() if n not in measured or f.kind == "no_torque"} | unasked
+
+    def _overdue(self, measured: Mapping[str, int]) -> bool:
+        """Whether this cycle is to be the late one."""
+        now_s = self._clock.now()
+        if now_s < self._next_late_s or not self._unseen(LATEST * WATCH_S, measured):
+            return False
+        self._next_late_s = now_s + LATEST * WATCH_S
+        return True
+
+    def _driven(self, joints: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> dict[str, bool]:
+        found = buses.torque_states(joints, ask_until_s) if joints else {}
+        self._shown_s |= dict.fromkeys(found, self._clock.now())
+        return found
 
     def _ask(self, back: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
         """Take back all that were missing and have their torque. One that lost its power comes back limp."""
         called = {joint.name: _called(joint, buses) for joint in back}
-        for name, driven in (buses.torque_states(back, ask_until_s) if back else {}).items():
+        for name, driven in self._driven(back, buses, ask_until_s).items():
             if driven:
                 LOG.warning("%s answers again", called[name])
                 self._rejoin(name)
             else:
-                self._refuse(name, f"{called[name]} came back without torque (power dip?)")
+                self._refuse(name, f"{called[name]} came back without torque ({self._latched.get(name, 'power dip?')})")
 
     def _watch(self, due: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
-        driven = buses.torque_states(due, ask_until_s) if due else {}
+        driven = self._driven(due, buses, ask_until_s)
         limp = [joint for joint in due if driven.get(joint.name) is False]
         # The answer to another program's question may have been taken for ours: whoever says no is asked twice.
-        again = buses.torque_states(limp, ask_until_s) if limp else {}
+        again = self._driven(limp, buses, ask_until_s)
         for joint in limp:
             if not again.get(joint.name):
-                self._refuse(
-                    joint.name, f"{_called(joint, buses)} has lost its torque (current protection, power dip?)"
-                )
+                why = self._latched.get(joint.name, "current protection, power dip?")
+                self._refuse(joint.name, f"{_called(joint, buses)} has lost its torque ({why})")
 
-    def _due(self) -> list[Joint]:
-        """The joints whose turn it is to show that their servos have torque."""
-        due: list[Joint] = []
+    def _due(self, measured: Mapping[str, int], missed_s: float) -> list[Joint]:
+        """The joints whose servos are to show that they have torque: those that missed their turn, and whose it is."""
+        due = self._unseen(missed_s, measured)
         now_s, each_s = self._clock.now(), WATCH_S / len(self._joints)
         self._next_s = max(self._next_s, now_s - WATCH_S)
         while self._next_s <= now_s:
-            due.append(self._joints[self._next])
+            joint = self._joints[self._next]
+            due += [joint] if joint.name in measured and joint not in due else []
             self._next = (self._next + 1) % len(self._joints)
             self._next_s += each_s
         return due
+
+    def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
+        """The joints that may have torque, and whose servos have not shown it for so long; the longest first."""
+        until_s, seen, faults = self._clock.now() - for_s, self._shown_s, self._faults
+        limp = {name for name, fault in faults.items() if fault.kind == "no_torque"}
+        unseen = [joint for joint in self._joints if joint.name in measured and joint.name not in limp]
+        return sorted((one for one in unseen if seen[one.name] <= until_s), key=lambda joint: seen[joint.name])
 
     def _rejoin(self, name: str) -> None:
         del self._faults[name]
@@ -127,8 +172,9 @@ class ServoFaults:
     def _refuse(self, name: str, what: str) -> None:
         former = self._faults.get(name)
         if former is None or former.kind != "no_torque":
-            LOG.error("%s: activate again", what)
-            self._faults[name] = JointFault("no_torque", f"{what}: activate again")
+            text = f"{what}: {REBOOT if name in self._latched else 'activate again'}"
+            LOG.error("%s", text)
+            self._faults[name] = JointFault("no_torque", text)
         self._heard_s[name] = -math.inf
         self.withheld.add(name)
 

@@ -67,12 +67,18 @@ class ServoHardware:
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
-        held = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses)).run()
-        self._goals.hold(held)
-        if self.compensation is not None:
-            self.compensation.restart()
-        self.state = LifecycleState.ACTIVE
-        self.read()
+        activation = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses))
+        held = activation.run()
+        try:
+            self._goals.hold(held)
+            if self.compensation is not None:
+                self.compensation.restart()
+            self.state = LifecycleState.ACTIVE
+            self.read()
+        except BaseException:  # a line is lost: nobody else lets go of an arm whose activation has failed
+            self.state = LifecycleState.INACTIVE
+            activation.let_go()
+            raise
 
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")

@@ -5,14 +5,14 @@ compensation goes by the factory's gains.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
 from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.errors import ServoError, ServoRefused
+from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
@@ -23,10 +23,12 @@ LOG = logging.getLogger("servoloop.hal")
 NOT_HERE: Final = frozenset(
     {
         *("id", "baud_rate", "protocol_type", "status_level", "status_return_level", "secondary_id"),
-        *("operating_mode", "drive_mode", "phase", "homing_offset", "external_port_mode"),
+        *("operating_mode", "control_mode", "drive_mode", "phase", "homing_offset", "angular_resolution"),
+        "external_port_mode",
     }
 )
-"""Persistent registers that say who and where a servo is, and which way it turns: not to be changed in passing."""
+"""Persistent registers that say who and where a servo is, which way it turns and what a goal is: not to be changed in
+passing."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
@@ -50,11 +52,25 @@ def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
     return problems
 
 
+def _homing_register(model: ServoModel) -> Register | None:
+    return next((one for one in series_of(model).registers if one.name == "homing_offset"), None)
+
+
+def homing_mistake(model: ServoModel, offset: int | None) -> str | None:
+    """Why this servo cannot have this homing offset, if so."""
+    register = _homing_register(model)
+    if offset is None or (register and register.smallest <= offset <= register.largest):
+        return None
+    if register is None:
+        return f"{model.name} has no homing_offset: take it out"
+    return f"homing_offset takes {register.smallest} to {register.largest}, not {offset}"
+
+
 def check_homing_offset(joint: Joint, bus: Bus) -> None:
     """Raise ServoRefused where the servo counts from another place than when the joint's zero was found."""
-    if joint.homing_offset is None:
+    register = _homing_register(joint.model)
+    if register is None or joint.homing_offset is None:
         return
-    register = next(one for one in series_of(joint.model).registers if one.name == "homing_offset")
     held = retry(partial(bus.read, joint.servo_id, register))
     if held != joint.homing_offset:
         raise ServoRefused(
@@ -90,14 +106,3 @@ def _warn_of_others(joint: Joint, bus: Bus, known: Mapping[str, Register]) -> No
             "in the robot file, as they are or as you want them: settings: %s",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )
-
-
-def settle(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
-    """Apply the settings of all these joints; what failed, by servo."""
-    errors: dict[int, ServoError] = {}
-    for joint in joints:
-        try:
-            apply_settings(joint, bus)
-        except ServoError as error:
-            errors[joint.servo_id] = error
-    return errors

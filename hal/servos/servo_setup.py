@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TypeVar
 
 from calibration.eeprom import EepromError
@@ -10,10 +11,12 @@ from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.types import Reading, ServoFault
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused
 from drivers.servos import sts
+from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.servos.joint_buses import JointBuses
-from hal.servos.servo_settings import check_homing_offset, settle
+from hal.servos.servo_faults import REBOOT
+from hal.servos.servo_settings import apply_settings, check_homing_offset
 
 Result = TypeVar("Result")
 
@@ -38,14 +41,15 @@ class ServoSetup:
     def _unsettled(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
         with self._buses.named(name):
-            errors = settle(joints, bus)
-        problems = {i: str(e) if isinstance(e, EepromError) else now_and_then(i) for i, e in errors.items()}
+            errors = _failed(joints, bus, _settle)
+        told = (EepromError, ServoRefused)
+        problems = {i: str(e) if isinstance(e, told) else now_and_then(i) for i, e in errors.items()}
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _strangers(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
         with self._buses.named(name):
-            errors = _unidentified(joints, bus)
+            errors = _failed(joints, bus, _identify)
             unheard = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
             causes = diagnose(bus, unheard) if unheard else {}
             # Two of one model and one ID have the same number: only their states give them away.
@@ -90,7 +94,7 @@ class ServoSetup:
 
     def torque_on(self, joint: Joint) -> None:
         """Drive the motor."""
-        self._ask(joint, lambda bus: bus.torque_on(joint.servo_id))
+        self._ask(joint, lambda bus: _torque_on(joint, bus))
 
     def _ask(self, joint: Joint, question: Callable[[Bus], Result]) -> Result:
         with self._buses.named(joint.bus):
@@ -116,16 +120,41 @@ class ServoSetup:
         return f"{self._buses.label(joint)}: {error}"
 
 
-def _unidentified(joints: Sequence[Joint], bus: Bus) -> dict[int, ServoError]:
+def _failed(joints: Sequence[Joint], bus: Bus, step: Callable[[Joint, Bus], None]) -> dict[int, ServoError]:
+    """Take this step with all of them; what failed, by servo."""
     errors: dict[int, ServoError] = {}
     for joint in joints:
         try:
-            bus.identify(joint.servo_id, joint.model)
-            check_reach(joint, bus.position_limits(joint.servo_id))
-            check_homing_offset(joint, bus)
+            step(joint, bus)
         except ServoError as error:
             errors[joint.servo_id] = error
     return errors
+
+
+def _identify(joint: Joint, bus: Bus) -> None:
+    bus.identify(joint.servo_id, joint.model)
+    check_homing_offset(joint, bus)
+
+
+def _settle(joint: Joint, bus: Bus) -> None:
+    """The limits behind the settings, which may name them."""
+    apply_settings(joint, bus)
+    limits = bus.position_limits(joint.servo_id)
+    if limits is None and joint.settings:  # both 0 make a motor of some
+        bus.check_settings(joint.servo_id, joint.model)
+    check_reach(joint, limits)
+
+
+def _torque_on(joint: Joint, bus: Bus) -> None:
+    """One that has shut down refuses, and says elsewhere why."""
+    try:
+        bus.torque_on(joint.servo_id)
+    except ServoRefused as error:
+        source = series_of(joint.model).hardware_error
+        alarms = source[1](retry(partial(bus.read, joint.servo_id, source[0]))) if source else ()
+        if not alarms:
+            raise
+        raise ServoRefused(joint.servo_id, f"refuses its torque ({', '.join(alarms)} alarm): {REBOOT}") from error
 
 
 def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
@@ -162,10 +191,12 @@ def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     lowest, highest = (min(max(counts, 0), last) for counts in joint.counts_range())
     if limits[0] <= lowest and highest <= limits[1]:
         return
+    named = dict(joint.settings).keys() & {register.name for register in series_of(joint.model).position_limits}
+    where = "robot file's settings" if named else "servo"
     raise ServoRefused(
         joint.servo_id,
         f"has position limits of its own, {limits[0]} to {limits[1]} counts, and its joint goes from {lowest} to "
-        f"{highest}: widen them in the servo, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+        f"{highest}: widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
     )
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.fast_read import fast_plan
+from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
 from drivers.servos import x as x_series
@@ -124,6 +125,7 @@ def test_torque_off_of_each_series_and_then_of_each_servo(models: dict[int, Serv
         for servo_id in models:
             assert address[servo_id] != place or group.addParam(servo_id, [0])
         group.txPacket()
-    for servo_id in models:
-        sdk.PacketHandler(2.0).write1ByteTxOnly(theirs, servo_id, address[servo_id], 0)
+    for _ in range(ATTEMPTS):
+        for servo_id in models:
+            sdk.PacketHandler(2.0).write1ByteTxOnly(theirs, servo_id, address[servo_id], 0)
     assert ours.sent == theirs.sent

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
+from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
@@ -224,6 +225,16 @@ def test_a_servo_in_another_mode_is_refused_with_the_setting(mode: int) -> None:
     line = Line()
     line.servos.servo(3).memory.put(sts.operating_mode, mode)
     with pytest.raises(ServoRefused, match=r"servo 3: is not in position mode: set operating_mode \(33\) to 0"):
+        line.bus.identify(3, sts.STS3215)
+
+
+def test_a_servo_that_multiplies_its_goals_is_refused_with_the_setting() -> None:
+    line = Line()
+    for harmless in (0, 1):
+        line.servos.servo(3).memory.put(sts.angular_resolution, harmless)
+        line.bus.identify(3, sts.STS3215)
+    line.servos.servo(3).memory.put(sts.angular_resolution, 2)
+    with pytest.raises(ServoRefused, match=r"servo 3: .*goal by 2: set angular_resolution \(30\) to 1"):
         line.bus.identify(3, sts.STS3215)
 
 
@@ -459,7 +470,33 @@ def test_torque_off_goes_on_after_a_corrupt_acknowledgement() -> None:
     assert not any(line.held(i, sts.torque_enable) for i in IDS)
 
 
-@pytest.mark.parametrize(("share", "value"), [(1.0, 999), (0.5, 500), (0.0, 0), (0.1234, 123)])
+def test_torque_off_is_told_again_and_a_dead_servo_delays_nobody_s_first_order() -> None:
+    line = Line()
+    line.servos.faults.silence(2)
+    told: list[int] = []
+
+    def reaches(servo_id: int) -> bool:
+        told.append(servo_id)
+        return told.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
+
+    for servo_id in (1, 3):
+        line.bus.torque_on(servo_id)
+    line.servos.faults.on_instruction.append(reaches)
+    assert [error.servo_id for error in line.bus.torque_off((1, 2, 3))] == [2]
+    assert not line.held(1, sts.torque_enable) and not line.held(3, sts.torque_enable)
+    assert told[: len(IDS) + 3] == [*IDS, 1, 2, 3]
+
+
+def test_a_limit_that_leaves_no_torque_is_refused_with_the_register() -> None:
+    line = Line()
+    for held, share in ((0, 1.0), (1, 1.0), (1000, 0.0)):
+        line.servos.servo(1).memory.put(sts.max_torque, held)
+        with pytest.raises(ServoRefused, match=rf"servo 1: .*max_torque \(register 16\) is {held}.*torque_limit"):
+            line.bus.limit_torque(1, share)
+    assert line.held(1, sts.torque_limit) == 1000
+
+
+@pytest.mark.parametrize(("share", "value"), [(1.0, 999), (0.5, 500), (0.1234, 123)])
 def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
     """Never quite what a servo has that was reset."""
     line = Line()

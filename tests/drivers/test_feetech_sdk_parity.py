@@ -8,6 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
+from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.protocol import v1 as wire
@@ -79,9 +80,10 @@ def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
 
 @given(ids)
 def test_torque_off_is_what_the_sdk_would_write(servo_ids: list[int]) -> None:
-    """All at once, then each by itself, whoever answers."""
+    """All at once, then each by itself, whoever answers, and who does not again."""
     ours, theirs = SilentTape(), SilentTape()
     assert len(Bus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
-    for servo_id in servo_ids:
-        sdk.PacketHandler(0).write1ByteTxOnly(theirs, servo_id, 40, 0)
+    for _ in range(ATTEMPTS):
+        for servo_id in servo_ids:
+            sdk.PacketHandler(0).write1ByteTxOnly(theirs, servo_id, 40, 0)
     assert ours.sent == sdk_sync_write(40, 1, dict.fromkeys(servo_ids, b"\0")) + theirs.sent

@@ -9,6 +9,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.clock import MonotonicClock
 from drivers.errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.port.line import GAP_S
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts
@@ -317,6 +318,18 @@ def test_the_torque_limit_of_a_dynamixel_stays_below_the_lasting_one() -> None:
     line.bus.write(1, dxl.max_torque, 300)
     line.bus.limit_torque(1, 1.0)
     assert line.held(1, dxl.torque_limit) == 299  # one less than what a servo has that was reset
+
+
+def test_where_the_time_ends_some_have_said_whether_they_have_torque() -> None:
+    line = Line(KINDS[2])
+    for servo_id in IDS:
+        line.bus.limit_torque(servo_id, 0.5)
+        line.bus.torque_on(servo_id)
+    begin_s = line.clock.now()
+    assert line.bus.torque_states(IDS, begin_s + 1.0) == dict.fromkeys(IDS, True)
+    half_s = 0.5 * (line.clock.now() - begin_s)
+    known = line.bus.torque_states(IDS, line.clock.now() + half_s + GAP_S)
+    assert 0 < len(known) < len(IDS) and tuple(known) == IDS[: len(known)]
 
 
 # The line

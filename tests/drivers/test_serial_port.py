@@ -316,6 +316,17 @@ def test_a_refused_baud_is_named(monkeypatch: pytest.MonkeyPatch, terminal: Term
     assert str(error) in str(caught.value)
 
 
+@pytest.mark.parametrize("baud", [99_999_999_999, 10**30])
+def test_a_baud_beyond_any_number_is_refused(terminal: Terminal, baud: int) -> None:
+    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+        SerialPort(terminal.device, baud)
+    port = SerialPort(terminal.device, 115_200)
+    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+        port.set_baud(baud)
+    assert port.baud == 115_200
+    port.write(b"x")
+
+
 def test_a_refused_baud_leaves_the_device_free(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     def refused(self: serial.Serial, baud: int) -> None:
         raise ValueError("Failed to set custom baud rate")

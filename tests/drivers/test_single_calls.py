@@ -181,6 +181,24 @@ def test_in_a_cycle_nobody_waits_for_a_late_answer_and_the_next_question_has_its
 
 
 @every_case
+@pytest.mark.parametrize("noise", [b"\xff", b"\x00", b"\xff\xff\x01\x04\x00"], ids=bytes.hex)
+def test_on_a_line_that_is_never_silent_a_question_ends(
+    case: Case, noise: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(case)
+    begin_s = bench.clock.now()
+
+    def endless(size: int, deadline_s: float) -> bytes:
+        assert bench.clock.now() < begin_s + 0.5, "it never ends"
+        bench.clock.sleep_until(bench.clock.now() + size * 1e-5)
+        return (noise * size)[:size]
+
+    monkeypatch.setattr(bench.port, "read", endless)
+    with pytest.raises(ServoError):
+        bench.bus.read(1, case.position)
+
+
+@every_case
 def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
     bench = Bench(case)
     account = bench.bus.counters.of(1)

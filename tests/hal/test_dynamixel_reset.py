@@ -1,8 +1,11 @@
 """A Dynamixel whose supply dips for a moment answers as if nothing had been; it must not pass for one that holds."""
 
+import re
+
 import pytest
 
 from drivers.bus.bus import Bus
+from drivers.errors import ServoRefused
 from drivers.servos import x as x_series
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -19,6 +22,25 @@ JOINTS = [
     Joint(name, servo_id, model, JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0))
     for name, (servo_id, model) in zip(("shoulder", "elbow"), MODELS.items(), strict=True)
 ]
+
+
+@pytest.mark.parametrize("victim", JOINTS, ids=lambda joint: joint.name)
+def test_one_that_has_shut_down_is_said_to_need_a_reboot_and_activation_says_the_same(victim: Joint) -> None:
+    clock = SimulatedClock(20.0)
+    servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
+    hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
+    hardware.configure()
+    hardware.activate()
+    protection = servos.servo(victim.servo_id).firmware.protection
+    protection.status, protection.released = 1 << 5, True
+    remedy = r"\(overload alarm\): reboot it \(servoloop reboot\), then activate again"
+    for _ in range(12):
+        clock.sleep_until(clock.now() + 0.05)
+        faults = fault_texts(hardware.read())
+    assert re.search(rf"{victim.name}: servo {victim.servo_id} has lost its torque {remedy}", faults[victim.name])
+    hardware.deactivate(relax=False)
+    with pytest.raises(ServoRefused, match=rf"servo {victim.servo_id}: refuses its torque {remedy}"):
+        hardware.activate()
 
 
 @pytest.mark.parametrize("victim", JOINTS, ids=lambda joint: joint.name)

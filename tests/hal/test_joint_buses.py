@@ -75,6 +75,7 @@ class Ports:
         return [s.memory.get(sts.goal_position) for s in (arm.servo(1), hand.servo(1), arm.servo(2))]
 
 
+SYNC_READ = 0x82
 ALL = {"arm": [1, 2], "hand": [1]}
 NONE: dict[str, list[int]] = {"arm": [], "hand": []}
 
@@ -120,7 +121,7 @@ def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None
 
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])
-@pytest.mark.parametrize("after", range(8))
+@pytest.mark.parametrize("after", range(24))
 def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, after: int) -> None:
     bench = Ports()
     bench.hardware.configure()
@@ -132,10 +133,30 @@ def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, a
     except PortLost as error:
         assert str(error).startswith(f"bus {lost}: /dev/{lost} was unplugged")
         other = "hand" if lost == "arm" else "arm"
-        if bench.hardware.state is LifecycleState.INACTIVE:
-            assert bench.torque()[other] == []
+        assert bench.hardware.state is LifecycleState.INACTIVE
+        assert bench.torque()[other] == []
     else:
         assert bench.hardware.state is LifecycleState.ACTIVE
+
+
+@pytest.mark.parametrize("lost", ["arm", "hand"])
+def test_a_port_lost_when_all_have_torque_leaves_none_on_the_other_but_what_was_held_before(lost: str) -> None:
+    bench = Ports()
+    bench.hardware.configure()
+    other = "hand" if lost == "arm" else "arm"
+    if other == "arm":
+        bench.servos["arm"].servo(2).memory.put(sts.goal_position, COUNTS["arm"][1])
+        bench.servos["arm"].servo(2).memory.put(sts.torque_enable, 1)
+
+    def lose(number: int, instruction: Instruction) -> None:
+        if bench.torque() == ALL and instruction.code == SYNC_READ:
+            bench.ports[lost].port.unplug()
+
+    bench.ports[lost].before_write = lose
+    with pytest.raises(PortLost, match=f"bus {lost}"):
+        bench.hardware.activate()
+    assert bench.hardware.state is LifecycleState.INACTIVE
+    assert bench.torque()[other] == ([2] if other == "arm" else [])
 
 
 def test_a_servo_silent_while_activating_leaves_no_torque_that_can_be_switched_off(

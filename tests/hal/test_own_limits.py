@@ -103,3 +103,27 @@ def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside
         bench.hardware.activate()
     assert bench.torque() == []
     assert bench.measured(1) == highest + 20
+
+
+def test_limits_that_the_robot_file_names_count_as_they_are_once_they_are_written() -> None:
+    lowest, highest = JOINTS[0].counts_range()
+    wide, narrow = (
+        [replace(JOINTS[0], settings=(("min_position", lowest + by), ("max_position", highest))), *JOINTS[1:]]
+        for by in (0, 1)
+    )
+    bench = Bench(joints=narrow)
+    with pytest.raises(DriverError, match=rf"limits of its own, {lowest + 1} to .* in the robot file's settings"):
+        bench.configured()
+    bench = Bench(joints=wide)
+    bench.servos.servo(1).memory.put(sts.min_position, 1500)
+    bench.configured()
+    assert bench.held(1, sts.min_position) == lowest
+
+
+def test_settings_that_make_a_motor_of_a_servo_are_refused_behind_them() -> None:
+    line = Line(next(kind for kind in KINDS if scs.SCS0009 in kind.models.values()))
+    servo_id = next(i for i, model in line.kind.models.items() if model is scs.SCS0009)
+    motor = (("min_position", 0), ("max_position", 0))
+    joint = Joint("j", servo_id, scs.SCS0009, JointLimits(-0.5, 0.5, 3.0, 5.0, 50.0), zero_counts=512, settings=motor)
+    with pytest.raises(DriverError, match="is in motor mode"):
+        ServoHardware("arm", [joint], lambda: line.bus, line.clock).configure()

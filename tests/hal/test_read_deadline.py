@@ -50,7 +50,7 @@ class Arm:
 @every_kind
 def test_on_a_bad_line_no_read_ends_after_its_deadline(kind: Kind) -> None:
     arm = Arm(kind)
-    arm.line.faults.disturbance = Disturbance(seed=3, drop=0.05, flip=0.02, noise=0.02)
+    arm.line.faults.disturbance = Disturbance(seed=3, drop=0.08, flip=0.02, noise=0.02)
     seen = sum(bool(arm.cycle()) for _ in range(CYCLES // 5))
     assert seen, "no servo was ever away, so none came back"
     arm.line.faults.disturbance = None

@@ -200,6 +200,20 @@ def test_what_is_no_yaml_is_told_with_its_line(tmp_path: Path) -> None:
         load_robot_file(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("joints: {a: 2024-13-45}", "has a value that cannot be: month must be in"),
+        ("joints: &x {a: *x}", "contains itself, or is nested too deeply"),
+        ("joints: " + "[" * 3000, "contains itself, or is nested too deeply"),
+    ],
+    ids=["no date", "itself", "deep"],
+)
+def test_what_is_yaml_and_no_content_is_told(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(RobotFileError, match=f"robot.yaml {says}"):
+        load_robot_file(written(tmp_path, text))
+
+
 @pytest.mark.parametrize("name", ["absent.yaml", "."])
 def test_what_cannot_be_read_is_told_with_the_reason(tmp_path: Path, name: str) -> None:
     with pytest.raises(RobotFileError, match=r"cannot read .*: (No such file|Is a directory)"):
@@ -317,6 +331,11 @@ def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> Non
     assert str(caught.value) == f"arm: {says}"
 
 
+def test_a_component_without_joints_is_no_arm() -> None:
+    with pytest.raises(DescriptionError, match=r"^arm: it has no joint"):
+        require_positions(HardwareInfo("arm", "system", "plugin", {}, {}, {}))
+
+
 def test_everything_that_does_not_fit_is_told_at_once(tmp_path: Path) -> None:
     wrist = changed(ELBOW, name="wrist")
     with pytest.raises(RobotFileError) as caught:
@@ -358,6 +377,46 @@ def test_mistakes_with_several_buses_are_said_with_their_place(tmp_path: Path, o
     with pytest.raises(RobotFileError) as caught:
         loaded(tmp_path, TWO.replace(old, new))
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [
+        ("servo_id: 1, model: sts3215", "a and b both have servo_id 1 on bus arm"),
+        ("servo_id: 2, model: scs15", "a and b cannot share a bus"),
+    ],
+)
+def test_who_leaves_the_only_bus_out_is_on_it_beside_who_names_it(tmp_path: Path, second: str, says: str) -> None:
+    text = f"""buses: {{arm: {{}}}}
+joints:
+  a: {{servo_id: 1, model: sts3215, acceleration: 1.0, jerk: 1.0}}
+  b: {{bus: arm, {second}, acceleration: 1.0, jerk: 1.0}}
+"""
+    (complaint,) = complaints(tmp_path, text)
+    assert says in complaint
+
+
+@pytest.mark.parametrize("offset", ["-2047", "0", "2047"])
+def test_a_homing_offset_that_the_register_can_hold(tmp_path: Path, offset: str) -> None:
+    file = loaded(tmp_path, GOOD.replace("servo_id: 1,", f"servo_id: 1, homing_offset: {offset},"))
+    assert file.joints["elbow"].homing_offset == int(offset)
+
+
+@pytest.mark.parametrize(
+    ("model", "offset", "says"),
+    [
+        ("scs15", 0, "elbow: scs15 has no homing_offset: take it out"),
+        ("sts3215", 2048, "elbow: homing_offset takes -2047 to 2047, not 2048"),
+    ],
+)
+def test_a_homing_offset_that_the_servo_cannot_have(tmp_path: Path, model: str, offset: int, says: str) -> None:
+    text = GOOD.replace("servo_id: 1,", f"servo_id: 1, homing_offset: {offset},").replace("sts3215", model)
+    (complaint,) = complaints(tmp_path, text)
+    assert says in complaint
+    found = f"servo_id: 1, sign: 1, zero_counts: 2048, homing_offset: {offset}, lower_counts: 0, upper_counts: 4095"
+    (tmp_path / "robot.calibration.yaml").write_text(f"joints: {{elbow: {{{found}}}}}\n")
+    with pytest.raises(RobotFileError, match=rf"robot.calibration.yaml: {says}[\s\S]*calibrate again"):
+        loaded(tmp_path, GOOD.replace("sts3215", model))
 
 
 def test_a_joint_of_a_file_with_one_bus_names_none(tmp_path: Path) -> None:

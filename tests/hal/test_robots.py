@@ -58,6 +58,12 @@ def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path:
     assert robot.file.controller_defaults == {"arm_controller": {"elbow": 1, "finger": 1}}
 
 
+def test_two_buses_never_get_one_name(tmp_path: Path) -> None:
+    parts = [part(tmp_path, "hand", "elbow", bus="left"), part(tmp_path, "hand-left", "finger")]
+    with pytest.raises(RobotFileError, match="two buses are called hand-left: give one of hand and hand-left another"):
+        together(parts)
+
+
 def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="the robot files of arm and hand differ in on_exit"):
         together([part(tmp_path, "arm", "elbow"), part(tmp_path, "hand", "finger", exit_policy="relax")])

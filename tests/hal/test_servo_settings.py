@@ -104,6 +104,7 @@ def test_compensation_goes_by_the_gains_that_the_file_names() -> None:
         ("{position_q: 1}", "joint1.settings: sts3215 has no setting position_q: it has "),
         ("{position_p: 256}", "joint1.settings: position_p takes 0 to 255, not 256"),
         ("{id: 3}", "joint1.settings: sts3215 has no setting id"),
+        ("{angular_resolution: 2}", "joint1.settings: sts3215 has no setting angular_resolution"),
         ("{present_position: 3}", "joint1.settings: sts3215 has no setting present_position"),
     ],
 )
@@ -121,4 +122,5 @@ def test_settings_that_a_servo_does_not_have_are_named_before_anything_is_sent(
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_no_setting_says_who_or_where_a_servo_is(name: str) -> None:
     assert not NOT_HERE & settings_of(MODELS[name]).keys()
+    assert "control_mode" not in settings_of(MODELS[name])
     assert "max_temperature" in settings_of(MODELS[name]) or "temperature_limit" in settings_of(MODELS[name])

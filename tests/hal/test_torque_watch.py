@@ -1,0 +1,84 @@
+"""Whether servos have torque is asked also where no cycle has the time for it: then one cycle is late."""
+
+import pytest
+
+from drivers.servos import sts
+from hal.servos.servo_faults import LATEST, WATCH_S
+from hal.types import JointCommand, JointFault
+from tests.hal.bench import JOINTS, Bench, at
+
+LONGEST_S = LATEST * WATCH_S
+HERE = at(0.0, 0.0, JOINTS[2].position(1500))
+
+
+class Paced:
+    """A loop whose cycles have time for the states and for nothing else."""
+
+    def __init__(self, rate_hz: float, held_back_s: float) -> None:
+        self.bench = Bench()
+        if held_back_s:
+            self.bench.servos.faults.on_arrival.append(lambda servo_id: held_back_s)
+        self.bench.active()
+        self.period_s = 1.0 / rate_hz
+        self.due_s = self.bench.clock.now()
+        self.late = 0
+        for _ in range(round(rate_hz)):
+            self.cycle()
+        self.late = 0
+
+    def cycle(self) -> dict[str, JointFault]:
+        clock, hardware = self.bench.clock, self.bench.hardware
+        hardware.request(self.due_s + 0.9 * self.period_s)
+        faults = dict(hardware.read().faults)
+        hardware.write(JointCommand(HERE, self.period_s))
+        self.due_s += self.period_s
+        if clock.now() > self.due_s:
+            self.late += 1
+            self.due_s = clock.now()
+        clock.sleep_until(self.due_s)
+        return faults
+
+    def cycles(self, for_s: float) -> list[dict[str, JointFault]]:
+        end_s = self.bench.clock.now() + for_s
+        found = []
+        while self.bench.clock.now() < end_s:
+            found.append(self.cycle())
+        return found
+
+
+busy = pytest.mark.parametrize(("rate_hz", "held_back_s"), [(400.0, 0.0), (50.0, 0.0155)], ids=["fast", "slow adapter"])
+
+
+@busy
+def test_a_servo_that_is_back_is_named_until_it_was_asked_and_then_gets_its_goals(
+    rate_hz: float, held_back_s: float
+) -> None:
+    loop = Paced(rate_hz, held_back_s)
+    loop.bench.servos.faults.silence(1)
+    loop.cycles(0.2)
+    loop.bench.servos.faults.restore(1)
+    while (faults := loop.cycle())["shoulder"].kind != "no_torque":
+        pass
+    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, and nobody has asked it yet")
+    loop.late = 0
+    waited = loop.cycles(LONGEST_S + 0.1)
+    assert "shoulder" in waited[0] and waited[-1] == {}
+    assert not loop.bench.hardware._states.faults.withheld
+    assert loop.late <= 2
+
+
+@busy
+def test_a_servo_that_was_reset_within_a_cycle_is_found(rate_hz: float, held_back_s: float) -> None:
+    loop = Paced(rate_hz, held_back_s)
+    loop.bench.servos.servo(7).power_cycle()
+    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # as by the next goal
+    faults = loop.cycles(LONGEST_S + 0.1)[-1]
+    assert faults["finger"].text.startswith("finger: servo 7 has lost its torque")
+
+
+@busy
+def test_late_cycles_are_few(rate_hz: float, held_back_s: float) -> None:
+    loop = Paced(rate_hz, held_back_s)
+    cycles = loop.cycles(5.0)
+    assert cycles.count({}) == len(cycles)
+    assert loop.late <= 5.0 / LONGEST_S + 1
