@@ -78,15 +78,16 @@ class ControlLoop:
 
     def activate(self, keep_inactive: Collection[str] = ()) -> None:
         """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors."""
-        activate_all(self.hardware, keep_inactive, self._keep_alive)
         try:
+            activate_all(self.hardware, keep_inactive, self._keep_alive)
             state = self.hardware.read()
             for component in self.hardware.components:
                 if component.active:
                     self.take_over(component, state)
             self.manager.activate(state, self.command)
         except BaseException:
-            deactivate_all(self.hardware, relax=True)
+            for problem in deactivate_all(self.hardware, relax=True):
+                LOG.error("torque may still be on: %s", problem)
             raise
 
     def take_over(self, component: Component, state: JointState) -> None:
@@ -113,7 +114,7 @@ class ControlLoop:
         state = self.hardware.read(self._read_deadline_s())
         read_s = self.clock.now()
         if state.faults or self.figures.unmeasured_in_a_row:
-            self._count_unmeasured(state)
+            self.figures.look_for_measurements(state, self.hardware)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
@@ -135,14 +136,6 @@ class ControlLoop:
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
-
-    def _count_unmeasured(self, state: JointState) -> None:
-        """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked."""
-        asked = self.hardware.failures or any(component.sound for component in self.hardware.components)
-        if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(self.hardware.joints):
-            self.figures.count_unmeasured(next(iter(state.faults.values())).text)
-        elif asked and self.figures.unmeasured_in_a_row:
-            self.figures.count_measured()
 
     def _show(self, state: JointState) -> None:
         """An observer that fails must not end the cycle."""

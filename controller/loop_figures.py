@@ -5,6 +5,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from hal.components.component_set import ComponentSet
+from hal.types import JointState
+
 LOG = logging.getLogger("servoloop.controller")
 
 TELL_AGAIN_S: Final = 1.0
@@ -67,14 +70,18 @@ class LoopFigures:
         LOG.warning("missed %d cycles: the loop was %.0f ms late, busy %.0f ms%s", missed, late_ms, busy_ms, before)
         self._told_s, self._told, self._untold = now_s, missed, 0
 
-    def count_unmeasured(self, fault: str) -> None:
-        """One more cycle without a measurement; ``fault`` says why, of one joint. The log tells an episode's begin."""
-        self.unmeasured += 1
-        self.unmeasured_in_a_row += 1
-        if self.unmeasured_in_a_row == 1:
-            LOG.warning("no joint was measured in this cycle: %s", fault)
+    def look_for_measurements(self, state: JointState, hardware: ComponentSet) -> None:
+        """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked.
 
-    def count_measured(self) -> None:
-        """An episode of cycles without a measurement is over."""
-        LOG.warning("joints are measured again, after %d cycles without a measurement", self.unmeasured_in_a_row)
-        self.unmeasured_in_a_row = 0
+        The log tells of an episode's beginning and end.
+        """
+        asked = hardware.failures or any(component.sound for component in hardware.components)
+        if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(hardware.joints):
+            self.unmeasured += 1
+            self.unmeasured_in_a_row += 1
+            if self.unmeasured_in_a_row == 1:
+                why = next(iter(state.faults.values())).text
+                LOG.warning("no joint was measured in this cycle: %s", why)
+        elif asked and self.unmeasured_in_a_row:
+            LOG.warning("joints are measured again, after %d cycles without a measurement", self.unmeasured_in_a_row)
+            self.unmeasured_in_a_row = 0

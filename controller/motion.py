@@ -160,7 +160,7 @@ def _calculate(task: InputParameter, dofs: int) -> Trajectory:
     trajectory = Trajectory(dofs)
     try:
         result = Ruckig(dofs).calculate(task, trajectory)
-    except RuckigError as error:  # ruckig refuses targets beyond the limits, NaN and the like
+    except (RuckigError, ValueError) as error:  # NaN, targets beyond the limits; for some errors ruckig has no name
         raise MotionError(f"no motion within the limits: {' '.join(str(error).split())}") from error
     if result not in (Result.Working, Result.Finished):
         raise MotionError(f"no motion within the limits ({result.name})")

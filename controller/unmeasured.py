@@ -1,26 +1,43 @@
 """Where not one of its joints is measured a goal waits: nobody knows whether commands arrive."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
 
-from controller.trajectory.sampler import TrajectorySampler
 from hal.types import JointFault
+
+LONGEST_WAY_S: Final = 0.5
+"""So long, once they are measured again, a goal waits for joints at the most."""
 
 
 class Unmeasured:
     """Cycles in a row in which not one of these joints was measured; to be asked in those with faults, and after."""
 
-    def __init__(self, joints: Iterable[str], sampler: TrajectorySampler | None = None) -> None:
-        """``sampler``: starts again from rest when the joints, whose goal has waited, are measured once more."""
-        self.cycles = 0
+    def __init__(self, joints: Iterable[str]) -> None:
         self._joints = tuple(joints)
-        self._sampler = sampler
+        self.forget()
 
-    def step_s(self, faults: Mapping[str, JointFault], step_s: float) -> float:
-        """The time (s) by which the goal moves on in a cycle that took ``step_s``. One lost answer changes nothing."""
+    def forget(self) -> None:
+        """Nothing is amiss."""
+        self.cycles = 0
+        """For which joints have not been measured, or have not come to the last command since."""
+        self.waits = False
+        """Whether the goal waits in this cycle. One lost answer changes nothing."""
+        self._measured_s = 0.0
+        """How long they have been measured again."""
+
+    def step_s(
+        self, faults: Mapping[str, JointFault], step_s: float, arrived: Callable[[], bool] = lambda: True
+    ) -> float:
+        """The time (s) by which the goal moves on in a cycle that took ``step_s``.
+
+        ``arrived``: whether joints that are measured again have come to the last command, which may have come late.
+        """
         if all(joint in faults and faults[joint].kind != "no_torque" for joint in self._joints):
             self.cycles += 1
-            return step_s if self.cycles == 1 else 0.0
-        if self.cycles > 1 and self._sampler is not None and self._sampler.on_goal:
-            self._sampler.scaling.factor = self._sampler.rate = 0.0
-        self.cycles = 0
-        return step_s
+            self._measured_s = 0.0
+        elif self.waits and self._measured_s < LONGEST_WAY_S and not arrived():
+            self._measured_s += step_s
+        else:
+            self.cycles = 0
+        self.waits = self.cycles > 1
+        return 0.0 if self.waits else step_s

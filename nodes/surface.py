@@ -137,15 +137,18 @@ class Surface:
 
     def _synchronize(self) -> None:
         """Give a loaded controller its node before the client that asked for it gets the answer."""
-        complete = self._controllers.synchronize()
-        self._manager.publish()
-        self._broadcasters = [
-            c
-            for c in self._controllers.controllers
-            if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
-        ]
-        if complete:
-            self._pending.resume_done()
+        complete = True
+        try:
+            complete = self._controllers.synchronize()
+            self._manager.publish()
+            self._broadcasters = [
+                c
+                for c in self._controllers.controllers
+                if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
+            ]
+        finally:  # whatever has failed, clients wait for their answers
+            if complete:
+                self._pending.resume_done()
 
 
 @contextmanager

@@ -99,7 +99,8 @@ class GripperActionController:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._refuse_waiting()
         self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
-        self._last_s, self._unmeasured.cycles = state.stamp_s, 0
+        self._last_s = state.stamp_s
+        self._unmeasured.forget()
         self.command = command.copy()
         self._settling.begin(command)
         self.state = None

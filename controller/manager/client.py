@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.loop import ControlLoop
-from controller.manager.controller_spec import ControllerSpec
+from controller.manager.controller_spec import ControllerSpec, name_mistake
 from controller.manager.factory import Factory
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.requests import Request
@@ -47,6 +47,8 @@ class ManagerClient:
                 f"The 'type' param was not defined for '{name}': set {name}.type on /controller_manager, "
                 "or give the controller a section with its type in a parameter file"
             )
+        if mistake := name_mistake(name):
+            raise ManagerError(f"{name} {mistake}")
         spec = self._factory.spec(name, kind, paths, fallback, node_arguments)
         return self._ask(lambda: self._manager.registry.load(spec))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from controller.manager.controller_spec import ControllerSpec
+from controller.manager.controller_spec import ControllerSpec, name_mistake
 from controller.manager.node_parameters import Content, merged, names, parameters_of, read_content
 from controller.manager.plugins import broken_plugins, controller_types
 from controller.parameters import ManagerParameters, Parameters
@@ -141,6 +141,9 @@ class _Reader:
             what = f"unknown type '{kind}'" if kind else "no type"
             why = broken_plugins().get(kind) or f"has {what}, known types are {', '.join(controller_types())}"
             self.say(MANAGER, name, why)
+            return
+        if mistake := name_mistake(str(name)):
+            self.say(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in FOR_THE_MANAGER}
         checked = self.checked(name, controller_types()[kind].parameters_type, own)

@@ -11,6 +11,7 @@ from controller.trajectory.goal import GoalHandle
 from controller.trajectory.goal_planner import Plan
 from controller.trajectory.goal_result import GoalResult
 from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances
 from hal.types import FloatArray, JointState
 
@@ -34,6 +35,8 @@ class Cycle:
     parameters: TrajectoryParameters
     tolerances: Tolerances
     """The defaults for goals that bring none."""
+    waits: bool
+    """The joints stand: they have not been measured, or are on their way to a command that came late."""
 
 
 @dataclass(slots=True)
@@ -57,6 +60,11 @@ class ActiveGoal:
     """Where they have been measured (n,) for ``rested_s``."""
     rested_s: float = 0.0
 
+    @property
+    def gives_way(self) -> bool:
+        """Its joints are on their way back from where something held one of them."""
+        return self.ending is not None and self.ending.give_way
+
     def rests(self, now: Cycle, still: FloatArray, stands: bool) -> bool:
         """Whether the joints rest, whose reference ``stands`` or not: none leaves its place by ``still`` (n,)."""
         self.rested_s += now.step_s
@@ -64,3 +72,11 @@ class ActiveGoal:
             self.rests_at, self.rested_s = now.measured, 0.0
         self.stood_s += now.step_s if stands else 0.0
         return stands and (self.rested_s >= RESTS_S or self.stood_s > LONGEST_REST_S)
+
+
+def commands_timed_out(sampler: TrajectorySampler, parameters: TrajectoryParameters) -> bool:
+    """As upstream: for so long after the last point nothing new has come. What is measured is held then."""
+    allowed_s, path = parameters.cmd_timeout, sampler.path
+    if path is None or not sampler.on_goal or allowed_s <= parameters.constraints.goal_time:
+        return False
+    return sampler.elapsed_s - path.duration_s > allowed_s

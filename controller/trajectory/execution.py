@@ -8,8 +8,8 @@ from typing import Final
 from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
 from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
-from controller.motion import MotionError, Path, stretched
-from controller.trajectory.active_goal import ActiveGoal, Cycle
+from controller.motion import Path, stretched
+from controller.trajectory.active_goal import ActiveGoal, Cycle, commands_timed_out
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import Plan
 from controller.trajectory.goal_result import (
@@ -17,6 +17,7 @@ from controller.trajectory.goal_result import (
     TIMED_OUT,
     ErrorCode,
     GoalResult,
+    cannot_begin,
     path_violated,
     result_at_end,
 )
@@ -43,7 +44,7 @@ class Execution:
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
-        self._active: ActiveGoal | None = None
+        self.active: ActiveGoal | None = None
         self.newest: GoalHandle | None = None
         """The goal that was taken last, under way or decided."""
 
@@ -58,13 +59,13 @@ class Execution:
     @property
     def idle(self) -> bool:
         """No goal is under way or waiting."""
-        return self._active is None and not self._inbox
+        return self.active is None and not self._inbox
 
     def end(self, reason: str = "") -> None:
         """All goals end with the controller; ``reason`` is added for their clients."""
         text = f"{DEACTIVATED} {reason}".rstrip()
-        if self._active:
-            self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
+        if self.active:
+            self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
         self._cancels.clear()
         while self._inbox:
             self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
@@ -73,21 +74,23 @@ class Execution:
         """Cancels, new goals, and the one under way."""
         self._take_cancels(now)
         self._take_goals(now)
-        if self._active:
-            self._go_on(self._active, now)
-        if now.parameters.cmd_timeout:
-            self._check_timeout(now)
+        if self.active:
+            self._go_on(self.active, now)
+        if now.parameters.cmd_timeout and commands_timed_out(self._sampler, now.parameters):
+            if self.active:
+                self._finish(self.active, TIMED_OUT, now)
+            self._sampler.hold(now.measured)
 
     def _take_cancels(self, now: Cycle) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
-            if self._active and self._active.handle is handle and now.parameters.constraints.decelerate_on_cancel:
-                self._active.ending = CANCELED
+            if self.active and self.active.handle is handle and now.parameters.constraints.decelerate_on_cancel:
+                self.active.ending = CANCELED
                 self._sampler.stop(now.reference, now.parameters, along=True)
                 continue
-            if self._active and self._active.handle is handle:
+            if self.active and self.active.handle is handle:
                 self._halt(now)
-            for waiting in [entry for entry in self._inbox if entry[0] is handle]:
+            for waiting in [one for one in tuple(self._inbox) if one[0] is handle]:  # other threads append meanwhile
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
@@ -95,16 +98,18 @@ class Execution:
         """Tell the client; an end that has come before is the one."""
         end = active.ending or result
         active.handle.decide(end.status, end.error_code, end.text)
-        self._active = None
+        self.active = None
 
-    def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle) -> None:
+    def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle, fault: str | None) -> None:
         """A client may plan from where the joints are when it hears of its goal's end: that is told once they rest."""
-        if active.rests(now, self._sampler.still, self._sampler.stands):
+        if fault:
+            LOG.error("%s: a goal ends before its joints are seen to rest: %s", self._name, fault)
+        if fault or active.rests(now, self._sampler.still, self._sampler.stands):
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
         """The goal under way has ended, its path has not."""
-        self._active = None
+        self.active = None
         if now.parameters.constraints.decelerate_on_cancel:
             self._sampler.stop(now.reference, now.parameters)
         else:
@@ -114,19 +119,19 @@ class Execution:
         while self._inbox:
             handle, plan = self._inbox.popleft()
             self.newest = handle
-            if self._active:
+            if self.active:
                 text = PREEMPTED_BY_TOPIC if handle.goal.from_topic else PREEMPTED
-                self._end(self._active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
+                self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
             tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
-            self._active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
+            self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # a newer one has come already: this one is not worth beginning
             # One on the topic may be one of a stream: if each waited anew, the arm would never move.
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
                 # Its first cycle is this one, in which nothing can have changed yet.
-                self._active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
-                self._begin(self._active, now)
+                self.active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
+                self._begin(self.active, now)
             else:
                 self._sampler.stop(now.reference, now.parameters, along=True)
 
@@ -143,8 +148,8 @@ class Execution:
         waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
         try:
             path = active.plan.join(now.reference, waited_s)
-        except MotionError as error:
-            self._finish(active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, str(error)), now)
+        except Exception as error:  # whatever a goal asks for, the controller goes on
+            self._finish(active, cannot_begin(self._name, error), now)
             return
         if stretched(path):
             how_much = f"from {path.asked_s:.2f} s to {path.duration_s:.2f} s"
@@ -153,9 +158,10 @@ class Execution:
         self._sampler.follow(path, now.reference)
 
     def _go_on(self, active: ActiveGoal, now: Cycle) -> None:
+        fault = self._lasting_fault(active, now)
         if active.ending:
-            self._come_to_rest(active, active.ending, now)
-        elif fault := self._lasting_fault(active, now):
+            self._come_to_rest(active, active.ending, now, fault)
+        elif fault:
             self._finish(active, GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, fault), now)
         elif not active.begun:
             self._wait(active, now)
@@ -165,7 +171,9 @@ class Execution:
             self._finish(active, found, now)
 
     def _result(self, tolerances: Tolerances, path: Path, now: Cycle) -> GoalResult | None:
-        """The goal's result, or None while the goal goes on."""
+        """The goal's result, or None while the goal goes on, or waits."""
+        if now.waits:
+            return None
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
             return result_at_end(self._joints, tolerances, path, after_end_s, now.error)
@@ -209,16 +217,6 @@ class Execution:
         self._end(active, result)
         if result.stop:
             self._halt(now)
-
-    def _check_timeout(self, now: Cycle) -> None:
-        """As upstream: so long after the last point nothing new has come, and what is measured is held."""
-        allowed_s, sampler = now.parameters.cmd_timeout, self._sampler
-        if not (sampler.on_goal and allowed_s > now.parameters.constraints.goal_time and sampler.path is not None):
-            return
-        if sampler.elapsed_s - sampler.path.duration_s > allowed_s:
-            if self._active:
-                self._finish(self._active, TIMED_OUT, now)
-            sampler.hold(now.measured)
 
 
 def _late_s(goal: TrajectoryGoal, now: Cycle) -> float:

@@ -10,12 +10,14 @@ from itertools import pairwise
 from typing import Final
 
 from controller.action_goals import GoalStatus
-from controller.trajectory.goal_result import ErrorCode
+from controller.trajectory.goal_result import ErrorCode, apart
 from controller.trajectory.tolerances import Tolerances
 from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 LARGEST_GOAL: Final = 5_000
 """Points of one goal: the ROS thread prepares them in some tenths of a second."""
+LONGEST_GOAL_S: Final = 3_600.0
+"""Planners make tables by time, and ruckig plans for two hours at most. What ends later is mostly of another clock."""
 ROUNDING: Final = 1e-6
 """The share by which a value may exceed a limit: planners go up to their limits, and round (MoveIt's by 1e-13)."""
 STANDS_STILL: Final = 1.19e-7
@@ -135,14 +137,6 @@ def _ends(limit: JointLimits, stands: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def apart(value: float, limit: float) -> str:
-    """The value with so many digits, four at least, that it is seen to differ from the limit."""
-    for digits in range(4, 16):
-        if f"{abs(value):.{digits}f}" != f"{abs(limit):.{digits}f}":
-            break
-    return f"{value:.{digits}f}"
-
-
 def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -> str | None:
     if not partial and len(goal.joints) != len(joints):
         return "Joints on incoming trajectory don't match the controller joints."
@@ -193,6 +187,11 @@ def _times_reason(goal: TrajectoryGoal) -> str | None:
     end_s = times[-1] + goal.delay_s
     if goal.delay_s < 0.0 and end_s < 0.0:
         return f"Received trajectory with non-zero start time that ends in the past ({-end_s:.3f} s ago)"
+    if max(times[-1], end_s) > LONGEST_GOAL_S:
+        return (
+            f"the trajectory would end {end_s:.0f} s from now, and the most is {LONGEST_GOAL_S:.0f} s: the points' "
+            "times count from its start, and its stamp by the stack's clock (simulated time where /clock has it)"
+        )
     return None
 
 

@@ -1,13 +1,16 @@
 """A goal's result: the way in which it ended, and the decision at the end of its path. The texts are upstream's."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from controller.action_goals import GoalStatus
-from controller.motion import Path, stretched
+from controller.motion import MotionError, Path, stretched
 from controller.trajectory.tolerances import Tolerances, excess
 from hal.types import FloatArray
+
+LOG = logging.getLogger("servoloop.controller")
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
 """Ours, on purpose: upstream lets the goal succeed with a trajectory that its client never sent."""
@@ -58,6 +61,14 @@ def result_at_end(
     return None
 
 
+def cannot_begin(controller: str, error: Exception) -> GoalResult:
+    """The result of a goal whose plan cannot be joined; what is no MotionError is a defect, and logged as one."""
+    if not isinstance(error, MotionError):
+        LOG.error("%s: a goal cannot begin", controller, exc_info=error)
+    text = str(error) if isinstance(error, MotionError) else f"the goal cannot begin: {error!r}"
+    return GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+
+
 def path_violated(off: str) -> GoalResult:
     """The result of a goal whose joints are too far from its path; ``off`` says which, and by how much."""
     text = f"Aborted due to path tolerance violation: {off}"
@@ -69,3 +80,11 @@ def _success(path: Path) -> str:
     if stretched(path):
         text += f" The limits stretched it from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
     return text
+
+
+def apart(value: float, limit: float) -> str:
+    """The value with so many digits, four at least, that it is seen to differ from the limit."""
+    for digits in range(4, 16):
+        if f"{abs(value):.{digits}f}" != f"{abs(limit):.{digits}f}":
+            break
+    return f"{value:.{digits}f}"

@@ -15,9 +15,9 @@ from controller.trajectory.execution import Execution
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected, Plan
 from controller.trajectory.goal_result import ErrorCode
-from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.parameters import SETTABLE, TrajectoryParameters
 from controller.trajectory.sampler import Tracking, TrajectorySampler, shorter_way
-from controller.unmeasured import Unmeasured
+from controller.trajectory.standstill import Standstill
 from hal.types import FloatArray, JointLimits, JointState
 
 UNSEEN = 100
@@ -32,16 +32,7 @@ class JointTrajectoryController:
 
     kind: ClassVar[str] = "joint_trajectory_controller/JointTrajectoryController"
     parameters_type: ClassVar[type[Parameters]] = TrajectoryParameters
-    settable: ClassVar[frozenset[str]] = frozenset(
-        {
-            "allow_partial_joints_goal",
-            "allow_integration_in_goal_trajectories",
-            "allow_nonzero_velocity_at_trajectory_end",
-            "cmd_timeout",
-            "command_lead",
-            "constraints",
-        }
-    )
+    settable: ClassVar[frozenset[str]] = SETTABLE
 
     def __init__(
         self,
@@ -75,7 +66,8 @@ class JointTrajectoryController:
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
         """The loop's period; 0 before the first cycle."""
-        self._last_s, self._unmeasured = 0.0, Unmeasured(self.joints, self._sampler)
+        self._last_s = 0.0
+        self._standstill = Standstill(self.joints, tuple(endless), self._sampler, self._execution)
 
     @classmethod
     def build(
@@ -146,7 +138,8 @@ class JointTrajectoryController:
         self._execution.end()
         self._sampler.hold(command)
         self._start = self._sampler.reference()
-        self._last_s, self._unmeasured.cycles = state.stamp_s, 0
+        self._last_s = state.stamp_s
+        self._standstill.forget()
         self.command = command.copy()
         self.running = True
 
@@ -161,18 +154,20 @@ class JointTrajectoryController:
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
-        if state.faults or self._unmeasured.cycles:
-            step_s = self._unmeasured.step_s(state.faults, step_s)
-        parameters, sampler = self.parameters, self._sampler
-        reference = sampler.advance(step_s)
+        parameters, sampler, standstill = self.parameters, self._sampler, self._standstill
         measured, velocity = state.position[self._index], state.velocity[self._index]
+        if state.faults or standstill.cycles:
+            step_s = standstill.step(state.faults, step_s, self.command, measured, parameters)
+        reference = sampler.advance(step_s)
         error = shorter_way(reference.position - measured, self._planner.endless)
-        self._execution.cycle(Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances))
-        if not sampler.on_goal:  # on the way the command would leap
+        now = Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances, standstill.waits)
+        self._execution.cycle(now)
+        if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap
             self._lead_s = parameters.command_lead
-        self.command = sampler.ahead(period_s, self._lead_s)
+        if not standstill.waits:
+            self.command = sampler.ahead(period_s, self._lead_s)
         self.period_s = period_s
         assert sampler.path is not None, "activated before the first update"
-        now = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
-        self.tracking = Tracking(state.stamp_s, reference, measured, velocity, error, self.command, *now)
+        shown = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
+        self.tracking = Tracking(state.stamp_s, reference, measured, velocity, error, self.command, *shown)
         self._unseen.append(self.tracking)

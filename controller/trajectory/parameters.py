@@ -1,12 +1,24 @@
 """The parameters of a joint trajectory controller, under upstream's names and with its defaults."""
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from controller.parameters import NotNegative, Parameters
 from controller.trajectory.goal import Allowed
 from controller.trajectory.tolerances import Tolerances
+
+SETTABLE: Final = frozenset(
+    {
+        "allow_partial_joints_goal",
+        "allow_integration_in_goal_trajectories",
+        "allow_nonzero_velocity_at_trajectory_end",
+        "cmd_timeout",
+        "command_lead",
+        "constraints",
+    }
+)
+"""The parameters and groups that can be set while the controller runs."""
 
 
 class JointConstraints(BaseModel):

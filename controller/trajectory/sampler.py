@@ -112,9 +112,7 @@ class TrajectorySampler:
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
         """Come to rest within the limits, and stay there; ``along`` the goal's path, if that leaves room."""
-        by_joint = parameters.constraints.by_joint()
-        decelerations = {name: joint.max_deceleration_on_cancel for name, joint in by_joint.items()}
-        gentle = gentle_limits(parameters.joints, self._limits, decelerations)
+        gentle = gentle_limits(self._limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:

@@ -2,13 +2,14 @@
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from controller.motion import Kinematics, Motion, MotionError, Path, plan_stop
+from controller.trajectory.parameters import TrajectoryParameters
 from hal.types import FloatArray, JointLimits
 
 LOG = logging.getLogger("servoloop.controller")
@@ -121,10 +122,9 @@ def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequ
         return plan_stop(Kinematics.at_rest(reference.position), limits)
 
 
-def gentle_limits(
-    joints: Sequence[str], limits: Sequence[JointLimits], decelerations: Mapping[str, float]
-) -> list[JointLimits]:
+def gentle_limits(limits: Sequence[JointLimits], parameters: TrajectoryParameters) -> list[JointLimits]:
     """``max_deceleration_on_cancel`` (0: none) can ask for a gentler stop, not for a harder one."""
-    asked = [decelerations.get(name, 0.0) for name in joints]
+    by_joint = parameters.constraints.by_joint()
+    asked = [by_joint[name].max_deceleration_on_cancel for name in parameters.joints]
     pairs = zip(limits, asked, strict=True)
     return [replace(limit, acceleration=min(limit.acceleration, a or math.inf)) for limit, a in pairs]

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from builtin_interfaces.msg import Time
 from lifecycle_msgs.msg import TransitionEvent
@@ -130,6 +131,8 @@ class ControllerNodes:
         self._ros_time = ros_time
         self._nodes: dict[str, ControllerNode] = {}
         self._unloaded: dict[str, ControllerNode] = {}
+        self._failed: dict[str, Loaded] = {}
+        """Controllers whose nodes could not be brought to what the manager has; not tried again before that changes."""
         self._synchronized_with: object = None
         self._complete = True
 
@@ -151,15 +154,14 @@ class ControllerNodes:
         for name in [name for name, node in self._nodes.items() if not node.belongs_to(loaded.get(name))]:
             self._unloaded[name] = self._nodes.pop(name)
         self._destroy_unloaded()
+        self._failed = {name: entry for name, entry in self._failed.items() if loaded.get(name) is entry}
         for name, entry in loaded.items():
-            if name not in self._unloaded:
-                if name not in self._nodes:
-                    self._add(entry.spec)
-                self._nodes[name].set_controller(entry.controller)
+            if name not in self._unloaded and name not in self._failed:
+                self._bring(name, entry)
         self._publish_transitions()
         self._synchronized_with = loaded
         self._complete = not self._unloaded and all(
-            self._nodes[n].controller is e.controller for n, e in loaded.items()
+            self._nodes[n].controller is e.controller for n, e in loaded.items() if n not in self._failed
         )
         return self._complete
 
@@ -173,7 +175,17 @@ class ControllerNodes:
             if node.last_cycles_are_over():
                 del self._unloaded[name]
                 self._executor.remove_node(node.node)
-                node.destroy()
+                with _logged(name):
+                    node.destroy()
+
+    def _bring(self, name: str, entry: Loaded) -> None:
+        """Bring one node to what the manager has. One that fails keeps nobody else's answers."""
+        self._failed[name] = entry
+        with _logged(name):
+            if name not in self._nodes:
+                self._add(entry.spec)
+            self._nodes[name].set_controller(entry.controller)
+            del self._failed[name]
 
     def _add(self, spec: ControllerSpec) -> None:
         self._nodes[spec.name] = ControllerNode(spec, self._manager_client, self._ros_time)
@@ -186,6 +198,14 @@ class ControllerNodes:
             node = self._nodes.get(transition.name) or self._unloaded.get(transition.name)
             if node is not None:
                 node.publish_transition(transition)
+
+
+@contextmanager
+def _logged(name: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception:
+        LOG.exception(_LACKING, name)
 
 
 def _make_node(spec: ControllerSpec, ros_time: RosTime) -> ParameterNode:

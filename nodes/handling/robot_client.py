@@ -53,7 +53,11 @@ class _Moved:
     said_s: float = 0.0
     cancel: Client | None = None
     busy: bool = False
-    """Whether a goal of somebody is under way."""
+    """Whether a goal of somebody is under way, as was said last."""
+    status: str = ""
+    """The topic on which it is said."""
+    said_by: frozenset[bytes] = frozenset()
+    """Who could have said it: a stack that was killed says no more that its goals have ended."""
 
 
 class RobotClient:
@@ -148,14 +152,14 @@ class RobotClient:
             publisher = self._node.create_publisher(JointTrajectory, f"/{state.name}/joint_trajectory", 1)
             made = _Moved(joints, publisher, True)
             action = f"/{state.name}/follow_joint_trajectory/_action"
+            made.status = f"{action}/status"
             made.cancel = self._node.create_client(CancelGoal, f"{action}/cancel_goal")
 
             def heard(message: GoalStatusArray) -> None:
                 made.busy = any(goal.status in RUNNING for goal in message.status_list)
+                made.said_by = self._publishers(made.status)
 
-            self._node.create_subscription(
-                GoalStatusArray, f"{action}/status", heard, qos_profile_action_status_default
-            )
+            self._node.create_subscription(GoalStatusArray, made.status, heard, qos_profile_action_status_default)
             return made
         if state.type in FORWARD:
             return _Moved(joints, self._node.create_publisher(Float64MultiArray, f"/{state.name}/commands", 1), False)
@@ -173,7 +177,7 @@ class RobotClient:
         passed_s, one.said_s = now_s - one.said_s, now_s
         begins = one.motion is None or passed_s > HORIZON_S
         self._listen(LISTEN_S if begins else 0.0)
-        if one.busy:
+        if one.busy and self._still_said(one):
             one.motion = None
             raise HandlingError(f"{name} has a goal under way: stop it first")
         now = self._robot.joints_now()
@@ -192,6 +196,16 @@ class RobotClient:
             )
             passed_s = 0.0
         return one.motion, passed_s, at
+
+    def _still_said(self, one: _Moved) -> bool:
+        """Whether the stack that said so is still there, and none has begun since."""
+        now = self._publishers(one.status)
+        one.said_by = one.said_by or now  # what is heard may be known to the graph a moment later
+        one.busy = bool(now) and now <= one.said_by
+        return one.busy
+
+    def _publishers(self, topic: str) -> frozenset[bytes]:
+        return frozenset(bytes(one.endpoint_gid) for one in self._node.get_publishers_info_by_topic(topic))
 
     def _listen(self, seconds: float) -> None:
         """Hear whose goals are under way."""

@@ -69,14 +69,14 @@ class RosArm:
         return bool(self._client.server_is_ready())
 
     async def _outcome(self, goal: Any) -> Outcome:
-        result = goal.get_result_async()
-        if not await self._waiter.until_moved(self._settings.result_timeout_s, result, self._stop):
+        result, there = goal.get_result_async(), self._client.server_is_ready
+        if not await self._waiter.until_moved(self._settings.result_timeout_s, there, result, self._stop):
             goal.cancel_goal_async()
-            return self._late("the arm did not finish; its goal is canceled", "result")
+            return self._unfinished("the arm did not finish; its goal is canceled", "result")
         if not result.done():  # told to stop
             goal.cancel_goal_async()
-            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, result):
-                return self._late("the arm did not confirm that it stopped", "cancel")
+            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, there, result):
+                return self._unfinished("the arm did not confirm that it stopped", "cancel")
         return _outcome_of(result.result(), stopped=self._stop.done())
 
     def _goal(self, positions_rad: Sequence[float]) -> Any:
@@ -86,6 +86,11 @@ class RosArm:
         goal.trajectory.joint_names = list(self._settings.joints)
         goal.trajectory.points = [point]
         return goal
+
+    def _unfinished(self, what: str, which: str) -> Outcome:
+        if self._client.server_is_ready():
+            return self._late(what, which)
+        return Outcome(False, f"the action server {ARM_ACTION} is gone in mid-motion: the stack's log may say why")
 
     def _late(self, what: str, which: str) -> Outcome:
         seconds = getattr(self._settings, f"{which}_timeout_s")

@@ -170,6 +170,10 @@ MISTAKES = {
         (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
         ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController', known types are " + ARM_TYPE],
     ),
+    "a name that no ROS node can have": (
+        ("    hand_controller:\n", "    hand-2:\n"),
+        ["hand-2 cannot be a controller's name: ROS nodes' names are letters, digits and _, and begin with no digit"],
+    ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
     "joints forgotten": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),

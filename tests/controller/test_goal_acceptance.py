@@ -39,7 +39,10 @@ def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
 
-
+FAR = (
+    "the trajectory would end {} s from now, and the most is 3600 s: the points' times count from its start, "
+    "and its stamp by the stack's clock (simulated time where /clock has it)"
+)
 ORDINARY = Allowed()
 
 
@@ -95,6 +98,8 @@ REFUSED = {
         goal(point(after_s=1.0), delay_s=-1.5),
         "Received trajectory with non-zero start time that ends in the past (0.500 s ago)",
     ),
+    "times since 1970": (goal(point(after_s=1.76e9)), FAR.format(1760000000)),
+    "a stamp of another clock": (goal(point(after_s=1.0), delay_s=1.76e9), FAR.format(1760000001)),
     "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite numbers are executed"),
     "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite numbers are executed"),
     "NaN in the middle": (
@@ -147,6 +152,7 @@ ACCEPTED = {
     "exactly on the limits": goal(point((-2.0, 1.0), velocities=(0.0, 0.0))),
     "a stamp in the past, the end in the future": goal(point(after_s=2.0), delay_s=-1.0),
     "a stamp in the future": goal(point(after_s=1.0), delay_s=1.0),
+    "an hour": goal(point(after_s=1800.0), delay_s=1800.0),
     "a last velocity below upstream's threshold": goal(point(velocities=(1e-7, 0.0))),
 }
 

@@ -3,6 +3,7 @@
 import logging
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from controller.action_goals import GoalStatus
 from controller.fault_timeout import FAULT_CYCLES
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.goal_planner import PathPlan
 from controller.trajectory.goal_result import ErrorCode
 from hal.types import FloatArray, JointFault, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
@@ -236,6 +238,41 @@ def test_a_cancel_in_the_same_cycle_as_the_goal() -> None:
     assert np.abs(bench.path()).max() == 0.0
 
 
+def test_goals_may_come_while_the_loop_looks_for_one_that_is_canceled() -> None:
+    bench = Bench().up()
+    first = bench.send(to(1.0, 0.0))
+    inbox = bench.arm._execution._inbox
+
+    class Comes(tuple):  # type: ignore[type-arg]
+        """Another thread's goal comes when this one is looked at."""
+
+        def __getitem__(self, index: Any) -> Any:
+            inbox.append(entry)
+            return super().__getitem__(index)
+
+    entry = inbox.pop()
+    inbox.append(Comes(entry))
+    bench.arm.cancel(first)
+    bench.cycle(3)
+    assert first.status is GoalStatus.CANCELED
+    assert bench.arm.running
+
+
+def test_a_goal_that_cannot_be_joined_ends_and_the_controller_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 0.0))
+    monkeypatch.setattr(PathPlan, "join", lambda *_: 1 // 0)
+    bench.cycle(2)
+    assert handle.status is GoalStatus.ABORTED and "ZeroDivisionError" in handle.error_text
+    assert bench.arm.running and "Traceback" in caplog.text
+    monkeypatch.undo()
+    after = bench.send(to(0.5, 0.0))
+    bench.cycles_until(lambda: after.done)
+    assert after.status is GoalStatus.SUCCEEDED
+
+
 def test_a_cancel_of_a_goal_that_is_over_disturbs_nobody() -> None:
     bench = Bench().up()
     old = bench.send(to(0.1, 0.0, after_s=0.5))
@@ -387,6 +424,25 @@ def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
     assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, "elbow: servo 2 does not answer")
     bench.cycle(20)
     assert_smooth(bench.path())
+
+
+@pytest.mark.parametrize("canceled", [True, False], ids=["a cancel", "a violated path"])
+def test_a_goal_that_comes_to_rest_ends_also_where_its_servos_fall_silent(
+    canceled: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 1.0, after_s=2.0, path={"shoulder": 0.1}))
+    bench.cycle(20 if canceled else 12)
+    if canceled:
+        bench.arm.cancel(handle)
+        bench.cycle()
+    else:
+        bench.hardware.stuck = {"shoulder"}
+        bench.cycles_until(lambda: "path tolerance violation" in caplog.text)
+    bench.hardware.faults = {name: JointFault("silent", f"{name} does not answer") for name in ARM}
+    assert bench.cycles_until(lambda: handle.done) <= FAULT_CYCLES
+    assert handle.status is (GoalStatus.CANCELED if canceled else GoalStatus.ABORTED)
+    assert "shoulder does not answer; elbow does not answer" in caplog.text
 
 
 def test_a_short_servo_fault_disturbs_nobody() -> None:

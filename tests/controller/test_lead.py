@@ -14,7 +14,7 @@ from controller.trajectory.sampler import TrajectorySampler
 from hal.types import JointState
 from servoloop.files import read_files
 from servoloop.hardware import compliances
-from tests.controller.bench import ARM_LIMITS, PERIOD_S
+from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, arm_parameters, to
 
 FILES = read_files()
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
@@ -80,6 +80,21 @@ def test_a_lead_that_is_set_on_the_way_counts_from_the_next_goal_on() -> None:
     arm.reconfigure(arm.parameters.model_copy(update={"command_lead": 0.05}))
     arm.update(JointState(0.0, ZEROS, ZEROS, ZEROS), 0.0, PERIOD_S)
     assert command_after_a_while(arm) == command_after_a_while(arm_with(0.05))
+
+
+def test_a_lead_that_is_set_where_the_arm_stands_behind_a_goal_counts_from_then_on() -> None:
+    bench = Bench(arm_parameters(command_lead=0.0)).up()
+    for lead_s in (0.0, 0.1):
+        bench.arm.reconfigure(arm_parameters(command_lead=lead_s))
+        stood = bench.loop.command.copy()
+        bench.cycle(2)
+        assert (bench.loop.command == stood).all(), "nothing moves by it"
+        handle = bench.send(to(1.0 - stood[0], 0.0))
+        bench.cycle(10)
+        assert bench.arm.tracking is not None
+        ahead = abs(bench.arm.command[0] - bench.arm.tracking.reference.position[0])
+        assert ahead == pytest.approx(abs(bench.velocity[0]) * (PERIOD_S + lead_s), rel=0.1)
+        bench.cycles_until(lambda handle=handle: handle.done)  # type: ignore[misc]
 
 
 def test_a_joint_of_whose_servo_nothing_is_known_follows_at_once() -> None:

@@ -211,6 +211,26 @@ def test_it_does_not_start_blind() -> None:
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
+def test_a_start_that_fails_lets_go_and_says_where_torque_may_still_be_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Hardware of somebody's own may be active although its activation has failed."""
+    bench = Bench()
+    bench.hardware.configure()
+    activate = bench.hardware.activate
+
+    def half_way() -> None:
+        activate()
+        raise ActivationError("elbow stays limp")
+
+    monkeypatch.setattr(bench.hardware, "activate", half_way)
+    bench.hardware.failing["relax"] = PortLost("the port is gone")
+    with pytest.raises(ActivationError, match="elbow stays limp"):
+        bench.loop.activate()
+    assert bench.hardware.calls[-1] == "relax"
+    assert "torque may still be on: could not switch off: the port is gone" in caplog.text
+
+
 class Wheels(Puppet):
     """Commands a velocity and an effort."""
 

@@ -167,3 +167,10 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
         late.result()
     assert soon.result() == "Successfully switched controllers!\nDeactivated controllers: [ hand ]"
     assert bench.manager.registry.state("arm") is LifecycleState.ACTIVE
+
+
+@pytest.mark.parametrize("name", ["spare-arm", "2nd", "a/b", "bräter"])
+def test_a_name_that_no_ros_node_can_have_is_refused(name: str) -> None:
+    manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
+    with pytest.raises(ManagerError, match=f"^{name} cannot be a controller's name: ROS nodes' names are letters"):
+        manager_client.load(name, "wave/Wave")

@@ -184,6 +184,11 @@ def test_in_a_stop_no_joint_waits_for_another() -> None:
     assert stop.sample(stop.duration_s).position[0] == pytest.approx(alone.sample(alone.duration_s).position[0])
 
 
+def test_a_duration_beyond_ruckigs_is_an_error_of_ours() -> None:
+    with pytest.raises(MotionError, match="no motion within the limits"):
+        motion_to(at_rest(0.0), at_rest(0.5), [limits_of(2.0, 10.0, 100.0)], 1e9)
+
+
 NAN, INF = float("nan"), float("inf")
 
 

@@ -1,9 +1,16 @@
-"""A goal goes on for one cycle without a measurement of its joints, and then waits."""
+"""A goal goes on for one cycle without a measurement of its joints, then waits, and goes on from where they stand."""
 
+import numpy as np
 import pytest
 
+from controller.action_goals import GoalStatus
+from controller.motion import Kinematics, motion_to
+from controller.trajectory.goal import GoalHandle
+from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.standstill import restart
 from controller.unmeasured import Unmeasured
-from hal.types import JointFault
+from hal.types import FloatArray, JointFault
+from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters, to
 
 STEP_S = 0.05
 SILENT, LIMP = JointFault("silent", ""), JointFault("no_torque", "")
@@ -23,3 +30,114 @@ SILENT, LIMP = JointFault("silent", ""), JointFault("no_torque", "")
 def test_how_far_a_goal_goes_on(cycles: list[dict[str, JointFault]], steps: list[int]) -> None:
     unmeasured = Unmeasured(("a", "b"))
     assert [unmeasured.step_s(faults, STEP_S) for faults in cycles] == [STEP_S * step for step in steps]
+
+
+def test_measured_again_it_waits_until_the_joints_have_come_to_the_command_but_not_for_ever() -> None:
+    unmeasured, there = Unmeasured(("a",)), False
+    steps = [unmeasured.step_s(faults, 0.125, lambda: there) for faults in [{"a": SILENT}] * 3 + [{}] * 5]
+    assert steps == [0.125] + [0.0] * 6 + [0.125], "half a second"
+    for _ in range(3):
+        unmeasured.step_s({"a": SILENT}, STEP_S)
+    assert unmeasured.step_s({}, STEP_S, lambda: there) == 0.0
+    there = True
+    assert unmeasured.step_s({}, STEP_S, lambda: there) == STEP_S
+
+
+def stalled(bench: Bench, cycles: int) -> FloatArray:
+    """The line stalls for so many cycles; returns the command that the joints stand at then (n,)."""
+    bench.hardware.faults = {joint: JointFault("silent", f"{joint}: no answer") for joint in ARM}
+    bench.cycle(cycles)
+    bench.hardware.faults = {}
+    return bench.path()[-1, :2]
+
+
+def under_way(bench: Bench) -> GoalHandle:
+    """A goal at full speed, both joints upwards."""
+    handle = bench.send(to(1.8, 0.9, after_s=1.2))
+    bench.cycle(12)
+    return handle
+
+
+def gone_on(bench: Bench, cycles: int = 400) -> FloatArray:
+    """The arm's velocities from now on (k, 2), as they are commanded."""
+    begins = len(bench.path()) - 2
+    bench.cycle(cycles)
+    return np.diff(bench.path()[begins:, :2], axis=0) / PERIOD_S
+
+
+@pytest.mark.parametrize("silent", [2, 4, 6])
+@pytest.mark.parametrize("lead_s", [0.0, 0.04, 0.1])
+@pytest.mark.parametrize("method", ["ruckig", "splines"])
+def test_behind_a_stall_a_goal_goes_on_from_the_last_command_and_from_rest(
+    method: str, lead_s: float, silent: int
+) -> None:
+    bench = Bench(arm_parameters(command_lead=lead_s, interpolation_method=method)).up()
+    handle = under_way(bench)
+    stalled(bench, silent)
+    velocity = gone_on(bench, 10)
+    assert not velocity[0].any() and velocity.min() >= -1e-3
+    assert velocity[1:, 0].max() > 1.0
+    if lead_s < 0.1:  # a long lead makes steps of the beginning's velocity, as behind a pause
+        assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1.0 + 1e-6)
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.path()[-1, :2] == pytest.approx((1.8, 0.9), abs=1e-3)
+
+
+def led(sampler: TrajectorySampler, cycles: int = 80) -> FloatArray:
+    """The commands of so many cycles, (k, 2)."""
+    commands = [sampler.ahead(PERIOD_S)]
+    for _ in range(cycles):
+        sampler.advance(PERIOD_S)
+        commands.append(sampler.ahead(PERIOD_S))
+    return np.array(commands)
+
+
+@pytest.mark.parametrize("at_s", [0.2, 0.5, 0.9, 1.3, 1.95])
+def test_a_path_goes_on_from_where_each_joint_stands_however_different_their_lags(at_s: float) -> None:
+    limits, lags = [ARM_LIMITS] * 2, np.array(((0.02, 15.0, 0.001), (0.08, np.inf, 0.004))).T
+    start, end = (Kinematics.at_rest(np.array(position)) for position in ((-1.9, 0.0), (1.9, -1.0)))
+    undisturbed, sampler = (TrajectorySampler(limits, 1.0, lags) for _ in range(2))
+    for one in (undisturbed, sampler):
+        one.follow(motion_to(start, end, limits, 2.0), start)
+        one.advance(at_s)
+    sent = sampler.ahead(PERIOD_S)
+    restart(sampler, sent)
+    assert at_s <= sampler.elapsed_s <= at_s + 0.25
+    commands = led(sampler)
+    assert commands[0] == pytest.approx(sent, abs=1e-9)
+    steps, ordinary = (np.diff(one, axis=0) * (1.0, -1.0) for one in (commands, led(undisturbed)))
+    assert (steps.min(axis=0) >= np.minimum(ordinary.min(axis=0), -1e-3)).all(), "beyond its end, and back, as ever"
+    assert steps.max() <= ARM_LIMITS.velocity * PERIOD_S
+    assert np.abs(steps[0]).max() <= ARM_LIMITS.acceleration * PERIOD_S**2
+    assert commands[-1] == pytest.approx(end.position, abs=1e-3)
+
+
+@pytest.mark.parametrize("first", ["cancel", "stall"])
+def test_a_canceled_goal_that_has_stood_in_a_stall_moves_no_more(first: str) -> None:
+    bench = Bench(arm_parameters(command_lead=0.04)).up()
+    handle = under_way(bench)
+    if first == "cancel":
+        bench.arm.cancel(handle)
+        bench.cycle()
+    stalled(bench, 3)
+    bench.hardware.faults = {joint: JointFault("silent", "") for joint in ARM}
+    bench.arm.cancel(handle)
+    stalled(bench, 3)
+    assert np.abs(gone_on(bench, 15)).max() < 1e-6
+    assert handle.status is GoalStatus.CANCELED
+
+
+def test_an_arm_that_gave_way_when_the_line_stalled_goes_on_giving_way() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(1.8, 0.9, after_s=1.2, path={"shoulder": 0.1}))
+    bench.cycle(6)
+    bench.hardware.stuck = {"shoulder"}
+    before = -np.inf
+    while bench.path()[-1, 0] >= before:
+        before = bench.path()[-1, 0]
+        bench.cycle()
+    stalled(bench, 4)
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.ABORTED
+    assert bench.path()[-1, 0] == pytest.approx(bench.hardware.read().position[0], abs=1e-3)

@@ -141,6 +141,14 @@ class Cell:
         assert self.arm is not None
         return self.arm
 
+    def lose_arm(self) -> None:
+        """The arm's node ends in the middle of whatever it does."""
+        self._executors.pop().shutdown()
+        self._threads.pop().join()
+        self.below().close()
+        self._nodes.pop().destroy_node()
+        self.arm = None
+
     def forget(self, *plans: Plan) -> None:
         """Begin a test: no notes, these plans for the arm's coming goals."""
         # a result may overtake the last states; they must not arrive in the next test

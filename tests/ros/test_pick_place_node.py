@@ -355,6 +355,24 @@ def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tm
         assert cell.states[-1]["ts"] >= 1000.5
 
 
+@pytest.mark.parametrize("canceled", [False, True], ids=["in a motion", "behind a cancel"])
+def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
+    ros_domain: int, tmp_path: Path, canceled: bool
+) -> None:
+    with Cell(ros_domain % 100 + 1, tmp_path / "log", ["--ros-args", "-p", "use_sim_time:=true"]) as cell:
+        cell.forget(Plan.REFUSE_CANCEL if canceled else Plan.HOLD)
+        pick = cell.pick("B")
+        cell.wait_for_goals(1)
+        if canceled:
+            pick.cancel()
+            wait_until(lambda: cell.below().canceled == 1, "the cancel")
+        cell.lose_arm()
+        status, result = pick.end()
+        assert status == (CANCELED if canceled else ABORTED)
+        assert "/arm_controller/follow_joint_trajectory is gone" in result.message
+        assert cell.pick("B").end()[0] == ABORTED, "it is not busy with the lost one"
+
+
 def test_an_arm_that_will_not_stop(impatient: Cell) -> None:
     impatient.forget(Plan.REFUSE_CANCEL)
     pick = impatient.pick("B")

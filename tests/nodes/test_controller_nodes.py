@@ -1,0 +1,87 @@
+"""A controller whose node cannot be made keeps no other client waiting."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from controller.manager.controller_spec import ControllerSpec
+from controller.manager.switch import Loaded
+from nodes.controllers import controller_nodes
+from nodes.controllers.controller_nodes import ControllerNodes
+from nodes.surface import Surface
+from tests.controller.bench import Bench
+
+
+class FakeNode:
+    """Stands for a controller's node; the name says what it cannot do."""
+
+    def __init__(self, spec: ControllerSpec, *_: object) -> None:
+        if spec.name == "unmade":
+            raise RuntimeError("no node of that name")
+        self.name, self.node, self.controller = spec.name, self, None
+
+    def belongs_to(self, entry: Loaded | None) -> bool:
+        return entry is not None
+
+    def last_cycles_are_over(self) -> bool:
+        return True
+
+    def set_controller(self, controller: Any) -> None:
+        if self.name == "unset" and controller is not None:
+            raise RuntimeError("no interface")
+        self.controller = controller
+
+    def publish_transition(self, transition: object) -> None:
+        pass
+
+    def destroy(self) -> None:
+        if self.name == "undestroyed":
+            raise RuntimeError("it stays")
+
+
+class FakeExecutor:
+    """Takes every node."""
+
+    add_node = remove_node = staticmethod(lambda node: None)
+
+
+def nodes_of(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> ControllerNodes:
+    monkeypatch.setattr(controller_nodes, "ControllerNode", FakeNode)
+    return ControllerNodes(bench.manager, cast(Any, None), cast(Any, FakeExecutor()), cast(Any, None))
+
+
+@pytest.mark.parametrize("name", ["unmade", "unset", "undestroyed"])
+def test_a_node_that_fails_is_logged_once_and_the_graph_is_complete(
+    name: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench()
+    nodes, registry = nodes_of(bench, monkeypatch), bench.manager.registry
+    registry.load(ControllerSpec(name, bench.arm.kind, bench.arm.parameters))
+    registry.configure(name, bench.arm)
+    for _ in range(3):
+        assert nodes.synchronize()
+    assert set(nodes.controllers) >= {bench.arm, bench.hand}
+    registry.unload(name)
+    registry.load(ControllerSpec("later", bench.hand.kind, bench.hand.parameters))
+    assert [nodes.synchronize() for _ in range(3)][-1]
+    assert caplog.text.count("Traceback") == 1 and name in caplog.text
+
+
+def test_clients_get_their_answers_whatever_fails_beside_them() -> None:
+    answered: list[bool] = []
+
+    def fails() -> bool:
+        raise RuntimeError("the graph")
+
+    class Part:
+        synchronize: Callable[[], bool] = staticmethod(fails)
+        resume_done = staticmethod(lambda: answered.append(True))
+
+    surface = cast(Any, Surface.__new__(Surface))
+    surface._controllers = surface._pending = Part()
+    with pytest.raises(RuntimeError, match="the graph"):
+        surface._synchronize()
+    assert answered

@@ -1,0 +1,81 @@
+"""The jogging client believes of a goal under way only what a stack has said that is still there."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from controller_manager_msgs.msg import ControllerState
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import qos_profile_action_status_default
+
+from hal.types import JointLimits
+from nodes.client_node import client_node
+from nodes.handling.robot import HandlingError, JointsNow
+from nodes.handling.robot_client import TRAJECTORY, RobotClient
+from tests.ros.stack_process import until
+
+pytestmark = pytest.mark.ros
+
+STATUS = "/arm/follow_joint_trajectory/_action/status"
+EXECUTING, ABORTED = (
+    [GoalStatus(status=status)] for status in (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_ABORTED)
+)
+
+
+class Standing:
+    """A robot with one joint, which stands at zero."""
+
+    limits: ClassVar = {"joint1": JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)}
+
+    def joints_now(self) -> JointsNow:
+        return JointsNow({"joint1": 0.0}, {"joint1": 0.0}, 0.0, {})
+
+
+@contextmanager
+def stack(node: Node) -> Iterator[Publisher]:
+    """What a stack says of its goals; it ends as one that is killed does, without a last word."""
+    publisher = node.create_publisher(GoalStatusArray, STATUS, qos_profile_action_status_default)
+    try:
+        yield publisher
+    finally:
+        node.destroy_publisher(publisher)
+
+
+def test_a_goal_that_was_under_way_when_its_stack_was_killed_blocks_nobody(ros_domain: int) -> None:
+    with client_node("test_robot_client") as (node, executor):
+        client = RobotClient(node, executor, Standing())
+        made = client._made(
+            ControllerState(name="arm", type=TRAJECTORY, required_command_interfaces=["joint1/position"])
+        )
+        assert made is not None
+        client._controllers["arm"] = made
+
+        def says(publisher: Publisher, statuses: list[GoalStatus], busy: bool) -> None:
+            def heard() -> bool:
+                publisher.publish(GoalStatusArray(status_list=statuses))
+                executor.spin_once(timeout_sec=0.05)
+                return made.busy is busy
+
+            until(heard)
+
+        with stack(node) as killed:
+            says(killed, EXECUTING, busy=True)
+            with pytest.raises(HandlingError, match="arm has a goal under way: stop it first"):
+                client.jog("joint1", 0.1)
+            with stack(node) as newer:
+                until(lambda: node.count_publishers(STATUS) == 2)
+                client.jog("joint1", 0.1)  # what was killed is on the graph for seconds still
+                says(newer, EXECUTING, busy=True)
+                with pytest.raises(HandlingError, match="arm has a goal under way"):
+                    client.jog("joint1", 0.1)
+                says(newer, ABORTED, busy=False)
+                client.jog("joint1", 0.1)
+                says(newer, EXECUTING, busy=True)
+        until(lambda: node.count_publishers(STATUS) == 0)
+        client.jog("joint1", 0.1)
