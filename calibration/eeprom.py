@@ -8,7 +8,7 @@ However the scope ends, the lock is closed on the way out. Whether a write or th
 by reading, never by the reply to the write: a reply that was lost costs no second write of the EEPROM.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,7 +25,9 @@ LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 ANSWERS_NO_READ = {"status_return_level": 0}
 """At this value a Dynamixel answers a ping and nothing else: it could not be read back either, nor set back."""
 TRIES = 3
-"""How often the lock is written (RAM) and a servo with a new ID is looked for: none of it wears."""
+"""How often the lock is written (RAM), or closed after interrupts, and a servo with a new ID is looked for: none of it
+wears.
+"""
 OPEN, CLOSED = 0, 1
 """What the lock holds."""
 SILENCES = 8
@@ -48,6 +50,9 @@ class Change:
     register: Register
     old: int
     new: int
+
+    def __str__(self) -> str:
+        return f"{self.register.name} {self.old} to {self.new}"
 
 
 @dataclass(slots=True)
@@ -195,7 +200,8 @@ class Eeprom:
 def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
     """The scope. Raises EepromError with servo and register, PortLost once the line is gone.
 
-    If it ends by an exception and the lock cannot be closed either, the exception carries a note of that.
+    If it ends by an exception and the lock cannot be closed either, the exception carries a note of that. An interrupt
+    while it is being closed, a second Ctrl-C, does not leave it open: it is closed from the beginning, a few times.
     """
     memory = Eeprom(bus, servo_id, lock)
     try:
@@ -213,10 +219,22 @@ def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
 
 
 def _close_after(memory: Eeprom, error: BaseException) -> None:
-    try:
-        memory.close()
-    except DriverError as second:
-        error.add_note(f"the EEPROM may be left unlocked: {second}")
+    interrupt: BaseException | None = None
+    why = f"closing it was interrupted again and again (servo {memory.servo_id})"
+    for _ in range(TRIES):
+        try:
+            memory.close()
+            why = ""
+            break
+        except DriverError as second:
+            why = str(second)
+            break
+        except BaseException as again:
+            interrupt = again
+    if why:
+        error.add_note(f"the EEPROM may be left unlocked: {why}")
+    if interrupt is not None and isinstance(error, Exception):  # which somebody may catch, and go on
+        raise interrupt
 
 
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
@@ -233,10 +251,15 @@ def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Regis
             for register in sorted(values, key=lambda r: (r.name == "id", r.address)):
                 memory.write(register, values[register])
     except BaseException as error:
-        for change in changes:
-            error.add_note(f"written before that: {change.register.name} {change.old} to {change.new}")
+        add_notes(error, changes)
         raise
     return tuple(changes)
+
+
+def add_notes(error: BaseException, changes: Iterable[Change]) -> None:
+    """Have an exception carry what had been written before it."""
+    for change in changes:
+        error.add_note(f"written before that: {change}")
 
 
 def _check(register: Register, value: int) -> None:

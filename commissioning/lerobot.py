@@ -51,7 +51,7 @@ def read_lerobot(path: Path) -> LerobotFile:
         content = json.loads(path.read_text(), object_pairs_hook=_once)
     except OSError as error:
         raise CalibrationError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:  # JSON's and Unicode's errors too
+    except (ValueError, RecursionError) as error:  # JSON's and Unicode's errors too, and brackets without end
         raise CalibrationError(f"{path} is no JSON file of LeRobot's: {error}") from error
     if isinstance(content, dict) and OLD_KEYS & content.keys():
         raise CalibrationError(f"{path} is of an older LeRobot, whose offsets are none of the servos': calibrate anew")
@@ -74,9 +74,7 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
     for name, ours in calibration.joints.items():
         theirs = entry_of(ours, built[name])
         if theirs is None:
-            problems.append(
-                f"{name}: its servo ({ours.servo_id}) has no homing offset: LeRobot's file has no place for it"
-            )
+            problems.append(f"{name}: {_no_place(ours)}")
         else:
             problems += [f"{name}: {mistake}" for mistake in range_mistakes(theirs)]
             file[name] = theirs
@@ -86,8 +84,10 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
 
 
 def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
-    """LeRobot's entry of one joint, which such arms have with the sign ``built``; None without a homing offset."""
-    if ours.homing_offset is None:
+    """LeRobot's entry of one joint, which such arms have with the sign ``built``; None without a homing offset that
+    servos take.
+    """
+    if ours.homing_offset is None or abs(ours.homing_offset) > LARGEST_OFFSET:
         return None
     return LerobotJoint(
         id=ours.servo_id,
@@ -98,12 +98,23 @@ def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
     )
 
 
+def _no_place(ours: CalibratedJoint) -> str:
+    if ours.homing_offset is None:
+        return f"its servo ({ours.servo_id}) has no homing offset: LeRobot's file has no place for it"
+    return (
+        f"the homing offset {ours.homing_offset} is none that its servo ({ours.servo_id}) takes, {-LARGEST_OFFSET} to "
+        f"{LARGEST_OFFSET}: calibrate anew"
+    )
+
+
 def range_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
     """What cannot be right about the travel of a servo with the counts 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
     if not (0 <= low <= last and 0 <= high <= last):
         return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate anew"]
-    if low >= high:
+    if low == high:
+        return [f"its range begins and ends at {low}: the joint was not moved. Calibrate anew, from stop to stop"]
+    if low > high:
         return [
             f"its range begins at {low} and ends at {high}: it goes over the seam, where the counts begin anew. "
             "servoloop calibrate puts the seam outside the travel"

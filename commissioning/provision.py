@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import Change, update
+from calibration.eeprom import Change, add_notes, update
 from commissioning.errors import CommissioningError
 from commissioning.registers.tables import registers_of
 from drivers.bus.bus import Bus
@@ -34,8 +34,12 @@ def provision(
     changes = update(bus, servo_id, series_of(model).lock, values)
     if changes:
         new_id = next((change.new for change in changes if change.register.name == "id"), servo_id)
-        restart(bus, clock, new_id, model)
-        _check(bus, new_id, values)
+        try:
+            restart(bus, clock, new_id, model)
+            _check(bus, new_id, values)
+        except BaseException as error:
+            add_notes(error, changes)
+            raise
     return changes
 
 

@@ -4,14 +4,21 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str, keep: bool = True) -> None:
     """Make ``text`` the content of ``path``; what was there before stands in ``path``.1 then. Raises OSError.
 
-    Whenever it is cut off, ``path`` has all of the former content or all of the new one.
+    Whenever it is cut off, ``path`` has all of the former content or all of the new one. ``keep``: without it
+    ``path``.1 stays as it is.
     """
-    if path.exists():
+    if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())
     _put(path, text.encode())
+
+
+def cannot_write(path: Path, error: OSError) -> str:
+    """The failure of ``write_whole`` in words."""
+    kept = ": the former one is there still" if path.is_file() else ""
+    return f"cannot write {path}: {error.strerror or error}{kept}"
 
 
 def _put(path: Path, content: bytes) -> None:

@@ -12,6 +12,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from servoloop.processes import Interrupted
 from servoloop.ros import RosError
+from servoloop.terminal_output import outlive_terminal
 from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
@@ -74,6 +75,7 @@ app.add_typer(teach.app, name="teach", rich_help_panel="Move it by hand")
 
 def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
+    outlive_terminal()
     try:
         app()
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:

@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from commissioning.whole_file import cannot_write, write_whole
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from drivers.errors import DriverError
 from hal.errors import DescriptionError, RobotFileError
@@ -152,6 +153,23 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         raise DriverError(f"cannot write into {folder}: {error.strerror}") from error
     require_writable(folder)
+
+
+def require_file(path: Path) -> None:
+    """Raise DriverError where no file can be written at ``path``: before a run, as the end of it is too late."""
+    if path.is_dir():
+        raise DriverError(f"{path} is a folder: name a file")
+    if path.exists() and not path.is_file():
+        raise DriverError(f"{path} is no file, and what is there would be replaced: name a file")
+    require_writable(path.parent)
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a whole file; the former one is kept, with .1 behind its name. Raises DriverError."""
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        raise DriverError(cannot_write(path, error)) from error
 
 
 def require_writable(folder: Path) -> None:

@@ -1,4 +1,7 @@
-"""SIGINT and SIGTERM as a count: the first signal asks for a calm end, the second one ends the program in a second."""
+"""SIGINT, SIGTERM and SIGHUP as a count: the first asks for a calm end, a second ends the program in a second.
+
+SIGHUP, of a terminal that was closed, is never the second: the kernel and the shell each send one.
+"""
 
 import os
 import signal
@@ -7,9 +10,17 @@ import time
 from types import FrameType, TracebackType
 from typing import Final
 
+from servoloop.handling.keys import put_back
+
 LAST_S: Final = 1.0
 """So long the program may go on after the second signal, for what it can still end well by itself."""
-NUMBERS: Final = (signal.SIGINT, signal.SIGTERM)
+NUMBERS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def end_signals() -> list[signal.Signals]:
+    """The signals that end a program; not SIGHUP where it is ignored already: that is what nohup is for."""
+    ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    return [number for number in NUMBERS if number != signal.SIGHUP or not ignored]
 
 
 class Signals:
@@ -30,7 +41,7 @@ class Signals:
         reader, self._writer = os.pipe()
         os.set_blocking(self._writer, False)
         self._former_descriptor = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
-        for number in NUMBERS:
+        for number in end_signals():
             self._former[number] = signal.signal(number, _wake)
         threading.Thread(target=self._watch, args=(reader,), name="signals", daemon=True).start()
         return self
@@ -53,7 +64,10 @@ class Signals:
     def _watch(self, reader: int) -> None:
         """Count until the descriptor is closed. The last second goes on behind the context's end: so may a library."""
         while number := os.read(reader, 1):
-            self.count += number[0] in NUMBERS
+            if number[0] == signal.SIGHUP:
+                self.ask()
+            else:
+                self.count += number[0] in NUMBERS
             if self.count > 1:
                 self._end_soon(128 + number[0])
         os.close(reader)
@@ -62,6 +76,7 @@ class Signals:
         time.sleep(LAST_S)
         left = f": {self._left}" if self._left else ""
         try:
+            put_back()
             os.write(2, f"servoloop: a second signal: ended at once{left}\n".encode())
         finally:
             os._exit(status)

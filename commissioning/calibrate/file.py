@@ -6,16 +6,19 @@ from pathlib import Path
 import yaml
 
 from commissioning.calibrate.result import CalibrationError, JointCalibration
-from commissioning.whole_file import write_whole
+from commissioning.whole_file import cannot_write, write_whole
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
 
 HEADER = "# Written by servoloop calibrate. The former one is beside it, with .1 behind its name.\n"
+UNFINISHED = "# Not in all servos: calibrate again. The last one that was is beside it, with .1 behind its name.\n"
 
 
-def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]]) -> Path:
+def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_servos: bool = True) -> Path:
     """Write the calibration (servo ID and calibration by joint) of this robot file; the former one is kept.
 
-    Written beside and renamed: whatever happens, there is a whole file. Raises CalibrationError.
+    Written beside and renamed: whatever happens, there is a whole file. ``in_servos``: whether all servos have it. One
+    of which the file says that they never had it all is not kept: it would take the place of the last good one. Raises
+    CalibrationError, with a note of what was to be written.
     """
     path = calibration_path(robot)
     content = CalibrationFile(
@@ -31,9 +34,12 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]]) -> Pat
             for name, (servo_id, made) in joints.items()
         }
     )
-    text = HEADER + yaml.safe_dump(content.model_dump(), sort_keys=False, default_flow_style=None, width=120)
+    text = yaml.safe_dump(content.model_dump(), sort_keys=False, default_flow_style=None, width=120)
     try:
-        write_whole(path, text)
+        former_is_good = not (path.exists() and path.read_bytes().startswith(UNFINISHED.encode()))
+        write_whole(path, (HEADER if in_servos else UNFINISHED) + text, keep=former_is_good)
     except OSError as error:
-        raise CalibrationError(f"cannot write {path}: {error.strerror}: the former one is there still") from error
+        failed = CalibrationError(cannot_write(path, error))
+        failed.add_note(f"it was to hold:\n{text}")
+        raise failed from error
     return path

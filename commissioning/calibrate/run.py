@@ -26,6 +26,7 @@ STORE = "Store this calibration?"
 TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
 LET_GO = "The arm holds itself: let it go"
 HOLD = "The arm goes limp: hold it"
+UNTRIED = "the calibration is stored, and was not tried to the end"
 HANDS_S = 2.0
 """So long hands may need to do what they were told."""
 
@@ -115,7 +116,11 @@ def calibrate(
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
     tried = asker.confirm(TRY)
     if tried:
-        _try(open_bus, calibrated, asker, clock, stopped)
+        try:
+            _try(open_bus, calibrated, asker, clock, stopped)
+        except BaseException as error:
+            error.add_note(UNTRIED)
+            raise
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 

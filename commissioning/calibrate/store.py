@@ -27,13 +27,28 @@ def store(
     """Write file and homing offsets; what was changed in the servos, by joint. Torque must be off.
 
     The file comes first: where it ends in between, a servo has another offset than the file says, and the arm is not
-    brought up with it. Raises CalibrationError, ServoError, PortLost.
+    brought up with it. Raises CalibrationError, ServoError, PortLost, with a note of what is stored where.
     """
-    save(robot, {joint.name: (joint.servo_id, made[joint.name]) for joint in joints})
-    changes = {joint.name: _write_offset(bus, joint, made[joint.name]) for joint in joints}
-    restart(bus, joints, clock)
-    _check(bus, joints, made)
+    content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
+    path = save(robot, content, in_servos=False)
+    changes: dict[str, tuple[Change, ...]] = {}
+    try:
+        for joint in joints:
+            changes[joint.name] = _write_offset(bus, joint, made[joint.name])
+        restart(bus, joints, clock)
+        _check(bus, joints, made)
+        save(robot, content)
+    except BaseException as error:
+        error.add_note(_half_stored(path, list(changes), [j.name for j in joints if j.name not in changes]))
+        raise
     return changes
+
+
+def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str:
+    places = [f"in {path}"]
+    places += [f"in the servos of {', '.join(written)}"] if written else []
+    missing = f"; not yet in those of {', '.join(left)}: calibrate again before the arm is brought up" if left else ""
+    return f"the new calibration is {' and '.join(places)}{missing}"
 
 
 def _write_offset(bus: Bus, joint: Joint, made: JointCalibration) -> tuple[Change, ...]:

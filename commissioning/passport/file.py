@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.errors import CommissioningError
 from commissioning.provision import persistent_registers
-from commissioning.whole_file import write_whole
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.whole_file import cannot_write, write_whole
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
 from hal.yaml_file import load
@@ -66,7 +67,7 @@ class Passport(_Strict):
 
     adapter: str | None = None
     """The serial number of the USB adapter, where it has one."""
-    baud: int = Field(gt=0)
+    baud: int = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
     servos: dict[int, ServoPassport]
     """By ID."""
 
@@ -92,4 +93,4 @@ def write_passport(path: Path, passport: Passport) -> None:
     try:
         write_whole(path, HEADER + yaml.safe_dump(content, sort_keys=False, explicit_end=True))
     except OSError as error:
-        raise PassportError(f"cannot write {path}: {error.strerror}: the former one is there still") from error
+        raise PassportError(cannot_write(path, error)) from error

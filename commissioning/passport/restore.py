@@ -67,6 +67,24 @@ def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
     return provision(bus, clock, plan.servo_id, plan.model, plan.values)
 
 
+def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[int, tuple[Change, ...]]:
+    """Write the plans of several servos, one after the other; what was changed, by ID.
+
+    An exception carries notes of what had been written to which servo before it, and which were still to come.
+    """
+    changes: dict[int, tuple[Change, ...]] = {}
+    for index, plan in enumerate(plans):
+        try:
+            changes[plan.servo_id] = restore(bus, clock, plan)
+        except BaseException as error:
+            for servo_id, made in changes.items():
+                error.add_note(f"written before that: servo {servo_id}: {', '.join(map(str, made))}")
+            if left := plans[index + 1 :]:
+                error.add_note(f"not yet: servo {', '.join(str(one.servo_id) for one in left)}")
+            raise
+    return changes
+
+
 def _asked_for(passport: Passport, servo_id: int | None) -> list[int]:
     if servo_id is None:
         return list(passport.servos)

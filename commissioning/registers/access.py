@@ -60,10 +60,8 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
     EEPROM is written under its lock and only where it differs. Refused are goals, and everything under torque but the
     torque switch, which takes ``torque``: with 1 the servo is held where it stands, with 0 it lets go.
     """
-    register = register_named(servo.model, name)
-    raw = parse(servo.model, register, str(value))
+    register, raw = register_named(servo.model, name), value_to_write(servo, name, value)
     before = value_of(servo.model, register, servo.read(register))
-    check_writable(servo, register, raw)
     if register == servo.series.torque_enable:
         _switch(servo, raw, torque)
     elif raw != before.raw:
@@ -74,6 +72,14 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
             )
         _write(servo, register, raw)
     return RegisterWrite(servo.servo_id, before, value_of(servo.model, register, servo.read(register)))
+
+
+def value_to_write(servo: FoundServo, name: str, value: str | int) -> int:
+    """The raw value that ``write_register`` is to write; nothing is sent. Raises CommissioningError."""
+    register = register_named(servo.model, name)
+    raw = parse(servo.model, register, str(value))
+    check_writable(servo, register, raw)
+    return raw
 
 
 def check_writable(servo: FoundServo, register: Register, raw: int) -> None:

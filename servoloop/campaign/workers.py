@@ -96,8 +96,9 @@ def silence() -> None:
 
 
 def _submit(pool: ProcessPoolExecutor, task: Callable[[range], list[T]], chunk: range) -> Future[list[T]]:
-    """Ctrl-C is not for the workers, nor while they start: what this starts, threads and processes, never hears it."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Ctrl-C and a closed terminal are not for the workers, nor while they start: what this starts, threads and
+    processes, never hears of it."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         return pool.submit(task, chunk)
     finally:

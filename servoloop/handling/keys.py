@@ -6,13 +6,15 @@ import sys
 import termios
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Final
+from contextlib import contextmanager, suppress
+from typing import Any, Final
 
 FIRST_S: Final = 0.7
 """A key that is held repeats after so long at first: half a second in most terminals."""
 REPEAT_S: Final = 0.25
 """And then many times in this; so long after the key is let go it still counts as held."""
+_before: dict[int, list[Any]] = {}
+"""The settings of terminals that give each key now, from before that, by descriptor."""
 NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
 
 
@@ -66,12 +68,25 @@ def typed(wait_s: float) -> list[str]:
 
 
 @contextmanager
-def raw_keys() -> Iterator[None]:
-    """The terminal gives each key as it is pressed, without showing it; at the end all is as it was."""
+def raw_keys(keep: bool = False) -> Iterator[None]:
+    """The terminal gives each key as it is pressed, without showing it; at the end all is as it was.
+
+    ``keep``: what was typed before, too. Else it is forgotten.
+    """
     descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
+    before = _before[descriptor] = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor, termios.TCSANOW if keep else termios.TCSAFLUSH)
     try:
         yield
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        _before.pop(descriptor, None)
+        with suppress(termios.error):  # a terminal that is gone
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def put_back() -> None:
+    """Leave terminals as they were before ``raw_keys``, for a program that ends at once and gets to no end of it."""
+    for descriptor, before in list(_before.items()):  # the main thread may be taking one away
+        with suppress(termios.error, OSError):
+            if os.tcgetpgrp(descriptor) == os.getpgrp():  # from the background it would stop the program
+                termios.tcsetattr(descriptor, termios.TCSANOW, before)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.arms.folder import OWN
 from servoloop.verbs.arm_options import ArmOption
 from servoloop.verbs.line import PortsOption, devices_of, interruptible
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
 
-LARGEST_BAUD = 12_000_000
-"""Of the fastest USB adapters."""
 MOVES = (
     "Torque goes on, the arm goes from where it lies to its ready pose, each joint turns there by up to 0.3 rad, and "
     "it comes back and is let go, all with at most a quarter of its speed. See that it has room. Go on?"
@@ -31,7 +30,7 @@ def bus(
     port: Annotated[str, typer.Option(help="Serial device of the servos.")],
     ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
-    baud: Annotated[int, typer.Option(min=1, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
+    baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
     cycles: Annotated[int, typer.Option(min=1, help="How many cycles to measure.")] = 1000,
     hold: Annotated[
         bool, typer.Option("--hold", help="Servos without torque get it for as long as this runs.")
@@ -75,19 +74,19 @@ def arm(
     """
     from rich.console import Console
 
-    from commissioning.whole_file import write_whole
     from drivers.clock import MonotonicClock
     from drivers.errors import DriverError
     from servoloop.arms.folder import find_arm, read_arm_files
     from servoloop.bench_arm.run import bench_arm
     from servoloop.campaign.report import possible
-    from servoloop.files import make_folder
+    from servoloop.files import make_folder, require_file, write_file
     from servoloop.loop_thread import LEFT
     from servoloop.signals import Signals
 
     if not possible():
         raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
     make_folder(out.parent)
+    require_file(out)
     found = find_arm(arm)
     devices = devices_of(port, list(read_arm_files(found).robot.file.lines()))
     confirm(MOVES, yes)
@@ -97,12 +96,19 @@ def arm(
         )
     from servoloop.bench_arm.page import page
 
-    write_whole(out, page(measured))
-    if json:
-        print_json({"page": str(out), **asdict(measured.figures)})
-    else:
+    if not json:
         print_figures(measured.figures, Console())
+    failed: DriverError | None = None
+    try:
+        write_file(out, page(measured))
+    except DriverError as error:
+        failed = error
+    if json:
+        print_json({"page": None if failed else str(out), **asdict(measured.figures)})
+    elif not failed:
         typer.echo(f"with pictures: {out}")
+    if failed:
+        raise failed
 
 
 def print_figures(figures: "ArmFigures", console: "Console") -> None:

@@ -44,13 +44,25 @@ def calibrate(
         raise DescriptionError(
             f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
         )
-    with Signals("servos that were under torque hold") as signals:
-        outcome = _calibrated(found, files, port or only_port(), Terminal(signals, yes), auto)
+    _require_writable(found.robot)
+    with Signals("servos that were under torque hold") as signals, Terminal(signals, yes) as terminal:
+        outcome = _calibrated(found, files, port or only_port(), terminal, auto)
     if json:
         print_json(_plain(outcome))
     elif outcome.stored:
-        typer.echo(f"stored in {outcome.path}; what was there before is beside it, with .1 behind its name")
+        former = outcome.path.with_name(outcome.path.name + ".1")
+        typer.echo(f"stored in {outcome.path}{f'; the former one is {former}' if former.exists() else ''}")
     raise typer.Exit(0 if outcome.stored else 1)
+
+
+def _require_writable(robot: Path) -> None:
+    """Raise DriverError where no calibration could be stored: who has moved every joint is told too late."""
+    from servoloop.files import require_writable
+
+    try:
+        require_writable(robot.parent)
+    except DriverError as error:
+        raise DriverError(f"{error}: copy the arm's folder (docs/calibrate.md) and name that with --arm") from error
 
 
 def _calibrated(arm: "Arm", files: "Files", port: str, terminal: Any, auto: bool) -> "Outcome":

@@ -52,14 +52,13 @@ def doctor(
     from commissioning.doctor.examine import doctor as examine
     from commissioning.doctor.markdown import markdown
     from commissioning.ports.machine import Machine
-    from commissioning.whole_file import write_whole
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
-    from servoloop.files import require_writable
+    from servoloop.files import require_file, write_file
     from servoloop.signals import Signals
 
     if report_file is not None:
-        require_writable(report_file.parent)
+        require_file(report_file)
     files = read_arm_files(find_arm(arm), urdf, None, robot)
     devices = devices_of(port, list(files.robot.file.lines()))
     if move:
@@ -70,12 +69,12 @@ def doctor(
     with Signals("servos that were under torque hold") if move else nullcontext() as signals:
         motion = _motion(files, clock, signals)
         report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
-    if report_file is not None:
-        write_whole(report_file, markdown(report, Machine().user.name, files.robot_path))
     if json:
         print_json(report)
     else:
         print_report(report, Console())
+    if report_file is not None:
+        write_file(report_file, markdown(report, Machine().user.name, files.robot_path))
     raise typer.Exit(0 if report.healthy else 1)
 
 

@@ -3,9 +3,12 @@
 import os
 import select
 import sys
+import termios
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from typing import Final
 
+from servoloop.handling.keys import raw_keys
 from servoloop.processes import Interrupted
 from servoloop.signals import Signals
 
@@ -21,12 +24,15 @@ class Keyboard:
         self.left = left
         self._signals = signals
         self._typed = b""
+        self._raw = ExitStack()
+        self._gives_keys = False
 
     def line(self) -> str | None:
         """The next line, if one comes within ``LOOK_S``. Raises Interrupted after a signal, and at the input's end."""
         self._go_on()
+        self.whole_lines()
         if b"\n" not in self._typed and self._ready():
-            more = os.read(sys.stdin.fileno(), CHUNK)
+            more = self._read()
             if not more:
                 raise self._ended("the input has ended")
             self._typed += more
@@ -42,19 +48,50 @@ class Keyboard:
             meanwhile()
         return line
 
-    def agrees(self, question: str) -> bool:
-        """Ask a question that y or n answers; anything else is asked again, Enter alone means no."""
+    def agrees(self, question: str, enter_is_no: bool = True) -> bool:
+        """Ask a question that y or n answers; anything else is asked again, and Enter alone where it does not mean no.
+
+        What was typed at a terminal before the question is forgotten: it was meant for something else.
+        """
         while True:
-            print(f"{question} [y/N]: ", end="", file=sys.stderr, flush=True)
+            self._forget()
+            print(f"{question} [{'y/N' if enter_is_no else 'y/n'}]: ", end="", file=sys.stderr, flush=True)
             answer = self.next_line().strip().lower()
-            if answer in ("", "n", "no"):
+            if answer in ("n", "no") or (enter_is_no and not answer):
                 return False
             if answer in ("y", "yes"):
                 return True
 
     def pressed(self) -> bool:
-        """Whether somebody pressed a key at a terminal (Enter, where it waits for lines)."""
-        return sys.stdin.isatty() and bool(self._typed or select.select([sys.stdin], [], [], 0.0)[0])
+        """Whether somebody pressed a key at a terminal since the last question, any key; a terminal that is gone too.
+
+        From here to the next question the terminal gives each key as it is pressed, and shows none.
+        """
+        if not self._gives_keys:
+            if not sys.stdin.isatty():
+                return False
+            self._raw.enter_context(raw_keys(keep=True))
+            self._gives_keys = True
+        return bool(self._typed or select.select([sys.stdin], [], [], 0.0)[0])
+
+    def whole_lines(self) -> None:
+        """The terminal waits for whole lines again, as it did before."""
+        self._raw.close()
+        self._gives_keys = False
+
+    def _forget(self) -> None:
+        self.whole_lines()
+        if sys.stdin.isatty():
+            self._typed = b""
+            with suppress(termios.error):  # it is gone now
+                termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+    def _read(self) -> bytes:
+        """What was typed; nothing at the input's end, and from a terminal that is gone."""
+        try:
+            return os.read(sys.stdin.fileno(), CHUNK)
+        except OSError:
+            return b""
 
     def _ready(self) -> bool:
         return bool(select.select([sys.stdin], [], [], LOOK_S)[0])

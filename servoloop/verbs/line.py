@@ -4,16 +4,20 @@ import signal
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.processes import Interrupted
+from servoloop.signals import end_signals
 
 if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo
     from drivers.bus.bus import Bus
     from drivers.servos.register import ServoModel
+    from hal.robot_file.robot_file import RobotFile
 
 PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
 PortsOption = Annotated[
@@ -22,25 +26,42 @@ PortsOption = Annotated[
         "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
     ),
 ]
-BaudOption = Annotated[int | None, typer.Option("--baud", min=1, help="Only at this rate; without it all are tried.")]
+BaudOption = Annotated[
+    int | None,
+    typer.Option("--baud", min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Only at this rate; without it all are tried."),
+]
 IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
 IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGTERM ends the block as Ctrl-C does, so that an open EEPROM is locked on the way out, and torque taken back.
+    """SIGTERM and SIGHUP end the block as Ctrl-C does: on the way out an open EEPROM is locked, and torque taken back.
 
     Raises Interrupted then, with what may be left behind.
     """
-    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    former = {number: signal.signal(number, _interrupt) for number in end_signals() if number != signal.SIGINT}
     try:
         yield
     except KeyboardInterrupt as error:
-        left = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        left = "".join(f"; {note}" for note in _left(error))
         raise Interrupted(f"interrupted, and the port closed{left}") from None
     finally:
-        signal.signal(signal.SIGTERM, former)
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+def _left(error: BaseException | None) -> Iterator[str]:
+    """What is said beside an error, and beside those whose place it took: a second Ctrl-C that of the first."""
+    while error is not None:
+        yield from getattr(error, "__notes__", ())
+        error = error.__context__
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if number == signal.SIGHUP:  # the kernel and the shell each send one: a second must not interrupt the ending
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -71,6 +92,20 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
     clock = MonotonicClock()
     with closing(Bus(SerialPort(port or only_port(), baud, clock), clock, models)) as bus:
         yield bus
+
+
+def bus_of(robot: "RobotFile", said: str | None) -> str:
+    """The bus of a robot file that is meant: the one that is said, or the only one. Raises CommissioningError."""
+    from commissioning.errors import CommissioningError
+
+    names = list(robot.lines())
+    if said is None and len(names) == 1:
+        return names[0]
+    if said in names:
+        return said
+    if len(names) == 1:
+        raise CommissioningError(f"the robot file has one bus, and none with the name {said}: leave out --bus")
+    raise CommissioningError(f"the robot file has several buses, and this is for one: say --bus {' or '.join(names)}")
 
 
 def devices_of(said: list[str] | None, buses: list[str]) -> dict[str, str]:

@@ -14,13 +14,14 @@ from rich.table import Table
 from calibration.eeprom import Change
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
-from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore
+from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.arms.folder import find_arm
-from servoloop.verbs.line import PortOption, adapter_serial, interruptible, open_line
+from servoloop.verbs.line import PortOption, adapter_serial, bus_of, interruptible, open_line
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
@@ -41,7 +42,10 @@ def save(
     arm: ArmOption = None,
     robot: RobotOption = None,
     bus: BusOption = None,
-    baud: Annotated[int | None, typer.Option(help="Bits per second, where no robot file says it.")] = None,
+    baud: Annotated[
+        int,
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, where no robot file says it."),
+    ] = USUAL_BAUD,
     json: JsonOption = False,
 ) -> None:
     """Write every servo's EEPROM into a file: of those in the robot file, or of all STS servos that answer.
@@ -49,10 +53,10 @@ def save(
     Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
     """
     path, said = _path(file, port), _robot_file(arm, robot)
-    joints = said.joints_on(_bus_name(said, bus)) if said else {}
+    joints = said.joints_on(bus_of(said, bus)) if said else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
-    with open_line(port, _baud(said, bus, baud or USUAL_BAUD), models) as line:
+    with open_line(port, _baud(said, bus, baud), models) as line:
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
     write_passport(path, taken)
     if json:
@@ -119,7 +123,7 @@ def restore_(
         if plans and not yes:
             Console().print(_planned(plans))
             confirm("Write this?", yes)
-        changes = {plan.servo_id: restore(line, MonotonicClock(), plan) for plan in plans}
+        changes = restore_all(line, MonotonicClock(), plans)
     _say_changes(changes, json)
 
 
@@ -155,17 +159,8 @@ def _say_other_adapter(passport: Passport, adapter: str | None) -> None:
         typer.echo(f"the passport is of adapter {names[0]}, this is {names[1]}", err=True)
 
 
-def _bus_name(robot: RobotFile, bus: str | None) -> str:
-    names = list(robot.lines())
-    if len(names) > 1 and bus not in names:
-        raise PassportError(
-            f"the robot file has several buses, and a passport is of one: say --bus {' or '.join(names)}"
-        )
-    return bus or names[0]
-
-
 def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
-    return robot.lines()[_bus_name(robot, bus)].baud if robot else otherwise
+    return robot.lines()[bus_of(robot, bus)].baud if robot else otherwise
 
 
 def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:

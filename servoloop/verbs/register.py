@@ -78,12 +78,12 @@ def write(
     held where it stands, and stays so; switched off, what it held falls.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
-    from commissioning.registers.access import write_register
+    from commissioning.registers.access import value_to_write, write_register
 
     switch = name == "torque_enable"
     with servo_at(port, servo_id, baud) as servo:
         if switch:
-            on = value.strip() == "1"
+            on = value_to_write(servo, name, value)
             does = "holds where it stands, under torque" if on else "lets go, and what it held falls"
             confirm(f"servo {servo_id} {does}: go on?", yes)
         written = write_register(servo, name, value, torque=switch)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.processes import Interrupted
 from servoloop.verbs.output import JsonOption, print_json
 
@@ -33,7 +34,10 @@ class MakeChoice(Enum):
 
 def scan(
     port: Annotated[str | None, typer.Argument(help="Serial device; without it the only adapter there is.")] = None,
-    baud: Annotated[list[int] | None, typer.Option(min=1, help="Only this rate; may be given several times.")] = None,
+    baud: Annotated[
+        list[int] | None,
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Only this rate; may be given several times."),
+    ] = None,
     ids: Annotated[str | None, typer.Option(help="Only these IDs, one by one, such as 1-6 or 1,2,5.")] = None,
     make: Annotated[
         list[MakeChoice] | None, typer.Option(help="Look for this make to the end; may be given several times.")

@@ -11,7 +11,7 @@ from servoloop.processes import Interrupted
 from servoloop.signals import Signals
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
 from servoloop.verbs.keyboard import Keyboard
-from servoloop.verbs.line import PortOption, open_line
+from servoloop.verbs.line import PortOption, bus_of, open_line
 from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
@@ -36,14 +36,11 @@ def setup(
     Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.set_up.flow import SetUp
-    from commissioning.set_up.place import SetUpError, places_of
+    from commissioning.set_up.place import places_of
     from drivers.clock import MonotonicClock
 
     file = known_arm(arm, urdf, robot).file
-    names = list(file.lines())
-    if bus not in names and len(names) > 1:
-        raise SetUpError(f"the robot file has several buses: say --bus {' or '.join(names)}")
-    name = bus or names[0]
+    name = bus_of(file, bus)
     places = places_of(file, name)
     models = {place.servo_id: place.model for place in places}
     left = "a servo that turned may hold torque" if turn else ""

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import degrees
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
 from rich.live import Live
@@ -11,6 +12,7 @@ from rich.table import Table
 
 from commissioning.calibrate.result import unit
 from commissioning.calibrate.run import STORE
+from commissioning.slow_arm import StoppedError
 from servoloop.signals import Signals
 from servoloop.verbs.keyboard import Keyboard
 
@@ -30,6 +32,15 @@ class Terminal:
         self._signals = signals
         self._keyboard = Keyboard(signals, NOTHING)
         self._yes = yes
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the terminal as it was."""
+        self._keyboard.whole_lines()
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -61,8 +72,14 @@ class Terminal:
         return agreed
 
     def moved_so(self, joint: str, text: str) -> bool:
-        """Ask what only somebody who looks at the arm can know."""
-        return self._keyboard.agrees(f"{joint} turned first one way, then back. Was the first way this: {text}?")
+        """Ask what only somebody who looks at the arm can know. Raises StoppedError where a key was pressed before.
+
+        Enter alone is no answer: it may have been meant to stop, and a wrong answer turns the joint's direction round.
+        """
+        if self._keyboard.pressed():  # behind the last cycle of the motion
+            raise StoppedError("stopped: the arm is limp")
+        question = f"{joint} turned first one way, then back. Was the first way this: {text}?"
+        return self._keyboard.agrees(question, enter_is_no=False)
 
     def show(self, differences: "Sequence[Difference]") -> None:
         """Print what has been found, beside what was."""
@@ -72,7 +89,7 @@ class Terminal:
                 self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
 
     def stopped(self) -> bool:
-        """Whether somebody pressed a key (Enter where the terminal waits for lines) or sent a signal."""
+        """Whether somebody pressed a key or sent a signal."""
         return self._keyboard.pressed() or self._signals.count > 0
 
 

@@ -56,7 +56,7 @@ def tune(
     from rich.console import Console
 
     from commissioning.tune.gains import parse_gains
-    from servoloop.files import make_folder
+    from servoloop.files import make_folder, require_file
     from servoloop.loop_thread import LEFT
     from servoloop.signals import Signals
 
@@ -64,17 +64,26 @@ def tune(
     files = read_arm_files(find_arm(arm), urdf, None, robot)
     path = out or FOLDER / f"{joint}.svg"
     make_folder(path.parent)
+    require_file(path)
     signals = Signals(LEFT)
     tuner, end = _tuner(files, joint, port, signals)
     values = parse_gains(tuner.joint.model, [*write, *(more or ())]) if write else None
     confirm(_question(tuner, at, values, apply, end), yes)
     with signals:
         report = _tuned(tuner, at, values, apply, signals)
-    drawn = _drawn(path, report)
+    if not json:
+        print_report(report, files.robot_path, Console())
+    drawn, failed = None, None
+    try:
+        drawn = _drawn(path, report)
+    except DriverError as error:
+        failed = error
     if json:
         print_json({**report.as_dict(), "picture": None if drawn is None else str(drawn)})
-    else:
-        print_report(report, files.robot_path, drawn, Console())
+    elif drawn is not None:
+        Console().print(f"the picture: {drawn}", highlight=False, markup=False, soft_wrap=True)
+    if failed is not None:
+        raise failed
 
 
 def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -> None:
@@ -157,7 +166,7 @@ def _tuned(
 
 
 def _drawn(path: Path, report: "Report") -> Path | None:
-    """The picture's path; None where matplotlib is missing."""
+    """The picture's path; None where matplotlib is missing. Raises DriverError where it cannot be written."""
     if find_spec("matplotlib") is None:
         typer.echo("no picture is drawn: it needs matplotlib: pip install 'servoloop[report]'", err=True)
         return None
@@ -170,12 +179,10 @@ def _drawn(path: Path, report: "Report") -> Path | None:
     return path
 
 
-def print_report(report: "Report", robot_file: Path, drawn: Path | None, console: "Console") -> None:
+def print_report(report: "Report", robot_file: Path, console: "Console") -> None:
     """For people: the figures, the proposal, and what to put where."""
     from servoloop.tune_table import table, words
 
     console.print(table(report))
     for line in words(report, robot_file):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    if drawn is not None:
-        console.print(f"the picture: {drawn}", highlight=False, markup=False, soft_wrap=True)

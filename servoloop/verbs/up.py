@@ -1,6 +1,8 @@
 """``servoloop up``: the stack of one arm under ROS 2."""
 
+import logging
 import os
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +20,8 @@ from servoloop.verbs.ros_options import NetworkOption, log_to_terminal, set_netw
 
 if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime
+
+LOG = logging.getLogger("servoloop")
 
 
 def up(
@@ -90,11 +94,21 @@ def up(
     def ready(what: str) -> None:
         typer.echo(f"ready: {what}")
         if ready_file is not None:
-            partial = ready_file.with_name(ready_file.name + ".part")
-            partial.write_text(f"{os.getpid()}\n")
-            partial.replace(ready_file)
+            write_ready(ready_file)
 
     raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated, record))
+
+
+def write_ready(path: Path) -> None:
+    """Write the file, whole or not at all. An arm that is up stays so where that fails: it is logged."""
+    partial = path.with_name(path.name + ".part")
+    try:
+        partial.write_text(f"{os.getpid()}\n")
+        partial.replace(path)
+    except OSError as error:
+        LOG.warning("cannot write %s: %s", path, error.strerror or error)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":

@@ -1,5 +1,6 @@
 """``servoloop bench arm`` as it is typed: it asks first; on a pseudo-terminal and with ROS every figure is there."""
 
+import errno
 import json
 import shlex
 import subprocess
@@ -7,11 +8,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 from drivers.servos import sts
+from servoloop import cli
+from servoloop.bench_arm.figures import ArmFigures, MachineFigures, Timing
 from servoloop.cli import app
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
@@ -42,6 +46,33 @@ def test_what_cannot_be_written_is_said_before_anything_is_asked(
         capsys, monkeypatch, "bench", "arm", "--port", "./bus", "--out", str(tmp_path / "file" / "page.html")
     )
     assert "cannot write into" in said
+    said = complaint(capsys, monkeypatch, "bench", "arm", "--port", "./bus", "--out", str(tmp_path))
+    assert f"{tmp_path} is a folder: name a file" in said
+
+
+@pytest.mark.parametrize("json_", [True, False])
+def test_a_page_that_cannot_be_written_hides_no_figures(
+    json_: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_room(fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    machine = MachineFigures("Linux", "one", 1, "3.11", False, ())
+    figures = ArmFigures("so101", {}, machine, {}, Timing(20.0, 100, 0, None, None), (), None, "no rclpy")
+    monkeypatch.setattr("servoloop.bench_arm.run.bench_arm", lambda *_, **__: SimpleNamespace(figures=figures))
+    monkeypatch.setattr("servoloop.bench_arm.page.page", lambda measured: "<html>")
+    monkeypatch.setattr("os.fsync", no_room)
+    page = str(tmp_path / "page.html")
+    words = ("bench", "arm", "--port", "./bus", "--out", page, "--yes", *(("--json",) if json_ else ()))
+    monkeypatch.setattr(sys, "argv", ["servoloop", *words])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    said = capsys.readouterr()
+    assert exit_.value.code == 1 and f"cannot write {page}: No space left on device" in said.err
+    if json_:
+        assert json.loads(said.out)["page"] is None
+    else:
+        assert "0 of 100 cycles missed" in said.out and "with pictures" not in said.out
 
 
 @pytest.mark.ros

@@ -326,6 +326,41 @@ class Stumble(BaseException):
     """Not an Exception: as Ctrl-C is none."""
 
 
+def test_an_interrupt_while_the_lock_is_closed_behind_an_error_is_not_lost() -> None:
+    line = Line()
+
+    def stumble(number: int) -> None:
+        line.port.before_write = lambda number: None
+        raise Stumble
+
+    with pytest.raises(Stumble) as caught, eeprom(line.bus, 1, LOCK) as memory:
+        memory.write(sts.position_p, 16)
+        line.port.before_write = stumble
+        raise EepromError(1, sts.position_p, "is wrong")
+    assert isinstance(caught.value.__context__, EepromError) and line.held(LOCK) == 1
+
+
+@pytest.mark.parametrize("begun", range(1, 9))
+@pytest.mark.parametrize("times", range(1, TRIES + 2))
+def test_who_is_interrupted_again_while_the_lock_is_closed_closes_it_nevertheless_or_says_so(
+    begun: int, times: int
+) -> None:
+    """Ctrl-C before packet ``begun``, and before each of the next ones."""
+    line = Line()
+
+    def stumble(number: int) -> None:
+        if number >= begun and len(stumbles) < times:
+            stumbles.append(number)
+            raise Stumble
+
+    stumbles: list[int] = []
+    line.port.before_write = stumble
+    with pytest.raises(Stumble) as caught:
+        update(line.bus, 1, LOCK, {sts.position_p: 16})
+    said = "".join(getattr(caught.value, "__notes__", []))
+    assert line.held(LOCK) == 1 or (times > TRIES and "the EEPROM may be left unlocked" in said)
+
+
 @pytest.mark.soak
 @settings(max_examples=CYCLES // 10)
 @given(

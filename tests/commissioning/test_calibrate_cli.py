@@ -1,21 +1,30 @@
 """``servoloop calibrate`` as it is typed, interrupted; tests/ros/test_getting_started.py has it to its end."""
 
+import errno
 import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from drivers.clock import MonotonicClock
 from drivers.errors import PortError
+from drivers.port.serial_port import SerialPort
+from drivers.servos import sts
+from hal.robot_file.robot_file import load_robot_file
 from servoloop.arms.folder import ARMS
 from servoloop.cli import app
+from servoloop.hardware import servo_bus
 from sim_backend.control import ask, control_path
 from tests.commissioning.practice import follow
+from tests.complaint import complaint
 from tests.pages import commands
+from tests.servoloop.at_terminal import LIMIT_S, AtTerminal
 
 SEED = 7
 
@@ -54,6 +63,36 @@ def test_a_calibration_that_is_interrupted_has_stored_nothing(arm: Path, bus: Pa
     assert not list(arm.glob("*calibration*"))
 
 
+def servos(bus: Path, robot: Path) -> list[tuple[int, int, int]]:
+    """Of each servo its torque switch, and its own limits."""
+    clock = MonotonicClock()
+    with closing(servo_bus(load_robot_file(robot), SerialPort(str(bus), 1_000_000, clock), clock)) as line:
+        registers = (sts.torque_enable, sts.min_position, sts.max_position)
+        return [tuple(line.read(servo_id, one) for one in registers) for servo_id in range(1, 7)]  # type: ignore[misc]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ["so101"], indirect=True)
+@pytest.mark.parametrize("way_out", ["a key", "the terminal is closed"])
+def test_an_arm_that_moves_by_itself_is_stopped_by_any_key_and_where_the_terminal_is_closed(
+    way_out: str, arm: Path, bus: Path
+) -> None:
+    ask(control_path(bus), {"do": "release"})
+    command = [sys.executable, "-m", "servoloop", "calibrate", "--arm", str(arm), "--port", str(bus), "--auto"]
+    with AtTerminal(command) as terminal:
+        terminal.wait_for("Any key stops it. Begin? [y/N]")
+        terminal.type("y\n")
+        terminal.wait_for("turns a little")
+        if way_out == "a key":
+            terminal.type("x")
+            terminal.wait_for("stopped: the arm is limp")
+        else:
+            terminal.close()
+        assert terminal.process.wait(LIMIT_S) == 1
+    assert servos(bus, arm / "robot.yaml") == [(0, 0, 4095)] * 6
+    assert not list(arm.glob("*calibration*"))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.runs(*commands("calibrate.md"))
@@ -81,6 +120,17 @@ def test_the_commands_of_the_page_calibrate_an_arm(tmp_path: Path) -> None:
         finally:
             emulator.terminate()
     assert status == 0 and (tmp_path / "my_arm" / "robot.calibration.yaml").exists(), said
+
+
+def test_a_folder_that_takes_no_calibration_is_said_before_the_port_is_opened(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(dir: Path) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("servoloop.files.tempfile.TemporaryFile", read_only)
+    said = complaint(capsys, monkeypatch, "calibrate", "--arm", "so101", "--port", str(tmp_path / "none"))
+    assert f"cannot write into {ARMS / 'so101'}: Read-only file system: copy the arm's folder" in said
 
 
 def test_a_hand_says_what_it_cannot_do_and_where_there_is_none(tmp_path: Path) -> None:

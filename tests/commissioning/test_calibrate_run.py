@@ -103,7 +103,7 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
     def stopped() -> bool:
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
-    with pytest.raises(StoppedError, match="the arm is limp"):
+    with pytest.raises(StoppedError, match="the arm is limp") as left:
         calibrate(
             robot,
             JOINTS,
@@ -115,6 +115,7 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
             stopped,
         )
     assert torque(arm) == [] and calibration_path(robot).exists()
+    assert "the calibration is stored, and was not tried to the end" in left.value.__notes__
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Storing and verifying a calibration: file before servos, offsets behind their lock, and a slow move."""
 
+import errno
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.store import store
 from commissioning.calibrate.verify import check
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
-from drivers.errors import DriverError, PortLost
+from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts
 from hal.robot_file.calibration_file import calibration_path
 from servoloop.files import CONFIG, read_files
@@ -88,6 +90,45 @@ def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robo
     refused = pytest.raises(DriverError, match="was calibrated with")
     with refused, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock):
         pass
+
+
+def test_who_stores_it_again_after_a_failure_keeps_the_last_one_that_was_in_all_servos(robot: Path) -> None:
+    arm = UnalignedArm(TURNED_SEED)
+    made, path = arm.as_mounted(), calibration_path(robot)
+    store(robot, arm.bus, JOINTS, made, arm.clock)
+    good = path.read_text()
+    moved = {name: replace(one, homing_offset=(one.homing_offset or 0) + 1) for name, one in made.items()}
+    arm.line.faults.silence(4)
+    with pytest.raises(ServoError, match="servo 4") as failed:
+        store(robot, arm.bus, JOINTS, moved, arm.clock)
+    (note,) = [text for text in failed.value.__notes__ if str(path) in text]
+    assert "in the servos of joint1, joint2, joint3; not yet in those of joint4, joint5" in note
+    arm.line.faults.restore(4)
+    for _ in range(2):
+        with pytest.raises(CalibrationError, match="outside its travel"):
+            store(robot, arm.bus, JOINTS, {**moved, "joint2": replace(moved["joint2"], upper_counts=0)}, arm.clock)
+        assert path.with_name("robot.calibration.yaml.1").read_text() == good
+    store(robot, arm.bus, JOINTS, moved, arm.clock)
+    assert path.with_name("robot.calibration.yaml.1").read_text() == good
+    assert path.read_text().splitlines()[0] == good.splitlines()[0]
+
+
+def test_what_cannot_be_written_into_the_file_is_said_with_what_was_measured(
+    robot: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = UnalignedArm(TURNED_SEED)
+    monkeypatch.setattr("os.fsync", _no_room)
+    with pytest.raises(CalibrationError, match=r"cannot write .*: no room") as failed:
+        store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
+    assert "zero_counts" in failed.value.__notes__[0] and "still" not in str(failed.value)
+    calibration_path(robot).write_text("joints: {}")
+    with pytest.raises(CalibrationError, match="no room: the former one is there still"):
+        store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
+    assert not any(servo.memory.get(sts.homing_offset) for servo in arm.line.servos)
+
+
+def _no_room(fd: int) -> None:
+    raise OSError(errno.ENOSPC, "no room")
 
 
 def test_nothing_is_written_to_a_servo_under_torque(robot: Path) -> None:

@@ -1,5 +1,6 @@
 """``servoloop doctor`` as users type it, on a pseudo-terminal; and whether the commands that it names can be typed."""
 
+import errno
 import json
 import shlex
 from collections.abc import Iterator
@@ -45,6 +46,21 @@ def test_a_whole_arm_is_well_and_the_report_names_nobody(
     text = report.read_text()
     assert "| position_p | 32 | 32 | 32 | 32 | 32 | 32 | 32 |" in text
     assert (CONFIG / "robot_arm.yaml").read_text().rstrip() in text
+
+
+def test_a_report_that_cannot_be_written_hides_no_findings(
+    bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    assert run(monkeypatch, "doctor", "--port", str(link), "--report", str(tmp_path)) == 1
+    assert f"{tmp_path} is a folder: name a file" in capsys.readouterr().err
+    monkeypatch.setattr("os.fsync", no_room)
+    report = str(tmp_path / "doctor.md")
+    assert run(monkeypatch, "doctor", "--port", str(link), "--report", report) == 1
+    said = capsys.readouterr()
+    assert f"cannot write {report}: No space left on device" in said.err and "joint6" in said.out
 
 
 @pytest.mark.slow

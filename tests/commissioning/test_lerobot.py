@@ -158,15 +158,17 @@ def test_import_then_export_gives_the_same_or_is_refused(
     built = dict(zip(RANGES, signs, strict=True))
     ids = {joint.name: joint.servo_id for joint in JOINTS}
     file = theirs({name: (ids[name], *values) for name, values in zip(order, entries, strict=True)})
-    over_the_seam = [name for name, one in file.items() if one.range_min >= one.range_max]
+    over_the_seam = [name for name, one in file.items() if one.range_min > one.range_max]
+    not_moved = [name for name, one in file.items() if one.range_min == one.range_max]
     try:
         made = from_lerobot(file, JOINTS, built, PLANS)
     except CalibrationError as error:
         text = str(error)
         assert all(f"{name}: its range begins at" in text for name in over_the_seam)
-        assert "the seam" in text and "nothing was written" in text
+        assert all(f"{name}: its range begins and ends at" in text for name in not_moved)
+        assert ("the seam" in text or not_moved) and "nothing was written" in text
         return
-    assert over_the_seam == []
+    assert over_the_seam == not_moved == []
     assert lerobot_text(to_lerobot(ours(made), built)) == lerobot_text(file)
 
 
@@ -220,6 +222,7 @@ def test_an_own_calibration_survives_the_way_out_and_back_in_files(robot: Path) 
     ("change", "text"),
     [
         ({"gripper": (6, 0, 0, 3900, 200)}, "gripper: its range begins at 3900 and ends at 200: it goes over the seam"),
+        ({"gripper": (6, 0, 0, 200, 200)}, "gripper: its range begins and ends at 200: the joint was not moved"),
         ({"gripper": (6, 0, 2048, 0, 900)}, "gripper.homing_offset: Input should be less than or equal to 2047"),
         ({"gripper": (6, 2, 0, 0, 900)}, "gripper.drive_mode"),
         ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range -30 to 900 is not within the servo's counts, 0 to 4095"),
@@ -240,6 +243,7 @@ def test_what_cannot_be_right_is_said_and_nothing_is_written(
     ("text", "said"),
     [
         ("", "no JSON file"),
+        ("[" * 100_000, "no JSON file"),
         ('{"gripper": {}}', "gripper.id: Field required"),
         ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
         ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
@@ -263,6 +267,15 @@ def test_a_servo_without_such_an_offset_has_no_place_in_lerobots_file() -> None:
     without = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, lower_counts=1, upper_counts=2)
     with pytest.raises(CalibrationError, match=r"servo \(6\) has no homing offset"):
         to_lerobot(CalibrationFile(joints={"gripper": without}), BUILT)
+
+
+def test_an_offset_that_no_servo_takes_is_named_and_imports_over_it_go_on(robot: Path) -> None:
+    wild = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, homing_offset=5000, lower_counts=1, upper_counts=2)
+    former = CalibrationFile(joints={"gripper": wild})
+    with pytest.raises(CalibrationError, match="gripper: the homing offset 5000 is none that its servo"):
+        to_lerobot(former, BUILT)
+    made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS, former)}
+    assert made["gripper"].source == "lower_stop"
 
 
 def test_what_is_shown_is_what_was_imported(robot: Path) -> None:

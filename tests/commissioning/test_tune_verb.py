@@ -1,5 +1,6 @@
 """``servoloop tune`` as users type it, on an arm on simulated time: the commands and the figures of docs/tune.md."""
 
+import errno
 import json
 import shlex
 from collections.abc import Mapping, Sequence
@@ -101,6 +102,26 @@ def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
     assert arm.line.servo(LIFT).memory.get(sts.cw_dead_zone) == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("json_", [True, False])
+def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_written(
+    json_: bool, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", no_room)
+    command = REAL[1] + (" --json" if json_ else "")
+    assert typed(monkeypatch, command, answer="y\n") == 1
+    said = capsys.readouterr()
+    assert "cannot write out/tune/shoulder_lift.svg: No space left on device" in said.err
+    if json_:
+        told = json.loads(said.out)
+        assert told["picture"] is None and told["written"][0]["register"] == "position_p"
+    else:
+        assert "servo 2: P (position_p) was 32, is 24" in " ".join(said.out.split())
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -113,6 +134,7 @@ def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
         ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P takes 1 to 255, not 999"),
         ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot go to 3.000"),
         ("tune shoulder_lift --arm so101 --port virtual --yes", "servoloop emulate"),
+        ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_moves(

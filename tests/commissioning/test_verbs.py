@@ -140,27 +140,84 @@ def test_what_asks_first_does_nothing_without_an_answer(
     assert bytes(bus.servo(3).memory.read(0, 56)) == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
-    number: signal.Signals,
+@pytest.mark.parametrize(("value", "asks"), [("01", "holds where it stands"), ("+1", "holds where"), ("00", "lets go")])
+def test_the_torque_switch_asks_for_what_it_does(
+    value: str,
+    asks: str,
     bus: ServoLine[Any],
     link: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    put, former = Eeprom._put, signal.getsignal(signal.SIGTERM)
+    where = ("--port", str(link), "--id", "3", "--baud", "1000000")
+    assert run(monkeypatch, "register", "write", *where, "torque_enable", value, answer="n\n") == 1
+    assert f"servo 3 {asks}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("value", "says"), [("2", "takes 0 (off) and 1 (on)"), ("on", "takes a number")])
+def test_the_torque_switch_takes_nothing_else_and_does_not_ask(
+    value: str,
+    says: str,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    where = ("--port", str(link), "--id", "3", "--baud", "1000000")
+    assert run(monkeypatch, "register", "write", *where, "torque_enable", value, answer="y\n") == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert says in said and "go on?" not in said
+
+
+@pytest.mark.parametrize(("baud", "says"), [("0", "or equal to 1200"), ("99999999999", "or equal to 12000000")])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ("scan", "./none"),
+        ("register", "read", "--port", "./none", "--id", "3", "id"),
+        ("passport", "save", "none.yaml", "--port", "./none"),
+    ],
+    ids=" ".join,
+)
+def test_a_rate_that_no_port_has_is_refused(
+    verb: tuple[str, ...], baud: str, says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, *verb, "--baud", baud) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
+    number: signal.Signals,
+    times: int,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where more of them come while it is being closed."""
+    put, close, former = Eeprom._put, Eeprom.close, signal.getsignal(number)
+    left = [times - 1]
 
     def signalled(memory: Eeprom, register: Register, value: int) -> None:
         assert bus.servo(3).memory.get(sts.lock) == 0
         os.kill(os.getpid(), number)
         put(memory, register, value)
 
+    def again(memory: Eeprom) -> None:
+        if left[0]:
+            left[0] -= 1
+            os.kill(os.getpid(), number)
+        close(memory)
+
     monkeypatch.setattr(Eeprom, "_put", signalled)
+    monkeypatch.setattr(Eeprom, "close", again)
     status = run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61")
     assert status == cli.INTERRUPTED
     assert "interrupted, and the port closed" in capsys.readouterr().err
     assert (bus.servo(3).memory.get(sts.lock), bus.servo(3).memory.get(sts.max_temperature)) == (1, 70)
-    assert signal.getsignal(signal.SIGTERM) is former
+    assert signal.getsignal(number) is former
 
 
 def test_an_eeprom_that_may_be_left_open_is_said_beside_the_error(

@@ -1,5 +1,6 @@
 """What a user can get wrong on the command line and in the files: each mistake gets a message that says what to do."""
 
+import errno
 import os
 import socket
 import subprocess
@@ -11,8 +12,11 @@ import pytest
 
 from servoloop import cli
 from servoloop.files import CONFIG, CONTROLLERS, URDF
+from servoloop.verbs.up import write_ready
 from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
+
+TWO_BUSES = str(CONFIG / "robot_arm_two_buses.yaml")
 
 
 @pytest.fixture
@@ -137,6 +141,13 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
         (("emulate", ""), "LINK is a free path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),
+        (("setup", "--bus", "hand"), "the robot file has one bus, and none with the name hand: leave out --bus"),
+        (("passport", "save", "x", "--arm", "so101", "--bus", "hand"), "none with the name hand: leave out --bus"),
+        (("setup", "--robot", TWO_BUSES, "--bus", "leg"), "several buses, and this is for one: say --bus arm or hand"),
+        (("passport", "save", "x", "--robot", TWO_BUSES), "several buses, and this is for one: say --bus arm or hand"),
+        (("bench", "arm", "--out", "/proc"), "/proc is a folder: name a file"),
+        (("doctor", "--report", "/"), "/ is a folder: name a file"),
+        (("doctor", "--report", "/dev/null"), "/dev/null is no file"),
         (("demo", "--grades", ""), "--grades takes grades such as A,B,C, not ''"),
         (("demo", "--grades", " ,"), "--grades takes grades such as A,B,C, not ' ,'"),
         (("demo", "--grades", "A, Z,b,yy"), "--grades Z, yy: there is no bin for it. "),
@@ -179,3 +190,19 @@ def test_every_verb_has_help_with_an_example(
         cli.main()
     assert exit_.value.code == 0
     assert f"Example: servoloop {verb}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_nothing_half_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The stack stays up."""
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_ready(tmp_path / "ready")
+    assert (tmp_path / "ready").read_text() == f"{os.getpid()}\n"
+    monkeypatch.setattr(Path, "replace", no_room)
+    write_ready(tmp_path / "again")
+    assert f"cannot write {tmp_path / 'again'}: No space left on device" in caplog.text
+    assert [path.name for path in tmp_path.iterdir()] == ["ready"]

@@ -128,19 +128,6 @@ def test_a_task_whose_worker_is_always_killed_ends_the_campaign() -> None:
         list(on_ray(kill_at_7, range(6, 9), LOCAL, 1, never))
 
 
-@with_ray
-def test_the_verb_runs_on_a_local_ray(tmp_path: Path) -> None:
-    (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
-    words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "8", "--jobs", "2"]
-    pages = []
-    for more in ([], ["--ray", "local"]):
-        command = [sys.executable, "-m", "servoloop", *words, *more]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
-        assert done.returncode == 0, done.stderr
-        pages.append((tmp_path / "out" / "campaign" / "report.html").read_bytes())
-    assert pages[0] == pages[1]
-
-
 def test_without_ray_the_option_says_what_to_install(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

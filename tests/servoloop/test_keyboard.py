@@ -1,19 +1,23 @@
 """What a person types to a tool: lines that come at once or in pieces, and a signal at any prompt."""
 
+import io
 import os
 import sys
-from collections.abc import Iterator
+import termios
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from commissioning.calibrate.flow import Task
 from commissioning.calibrate.run import STORE, TRY
 from commissioning.set_up.flow import Task as Connect
+from commissioning.slow_arm import StoppedError
 from servoloop.processes import Interrupted
 from servoloop.signals import Signals
 from servoloop.verbs.keyboard import Keyboard
 from servoloop.verbs.set_up import Plugger
 from servoloop.verbs.terminal import Terminal
+from tests.servoloop.served import eventually
 
 
 class Typing:
@@ -83,3 +87,81 @@ def test_behind_the_storing_nobody_is_told_that_nothing_was_stored(typing: Typin
     signals.ask()
     with pytest.raises(Interrupted, match="the calibration is stored"):
         terminal.confirm(TRY)
+
+
+class Screen(io.StringIO):
+    """What is printed; once there is a question, somebody types an answer to it."""
+
+    def __init__(self, answer: Callable[[], object]) -> None:
+        super().__init__()
+        self._answer = answer
+
+    def write(self, text: str) -> int:
+        if "]: " in text:
+            self._answer()
+        return super().write(text)
+
+
+@pytest.fixture
+def master(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """The far end of the terminal that is standard input."""
+    master, slave = os.openpty()
+    with os.fdopen(slave) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield master
+        os.close(master)
+
+
+def settings() -> list[object]:
+    return termios.tcgetattr(sys.stdin.fileno())
+
+
+def test_any_key_of_a_terminal_stops_and_in_the_end_it_is_as_it_was(master: int) -> None:
+    before = settings()
+    with Terminal(Signals(), yes=False) as terminal:
+        assert not terminal.stopped()
+        os.write(master, b"x")
+        eventually(terminal.stopped)
+    assert settings() == before
+
+
+def test_a_key_that_is_pressed_before_the_first_motion_stops_it_too(master: int) -> None:
+    os.write(master, b"x")
+    with Terminal(Signals(), yes=False) as terminal:
+        eventually(terminal.stopped)
+
+
+def test_a_key_that_was_pressed_behind_the_motion_is_a_stop_and_no_answer(master: int) -> None:
+    with Terminal(Signals(), yes=False) as terminal:
+        assert not terminal.stopped()
+        os.write(master, b"\n")
+        eventually(terminal.stopped)
+        with pytest.raises(StoppedError, match="stopped"):
+            terminal.moved_so("joint1", "to the left")
+
+
+def test_a_question_at_a_terminal_takes_a_line_and_nothing_that_was_typed_before(
+    master: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, keyboard = settings(), Keyboard(Signals())
+    assert not keyboard.pressed()
+    os.write(master, b"n\n")
+    eventually(keyboard.pressed)
+    monkeypatch.setattr(sys, "stderr", Screen(lambda: os.write(master, b"y\n")))
+    assert keyboard.agrees("Well?") and settings() == before
+
+
+def test_enter_alone_does_not_say_which_way_a_joint_moved(typing: Typing, capsys: pytest.CaptureFixture[str]) -> None:
+    typing.type("\nn\n\ny\n")
+    terminal = Terminal(Signals(), yes=True)
+    assert [terminal.moved_so("joint1", "to the left") for _ in range(2)] == [False, True]
+    assert capsys.readouterr().err.count("[y/n]: ") == 4
+
+
+def test_a_terminal_that_is_gone_stops_what_moves_and_answers_nothing(master: int) -> None:
+    with Terminal(Signals(), yes=False) as terminal:
+        assert not terminal.stopped()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), master)
+        assert terminal.stopped()
+        with pytest.raises(Interrupted, match="the input has ended: nothing was stored"):
+            terminal.confirm(STORE)

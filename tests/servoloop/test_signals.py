@@ -1,12 +1,16 @@
-"""SIGINT and SIGTERM: the first is counted, the second ends a program, whatever it waits for."""
+"""SIGINT, SIGTERM, SIGHUP: the first is counted, the second ends a program, whatever it waits for."""
 
 import signal
 import subprocess
 import sys
+import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
+
+from tests.servoloop.at_terminal import LIMIT_S, AtTerminal
 
 HANGING = """
 import ctypes
@@ -40,7 +44,7 @@ def send(process: "subprocess.Popen[bytes]", *numbers: signal.Signals) -> tuple[
     return process.returncode, out.decode(), words.decode()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_is_a_count_and_no_more(number: signal.Signals) -> None:
     with program(WAITING) as process:
         assert send(process, number) == (0, "calm\n", "")
@@ -78,3 +82,87 @@ def test_other_signals_are_not_counted_and_the_former_handlers_come_back() -> No
 def test_the_program_itself_can_ask_for_the_end() -> None:
     with program(f"signals.ask()\n{WAITING}signals.ask()\nassert signals.count == 1") as process:
         assert send(process) == (0, "calm\n", "")
+
+
+def test_a_closed_terminal_is_told_several_times_and_is_one_signal() -> None:
+    with program(f"{WAITING}time.sleep(0.3)\nassert signals.count == 1") as process:
+        assert send(process, *[signal.SIGHUP] * 3) == (0, "calm\n", "")
+
+
+def test_behind_a_closed_terminal_ctrl_c_is_the_second_signal() -> None:
+    with program(f"{WAITING}print('one', flush=True){HANGING}") as process:
+        process.send_signal(signal.SIGHUP)
+        assert process.stdout is not None and process.stdout.readline() == b"one\n"
+        assert send(process, signal.SIGINT)[0] == 128 + signal.SIGINT
+
+
+def test_under_nohup_a_closed_terminal_ends_nothing() -> None:
+    source = """
+import os, signal, time
+from servoloop.signals import Signals
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+with Signals() as signals:
+    os.kill(os.getpid(), signal.SIGHUP)
+    time.sleep(0.2)
+    assert signals.count == 0
+"""
+    assert subprocess.run([sys.executable, "-c", source], timeout=30.0).returncode == 0
+
+
+HEAD = """
+import sys, time
+from pathlib import Path
+from servoloop.signals import Signals
+from servoloop.terminal_output import outlive_terminal
+outlive_terminal()
+"""
+COUNTING = """
+with Signals() as signals:
+    print("ready")
+    while not signals.count: time.sleep(0.01)
+    for _ in range(3): print("on the way out")
+    print("on the way out", file=sys.stderr, flush=True)
+    Path(sys.argv[1]).write_text("ended")
+"""
+RAISING = """
+from servoloop.verbs.line import Interrupted, interruptible
+try:
+    with interruptible():
+        try:
+            print("ready")
+            time.sleep(30.0)
+        finally:
+            print("on the way out", file=sys.stderr)
+            import os, signal
+            os.kill(os.getpid(), signal.SIGHUP)  # the shell's
+            time.sleep(0.1)
+            Path(sys.argv[1]).write_text("ended")
+except Interrupted as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("source", [COUNTING, RAISING])
+def test_a_program_whose_terminal_is_closed_gets_to_its_end_whatever_it_prints(source: str, tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    with AtTerminal([sys.executable, "-c", HEAD + source, str(mark)]) as terminal:
+        terminal.wait_for("ready")
+        terminal.close()
+        assert terminal.process.wait(LIMIT_S) == 0
+    assert mark.read_text() == "ended"
+
+
+def test_a_program_that_is_ended_at_once_leaves_its_terminal_as_it_was() -> None:
+    raw = """
+from servoloop.handling.keys import raw_keys
+with Signals() as signals, raw_keys():
+    print("ready", flush=True)
+    while True: time.sleep(0.01)
+"""
+    with AtTerminal([sys.executable, "-c", HEAD + raw]) as terminal:
+        terminal.wait_for("ready")
+        assert termios.tcgetattr(terminal.slave) != terminal.settings
+        terminal.type("\x03")
+        terminal.process.send_signal(signal.SIGTERM)
+        assert terminal.process.wait(LIMIT_S) in (128 + signal.SIGINT, 128 + signal.SIGTERM)
+        assert termios.tcgetattr(terminal.slave) == terminal.settings
