@@ -146,6 +146,7 @@ def test_gains_are_written_to_a_limp_servo_read_back_locked_and_measured() -> No
     assert report.to_keep == {"settings": {"position_p": 32}}
 
 
+@pytest.mark.slow
 def test_what_is_proposed_can_be_applied() -> None:
     report = tune(TuneBench({sts.position_d: 0}).tuner(), apply=True)
     assert {one.gain for one in report.written} == set(report.proposal.values) == {"D"}

@@ -157,6 +157,7 @@ def test_the_figures_of_the_page_are_those_of_the_code() -> None:
     assert law.CLEAR_COUNTS == 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 1")
 def test_the_program_of_the_page(arm: Patient, capsys: pytest.CaptureFixture[str]) -> None:
     file, joints = arm.robot.file, arm.robot.joints

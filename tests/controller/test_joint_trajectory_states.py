@@ -4,6 +4,7 @@ from itertools import pairwise
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -145,7 +146,7 @@ class SplineClient(Client):
 
 
 TestClient = Client.TestCase
-TestSplineClient = SplineClient.TestCase
+TestSplineClient = pytest.mark.slow(SplineClient.TestCase)
 TestClient.settings = TestSplineClient.settings = settings(
     max_examples=25,
     stateful_step_count=20,

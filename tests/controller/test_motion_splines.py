@@ -64,6 +64,7 @@ def test_after_its_end_it_stands_at_the_last_point_and_before_its_start_at_the_f
         assert path.sample(time_s).velocity == pytest.approx((0.0, 0.0))  # the last point is held: reached at rest
 
 
+@pytest.mark.slow
 @given(random_waypoints())
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_random_courses_pass_their_points_within_velocity_and_position_limits_or_are_refused(way: Waypoints) -> None:

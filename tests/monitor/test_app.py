@@ -166,6 +166,7 @@ def test_a_signal_ends_it(looked_at: Watched) -> None:
     on_screen(Looked(looked_at), look, stop=signals.is_set)
 
 
+@pytest.mark.slow
 def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "run.mcap", rig.messages)
     for sample in rig.samples:

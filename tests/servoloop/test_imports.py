@@ -29,6 +29,7 @@ for package in ("drivers", "calibration", "hal", "commissioning", "controller", 
 """
 
 
+@pytest.mark.slow
 def test_all_rooms_but_nodes_import_without_ros() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -57,6 +58,7 @@ def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
 
 
+@pytest.mark.slow
 @pytest.mark.runs("servoloop bench bus --port /dev/ttyACM0 --ids 1-7", "servoloop emulate ./bus")
 def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
     """What a Raspberry Pi without ROS can do with its arm: serve it, measure its line."""

@@ -26,6 +26,7 @@ def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grad
     assert rms.max() < RMS_RAD
 
 
+@pytest.mark.slow
 def test_job_after_job_without_a_restart() -> None:
     rig = SimulatedStack().up()
     ended: list[str | None] = []

@@ -16,9 +16,13 @@ RESTING_RAD = 0.01
 """Without the leap that a joint makes as the cube leaves the hand."""
 ACTIVATED_S = 2.5
 """Until then the arm has sunk with the torque, and has been lifted again."""
-FEW = 5
-SEEDS = [*range(FEW), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(FEW, CYCLES // 200))]
-"""Five, and in make soak fifty."""
+FEW, SOME = 2, 5
+SEEDS = [
+    *range(FEW),
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, SOME)),
+    *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(SOME, CYCLES // 200)),
+]
+"""Five, two of them in make test, and in make soak fifty."""
 
 
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
