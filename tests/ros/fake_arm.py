@@ -45,6 +45,8 @@ class FakeArm:
     goals: list[tuple[int, Any]] = field(default_factory=list)
     ended_ns: list[int] = field(default_factory=list)
     canceled: int = 0
+    moving: bool = False
+    """Whether a goal has been accepted, and its client told so."""
     hand: list[tuple[int, list[float]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -65,7 +67,7 @@ class FakeArm:
         """Begin anew, with plans for the coming goals."""
         for notes in (self.plans, self.goals, self.ended_ns, self.hand):
             notes.clear()
-        self.canceled = 0
+        self.canceled, self.moving = 0, False
         self._answer.clear()
         self.plans.extend(plans)
 
@@ -98,7 +100,7 @@ class FakeArm:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: Any) -> Any:
-        result = FollowJointTrajectory.Result()
+        result, self.moving = FollowJointTrajectory.Result(), True
         if self._plan in (Plan.SUCCEED, Plan.ABORT):
             time.sleep(MOTION_S)
         else:

@@ -362,7 +362,7 @@ def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
     with Cell(ros_domain % 100 + 1, tmp_path / "log", ["--ros-args", "-p", "use_sim_time:=true"]) as cell:
         cell.forget(Plan.REFUSE_CANCEL if canceled else Plan.HOLD)
         pick = cell.pick("B")
-        cell.wait_for_goals(1)
+        wait_until(lambda: cell.below().moving, "the motion")
         if canceled:
             pick.cancel()
             wait_until(lambda: cell.below().canceled == 1, "the cancel")
