@@ -45,8 +45,6 @@ class FakeArm:
     goals: list[tuple[int, Any]] = field(default_factory=list)
     ended_ns: list[int] = field(default_factory=list)
     canceled: int = 0
-    moving: bool = False
-    """Whether a goal has been accepted, and its client told so."""
     hand: list[tuple[int, list[float]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -67,7 +65,7 @@ class FakeArm:
         """Begin anew, with plans for the coming goals."""
         for notes in (self.plans, self.goals, self.ended_ns, self.hand):
             notes.clear()
-        self.canceled, self.moving = 0, False
+        self.canceled = 0
         self._answer.clear()
         self.plans.extend(plans)
 
@@ -100,7 +98,7 @@ class FakeArm:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: Any) -> Any:
-        result, self.moving = FollowJointTrajectory.Result(), True
+        result = FollowJointTrajectory.Result()
         if self._plan in (Plan.SUCCEED, Plan.ABORT):
             time.sleep(MOTION_S)
         else:
