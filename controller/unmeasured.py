@@ -17,7 +17,7 @@ class Unmeasured:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is amiss."""
+        """The controller begins anew: no cycle without a measurement is known."""
         self.cycles = 0
         """For which joints have not been measured, or have not come to the last command since."""
         self.waits = False

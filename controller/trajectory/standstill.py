@@ -23,7 +23,7 @@ BESIDE_S: Final = 0.3
 
 
 class Standstill(Unmeasured):
-    """To be asked in cycles with faults, and behind them. In the loop's thread."""
+    """The standstill of one trajectory, to be asked in cycles with faults, and behind them. In the loop's thread."""
 
     def __init__(
         self, joints: Sequence[str], endless: Sequence[int], sampler: TrajectorySampler, execution: Execution

@@ -137,7 +137,7 @@ def _identify(joint: Joint, bus: Bus) -> None:
 
 
 def _settle(joint: Joint, bus: Bus) -> None:
-    """The limits behind the settings, which may name them."""
+    """The position limits are looked at behind the settings, which may name them."""
     apply_settings(joint, bus)
     limits = bus.position_limits(joint.servo_id)
     if limits is None and joint.settings:  # both 0 make a motor of some
@@ -146,7 +146,7 @@ def _settle(joint: Joint, bus: Bus) -> None:
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """One that has shut down refuses, and says elsewhere why."""
+    """A Dynamixel that has shut down refuses, and another register says why."""
     try:
         bus.torque_on(joint.servo_id)
     except ServoRefused as error:
