@@ -28,6 +28,7 @@ from rich.table import Table
 from bench.children import child, kill, next_line, start
 from bench.ros import HERE, PATIENCE_S, goal_to, stack
 from bench.storm_watch import Watch, participant
+from nodes.ros_process import spin_until_done
 
 GOALS_PER_S = 100
 CLIENTS = 50
@@ -55,9 +56,9 @@ def goals(seconds: float) -> None:
 def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> None:
     """Bring the arm to where every storm begins."""
     answer = client.send_goal_async(goal_to(HERE, 2.5))
-    executor.spin_until_future_complete(answer, timeout_sec=PATIENCE_S)
+    spin_until_done(executor, answer, PATIENCE_S)
     result = answer.result().get_result_async()
-    executor.spin_until_future_complete(result, timeout_sec=PATIENCE_S)
+    spin_until_done(executor, result, PATIENCE_S)
     assert result.result().result.error_code == 0, result.result().result.error_string
 
 
@@ -135,7 +136,7 @@ def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> 
     last_s = end_s + PATIENCE_S
     while time.monotonic() < (last_s if not count else end_s):
         answer = client.call_async(ListControllers.Request())
-        executor.spin_until_future_complete(answer, timeout_sec=RESEND_S)
+        spin_until_done(executor, answer, RESEND_S)
         count += answer.done() and len(answer.result().controller) == 3
     print(count, flush=True)
 
@@ -173,7 +174,7 @@ def nonsense(seconds: float) -> None:
             client = node.create_client(kind, name)
             assert client.wait_for_service(PATIENCE_S), name
             answer = client.call_async(request)
-            executor.spin_until_future_complete(answer, timeout_sec=PATIENCE_S)
+            spin_until_done(executor, answer, PATIENCE_S)
             node.destroy_client(client)
             return answer.result()
 

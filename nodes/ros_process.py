@@ -1,13 +1,16 @@
-"""A process's way into the ROS graph, and its way out of the graph in a limited time."""
+"""A process's way into the ROS graph, its waits there, and its way out of the graph in a limited time."""
 
 import faulthandler
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from time import monotonic
 from typing import Final
 
 import rclpy
+from rclpy.executors import Executor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from nodes.discovery import stay_on_this_machine, who_can_command
 
@@ -22,6 +25,21 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
     stay_on_this_machine(os.environ)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     return who_can_command(os.environ)
+
+
+def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:
+    """Serve an executor until the future is done, by something that it serves; whether it is, within the time.
+
+    rclpy's own ``spin_until_future_complete`` hangs one more callback on the future for every event that it serves, and
+    makes a task of each in the end: a node that was up for a day has millions, and a burst of answers takes minutes.
+    """
+    end_s = None if timeout_s is None else monotonic() + timeout_s
+    while not future.done():
+        left_s = None if end_s is None else end_s - monotonic()
+        if left_s is not None and left_s <= 0.0:
+            break
+        executor.spin_once(timeout_sec=left_s)
+    return bool(future.done())
 
 
 @contextmanager

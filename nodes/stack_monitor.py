@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from hal.types import FloatArray
+from nodes.ros_process import spin_until_done
 
 LOOP_STATUS = "servoloop: control loop"
 
@@ -73,7 +74,7 @@ class StackMonitor:
             return False
         parameter = Parameter(name, value=value).to_parameter_msg()
         future = client.call_async(SetParameters.Request(parameters=[parameter]))
-        self._executor.spin_until_future_complete(future, timeout_sec=5.0)
+        spin_until_done(self._executor, future, 5.0)
         response = future.result()
         return response is not None and all(result.successful for result in response.results)
 

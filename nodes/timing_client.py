@@ -101,7 +101,7 @@ class TimingClient:
                 raise DriverError("stopped")
             if time.perf_counter() > end_s:
                 raise DriverError(f"the stack did not answer within {patience_s:.0f} s")
-            self._executor.spin_until_future_complete(future, timeout_sec=LOOK_S)
+            self._executor.spin_once(timeout_sec=LOOK_S)
         return future.result()
 
     def _on_state(self, message: JointState) -> None:

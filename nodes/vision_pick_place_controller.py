@@ -17,7 +17,7 @@ from rclpy.utilities import remove_ros_args
 from nodes.discovery import open_to_network
 from nodes.pick_place.node import PickPlaceNode
 from nodes.pick_place.signals import on_stop_signal
-from nodes.ros_process import exit_watchdog, init_rclpy
+from nodes.ros_process import exit_watchdog, init_rclpy, spin_until_done
 
 NODE_NAME = "vision_pick_place_controller"
 
@@ -29,7 +29,7 @@ def _options(args: Sequence[str]) -> argparse.Namespace:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; the exit status. ``args`` as in ``sys.argv``."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP; the exit status. ``args`` as in ``sys.argv``."""
     args = sys.argv if args is None else args
     if _options(args).network:
         open_to_network(os.environ)
@@ -47,7 +47,7 @@ def main(args: Sequence[str] | None = None) -> int:
     executor.add_node(node)
     try:
         controller = PickPlaceNode(node)
-        executor.spin_until_future_complete(stopped)
+        spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException) as error:
         node.get_logger().fatal(f"wrong parameters: {error}")
         return 2

@@ -164,10 +164,10 @@ def require_file(path: Path) -> None:
     require_writable(path.parent)
 
 
-def write_file(path: Path, text: str) -> None:
-    """Write a whole file; the former one is kept, with .1 behind its name. Raises DriverError."""
+def write_file(path: Path, text: str, keep: bool = True) -> None:
+    """Write a whole file; to ``keep`` the former one puts .1 behind its name. Raises DriverError."""
     try:
-        write_whole(path, text)
+        write_whole(path, text, keep)
     except OSError as error:
         raise DriverError(cannot_write(path, error)) from error
 

@@ -1,6 +1,7 @@
 """Which worker gets which files: tests in real time mostly wait and must not be kept waiting, the others compute."""
 
 import os
+from collections import OrderedDict
 from typing import Any
 
 import pytest
@@ -41,6 +42,42 @@ class ComputingAside(LoadFileScheduling):
     def __init__(self, config: pytest.Config, log: Any = None) -> None:
         super().__init__(config, log)
         self._computing: WorkerController | None = None
+        self._deadly: set[str] = set()
+
+    def schedule(self) -> None:
+        """Distribute files; a worker that came later is given work twice: it keeps its last test until there is more.
+
+        xdist gives it one file, and one with a single test would be kept for ever.
+        """
+        if self.collection is not None:
+            super().schedule()
+        super().schedule()
+
+    def remove_node(self, node: WorkerController) -> str | None:
+        """Give what a worker that died has left to the others; returns the test that it was at, if any.
+
+        That one is run once more, and not again where it takes another worker with it. xdist's own gives away the files
+        that were finished, too: a worker that gets such a one waits for ever.
+        """
+        left = {file: tests for file, tests in self.assigned_work.pop(node).items() if not all(tests.values())}
+        deadly = next((test for tests in left.values() for test, done in tests.items() if not done), None)
+        if deadly in self._deadly:
+            file = self._split_scope(deadly)
+            left[file][deadly] = True
+            if all(left[file].values()):
+                del left[file]
+        elif deadly is not None:
+            self._deadly.add(deadly)
+        if node is self._computing:
+            self._computing = None
+        waiting = {**left, **self.workqueue}
+        self.workqueue = OrderedDict(sorted(waiting.items(), key=lambda one: not in_real_time(one[0])))
+        for other in self.nodes:
+            self._reschedule(other)
+        return deadly
+
+    def mark_test_pending(self, item: str) -> None:  # type: ignore[override]
+        """Nothing is to be done to run a deadly test again: it is left to the others."""
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         self._computing = self._computing or self.nodes[-1]

@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from hal.types import FloatArray
 from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, Standing
 from nodes.handling.robot import HandlingError, Robot, in_words
+from nodes.ros_process import spin_until_done
 
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
 FORWARD: Final = (
@@ -97,8 +98,7 @@ class RobotClient:
         if not self._list.wait_for_service(ANSWER_S):
             raise HandlingError("no stack answers under ROS: is `servoloop up` running, with the same ROS_DOMAIN_ID?")
         answer = self._list.call_async(ListControllers.Request())
-        self._executor.spin_until_future_complete(answer, timeout_sec=ANSWER_S)
-        if not answer.done():
+        if not spin_until_done(self._executor, answer, ANSWER_S):
             raise HandlingError(f"the controller manager did not answer within {ANSWER_S:.0f} s")
         active = [one for one in answer.result().controller if one.state == "active"]
         for one in active:

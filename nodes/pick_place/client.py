@@ -13,6 +13,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sorting_arm_interfaces.action import PickPlace
 
+from nodes.ros_process import spin_until_done
+
 ACTION: Final = "/sorting/arm/pick_place"
 ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
@@ -58,8 +60,7 @@ class PickClient:
 
         self._heard_s = monotonic()
         answer = self._client.send_goal_async(PickPlace.Goal(grade=grade), feedback_callback=hear)
-        self._executor.spin_until_future_complete(answer, timeout_sec=ANSWER_S)
-        if not answer.done():
+        if not spin_until_done(self._executor, answer, ANSWER_S):
             return PickOutcome(False, f"no answer from {ACTION} within {ANSWER_S:.0f} s: does the node hang?")
         handle: ClientGoalHandle = answer.result()
         if not handle.accepted:
@@ -84,8 +85,7 @@ class PickClient:
 
     def _cancel(self, handle: ClientGoalHandle, result: Future) -> PickOutcome:
         handle.cancel_goal_async()
-        self._executor.spin_until_future_complete(result, timeout_sec=CANCEL_S)
-        if result.done():
+        if spin_until_done(self._executor, result, CANCEL_S):
             return _outcome(result)
         return PickOutcome(False, f"canceled, and {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_UNKNOWN}")
 

@@ -10,6 +10,7 @@ from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import RunReport
 from servoloop.campaign.shrink import shrink
 from servoloop.campaign.workers import Stop, quiet
+from servoloop.files import write_file
 from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
@@ -59,19 +60,19 @@ def smallest(report: SeedReport, invariant: str, stop: Stop) -> Schedule:
 
 
 def keep(report: SeedReport, invariant: str, out: Path, stop: Stop) -> Fallen:
-    """Shrink the run's schedule, run it again, and write schedule and trace into ``out``."""
+    """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError."""
     schedule = smallest(report, invariant, stop)
     again, recording = recorded(schedule)
     violation = next(one for one in again.violations if one.invariant == invariant)
     path = out / f"{stem_of(invariant)}-seed-{report.seed}.yaml"
-    path.write_text(f"# {invariant}: {violation.text}\n{schedule_text(schedule)}")
+    write_file(path, f"# {invariant}: {violation.text}\n{schedule_text(schedule)}", keep=False)
     return traced(violation, schedule, recording, path, path.with_suffix(".csv"))
 
 
 def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> Fallen:
     """Write the trace of a violation of the schedule in the file ``path``; ``recording``: of the whole run."""
     part = recording.around(violation.time_s, BEFORE_S, CYCLES_BEHIND)
-    trace.write_text(trace_text(part, files_of(schedule.arm).robot.joints))
+    write_file(trace, trace_text(part, files_of(schedule.arm).robot.joints), keep=False)
     return Fallen(violation, schedule, part, path, trace)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.fallen import BEFORE_S, Fallen
 from servoloop.campaign.tally import Tally
+from servoloop.files import write_file
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
 from sim_backend.faults.text import text_of
@@ -62,8 +63,8 @@ def page(tally: Tally | None, fallen: Sequence[Fallen]) -> str:
 
 
 def write(path: Path, tally: Tally | None, fallen: Sequence[Fallen]) -> None:
-    """Write the report into the file ``path``."""
-    path.write_text(page(tally, fallen))
+    """Write the report into the file ``path``. Raises DriverError."""
+    write_file(path, page(tally, fallen), keep=False)
 
 
 def _plots(tally: Tally) -> list[tuple[str, str]]:

@@ -11,11 +11,12 @@ from rich.table import Table
 from servoloop.demo.demo import Report
 from servoloop.demo.following_error import worst
 from servoloop.demo.jobs import Run
+from servoloop.files import write_file
 
 
 def write_json(report: Report, path: Path) -> None:
-    """Write the report for programs."""
-    path.write_text(json.dumps(_content(report), indent=2, allow_nan=False) + "\n")
+    """Write the report for programs. Raises DriverError."""
+    write_file(path, json.dumps(_content(report), indent=2, allow_nan=False) + "\n", keep=False)
 
 
 def succeeded(report: Report) -> bool:

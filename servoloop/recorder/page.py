@@ -8,6 +8,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hal.types import FloatArray
+from servoloop.files import write_file
 from servoloop.plots.series import Curve, Panel, Stretch, time_series
 from servoloop.recorder.reader import RecordedRun
 
@@ -27,8 +28,8 @@ def page(run: RecordedRun, name: str) -> str:
 
 
 def write_page(path: Path, run: RecordedRun, name: str) -> None:
-    """Write the page into the file ``path``."""
-    path.write_text(page(run, name))
+    """Write the page into the file ``path``. Raises DriverError."""
+    write_file(path, page(run, name), keep=False)
 
 
 def _largest_errors(run: RecordedRun) -> list[tuple[str, float]]:

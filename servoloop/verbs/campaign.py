@@ -61,27 +61,26 @@ def campaign(
     make_folder(out)
     asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
     with Signals() as signals:
-        tally, fallen = _run(said, asked, processes, ray, out, lambda: signals.count > 0)
+        tally = _run(said, asked, processes, ray, lambda: signals.count > 0)
+        fallen, page, unwritten = _keep(tally, out, lambda: signals.count > 0)
         interrupted = signals.count > 0
-    page = _write_page(out / REPORT, tally, fallen)
     if json:
         print_json({**tally.plain(), **_files(fallen, page)})
     else:
         _print(tally, fallen, page)
+    if unwritten:
+        raise unwritten
     if interrupted:
         raise Interrupted(f"interrupted: {len(tally.rows)} of {tally.planned} runs were done, and are reported")
     raise typer.Exit(1 if fallen else 0)
 
 
-def _run(
-    scenario: "Scenario", seeds: range, processes: int, ray: str | None, out: Path, stop: "Stop"
-) -> "tuple[Tally, list[Fallen]]":
-    """All runs, and what fell in them, written into ``out``."""
+def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop") -> "Tally":
+    """All runs."""
     from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
-    from servoloop.campaign.fallen import keep
     from servoloop.campaign.tally import Tally
 
     tally = Tally(scenario, len(seeds))
@@ -90,12 +89,24 @@ def _run(
         for report in run(scenario, seeds, processes, stop, ray):
             tally.add(report)
             progress.advance(task)
-        task = progress.add_task("what fell, made small", total=len(tally.first))
-        fallen = []
-        for invariant, report in tally.first.items():
+    return tally
+
+
+def _keep(tally: "Tally", out: Path, stop: "Stop") -> "tuple[list[Fallen], Path | None, DriverError | None]":
+    """What fell, written into ``out`` with the page; the error where that cannot be: the runs are to be told first."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from servoloop.campaign.fallen import keep
+
+    fallen: list[Fallen] = []
+    console = Console(stderr=True)
+    try:
+        for invariant, report in track(tally.first.items(), "what fell, made small", console=console, transient=True):
             fallen.append(keep(report, invariant, out, stop))
-            progress.advance(task)
-    return tally, fallen
+        return fallen, _write_page(out / REPORT, tally, fallen), None
+    except DriverError as error:
+        return fallen, None, error
 
 
 def _see_again(path: Path, out: Path, json: bool) -> int:

@@ -51,6 +51,6 @@ def demo(
     console = Console()
     with Live(console) as live:
         report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live, record, view)
-    reports.write_json(report, out / "result.json")
     reports.print_table(report, console)
+    reports.write_json(report, out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)

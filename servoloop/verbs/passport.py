@@ -52,7 +52,7 @@ def save(
 
     Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
     """
-    path, said = _path(file, port), _robot_file(arm, robot)
+    path, said = _path(file, port), _robot_file(arm, robot, bus)
     joints = said.joints_on(bus_of(said, bus)) if said else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
@@ -80,7 +80,7 @@ def diff(
     Example: `servoloop passport diff my_arm.passport.yaml`
     """
     passport = read_passport(_path(file, port))
-    with _line_of(passport, port, _robot_file(arm, robot), bus) as line:
+    with _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
         found, adapter = compare(line, passport), adapter_serial(line.name)
     if json:
         print_json({**asdict(found), "same": found.same, "adapter": adapter})
@@ -113,7 +113,7 @@ def restore_(
     if json and not yes:
         raise PassportError("--json cannot ask: say --yes too")
     passport = read_passport(_path(file, port))
-    with interruptible(), _line_of(passport, port, _robot_file(arm, robot), bus) as line:
+    with interruptible(), _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
         _say_other_adapter(passport, adapter_serial(line.name))
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
@@ -127,8 +127,10 @@ def restore_(
     _say_changes(changes, json)
 
 
-def _robot_file(arm: str | None, robot: Path | None) -> RobotFile | None:
+def _robot_file(arm: str | None, robot: Path | None, bus: str | None) -> RobotFile | None:
     path = robot or (find_arm(arm).robot if arm else None)
+    if bus is not None and path is None:
+        raise PassportError("--bus names a bus of a robot file: say --arm or --robot, too, or leave it out")
     return load_robot_file(path) if path else None
 
 

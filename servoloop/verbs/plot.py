@@ -28,10 +28,7 @@ def plot(
     from servoloop.recorder.page import write_page
 
     path = out or recording.with_suffix(".html")
-    try:
-        write_page(path, run, recording.name)
-    except OSError as error:
-        raise DriverError(f"cannot write {path}: {error.strerror}") from error
+    write_page(path, run, recording.name)
     if json:
         print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})
     else:

@@ -8,6 +8,7 @@ import typer
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.files import write_file
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.verbs.line import PortsOption, devices_of
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
@@ -172,10 +173,7 @@ def _drawn(path: Path, report: "Report") -> Path | None:
         return None
     from servoloop.tune_picture import picture
 
-    try:
-        path.write_text(picture(report))
-    except OSError as error:
-        raise DriverError(f"cannot write {path}: {error.strerror}") from error
+    write_file(path, picture(report), keep=False)
     return path
 
 

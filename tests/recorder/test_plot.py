@@ -73,6 +73,12 @@ def test_what_a_killed_program_left_is_read_as_far_as_it_goes(
     np.testing.assert_array_equal(left.position, run.position[: len(left.time_s)])
 
 
+def test_a_page_that_cannot_be_written_is_told(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "Is a directory" in complaint(capsys, monkeypatch, "plot", str(recording), "--out", str(tmp_path))
+
+
 def test_what_is_no_recording_is_refused_in_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,9 +48,7 @@ class ManagerClient:
 
     def wait(self, *futures: Future) -> list[Any]:
         """The results of all; fails if one never comes."""
-        for future in futures:
-            self.executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
-            assert future.done()
+        self.spin_until(lambda: all(future.done() for future in futures))
         return [future.result() for future in futures]
 
     def call(self, kind: Any, service: str, **fields: Any) -> Any:

@@ -105,8 +105,7 @@ class ArmClient:
 
     def wait(self, future: Future) -> object:
         """The future's result; fails if it never comes."""
-        self.executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
-        assert future.done()
+        self.spin_until(future.done)
         return future.result()
 
     def spin_until(self, ready: Callable[[], bool]) -> None:

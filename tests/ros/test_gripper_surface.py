@@ -70,8 +70,7 @@ class Gripper:
         return handle, handle.get_result_async()
 
     def wait(self, future: Future) -> Any:
-        self._executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
-        assert future.done()
+        self.spin_until(future.done)
         return future.result()
 
     def spin_until(self, ready: Callable[[], bool]) -> None:

@@ -400,7 +400,7 @@ def test_no_arm_at_all(ros_domain: int, tmp_path: Path) -> None:
         assert pick.end()[0] == CANCELED
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_path: Path, number: int) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.forget(Plan.HOLD)

@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from hal.types import JointState
 from nodes.controllers.trajectory import TrajectoryNode
+from nodes.ros_process import spin_until_done
 from tests.controller.bench import ARM, Bench
 from tests.ros.stack_process import PATIENCE_S
 from tests.ros.stamps import time_message
@@ -47,8 +48,7 @@ class Behind:
             self.interface.publish_cycle(state, time_message(state.stamp_s))
 
     def wait(self, future: Any) -> Any:
-        self.executor.spin_until_future_complete(future, PATIENCE_S)
-        assert future.done(), "never came"
+        assert spin_until_done(self.executor, future, PATIENCE_S), "never came"
         return future.result()
 
     def settle(self) -> None:

@@ -70,6 +70,20 @@ def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     assert ran.exit_code == 0 and "no invariant fell" in ran.output
 
 
+def test_a_page_that_cannot_be_written_takes_no_result_with_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario, out = tmp_path / "scenario.yaml", tmp_path / "out"
+    scenario.write_text("{seconds: 0.1, faults: 0}")
+    (out / "report.html").mkdir(parents=True)
+    arguments = ("--scenario", str(scenario), "--seeds", "1", "--jobs", "1", "--out", str(out))
+    said = complaint(capsys, monkeypatch, "campaign", *arguments)
+    assert f"cannot write {out / 'report.html'}: Is a directory" in said
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert "no invariant fell" in capsys.readouterr().out
+
+
 def test_the_page_names_every_invariant_and_every_key() -> None:
     page = (ROOT / "docs" / "campaigns.md").read_text()
     assert all(f"| {invariant.name} |" in page for invariant in ALL)

@@ -153,3 +153,4 @@ def test_what_goes_wrong_is_said(
     said = complaint(capsys, monkeypatch, "passport", "restore", str(file), "--port", port)
     assert "broken.yaml:2: servos.1.registers" in said
     assert "--to-new needs --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
+    assert "say --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")

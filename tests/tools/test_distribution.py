@@ -1,5 +1,6 @@
-"""Every test is run by some worker, and none in real time by a worker that has begun to compute."""
+"""Every test is run by some worker, and none in real time by a worker that has begun to compute; workers may die."""
 
+from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,11 +27,15 @@ class Worker:
         self.shutting_down = True
 
 
-def run(tests: list[str], workers: list[Worker], request: pytest.FixtureRequest) -> None:
+def run(
+    tests: list[str], workers: list[Worker], request: pytest.FixtureRequest, deaths: frozenset[int] = frozenset()
+) -> list[str]:
     """As xdist does it: a worker runs what it was sent but the last one, which it keeps until told there is no more.
 
-    The workers take turns.
+    The workers take turns; in the turns of ``deaths`` one dies and is replaced. Returns at which tests they died.
     """
+    died: list[str] = []
+    turn = 0
     config: Any = SimpleNamespace(
         option=SimpleNamespace(loadscopereorder=False),
         getvalue=lambda name: ["popen"] * len(workers),
@@ -44,24 +49,42 @@ def run(tests: list[str], workers: list[Worker], request: pytest.FixtureRequest)
     while ready := [one for one in workers if len(one.queue) > (0 if one.shutting_down else 1)]:
         worker = min(ready, key=lambda one: len(one.ran))
         index = worker.queue.pop(0)
+        turn += 1
+        if turn in deaths:
+            worker.queue.clear()
+            worker.shutting_down = True
+            died.append(tests[index])
+            assert scheduler.remove_node(worker) == died[-1]
+            scheduler.mark_test_pending(died[-1])
+            workers.append(Worker())
+            scheduler.add_node(workers[-1])
+            scheduler.add_node_collection(workers[-1], tests)
+            scheduler.schedule()
+            continue
         worker.ran.append(tests[index])
         scheduler.mark_test_complete(worker, index)
     assert all(worker.shutting_down for worker in workers)
+    return died
 
 
 FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_size=12)
+
+
+def named(files: list[tuple[bool, int]]) -> list[str]:
+    """The tests of files in real time or not, with so many tests each."""
+    kinds = sorted(files, key=lambda one: not one[0])
+    return [
+        f"tests/{'ros' if real else 'hal'}/test_{number}.py::test_{i}"
+        for number, (real, many) in enumerate(kinds)
+        for i in range(many)
+    ]
 
 
 @given(files=FILES, count=st.integers(1, 5))
 def test_all_are_run_and_who_computes_does_nothing_else(
     request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int
 ) -> None:
-    kinds = sorted(files, key=lambda one: not one[0])
-    tests = [
-        f"tests/{'ros' if real else 'hal'}/test_{number}.py::test_{i}"
-        for number, (real, many) in enumerate(kinds)
-        for i in range(many)
-    ]
+    tests = named(files)
     workers = [Worker() for _ in range(count)]
     run(tests, workers, request)
     assert sorted(test for worker in workers for test in worker.ran) == sorted(tests)
@@ -70,3 +93,14 @@ def test_all_are_run_and_who_computes_does_nothing_else(
     for worker in workers:
         kinds_run = [in_real_time(test) for test in worker.ran]
         assert kinds_run == sorted(kinds_run, reverse=True), "computed, and then worked in real time"
+
+
+@given(files=FILES, count=st.integers(1, 4), deaths=st.frozensets(st.integers(1, 30), max_size=5))
+def test_where_workers_die_the_others_run_what_is_left_and_the_test_they_were_at_once_more(
+    request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int, deaths: frozenset[int]
+) -> None:
+    tests = named(files)
+    workers = [Worker() for _ in range(count)]
+    died = Counter(run(tests, workers, request, deaths))
+    assert max(died.values(), default=0) <= 2
+    assert sorted(test for worker in workers for test in worker.ran) == sorted(t for t in tests if died[t] < 2)

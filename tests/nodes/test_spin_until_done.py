@@ -1,0 +1,59 @@
+"""A client waits for a future without leaving something behind for every event that it serves meanwhile."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from nodes.ros_process import spin_until_done
+
+
+class Counting(Future):
+    """Counts what is hung on it."""
+
+    hung = 0
+
+    def add_done_callback(self, callback: Callable[[Future], None]) -> None:
+        self.hung += 1
+        super().add_done_callback(callback)
+
+
+@pytest.fixture
+def node(ros_domain: int) -> Iterator[Node]:
+    rclpy.init()
+    node = Node("waiting")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+def test_events_that_are_served_meanwhile_leave_nothing_on_the_future(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    answer, events = Counting(executor=executor), 0
+
+    def event() -> None:
+        nonlocal events
+        events += 1
+        if events == 50:
+            answer.set_result("here")
+
+    node.create_timer(0.001, event)
+    assert spin_until_done(executor, answer, 60.0)
+    assert (answer.result(), events, answer.hung) == ("here", 50, 0)
+    executor.shutdown()
+
+
+@pytest.mark.ros
+def test_one_that_never_comes_is_waited_for_no_longer_than_said(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    assert not spin_until_done(executor, Future(), 0.05)
+    executor.shutdown()
