@@ -4,6 +4,7 @@ import faulthandler
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from math import inf
 from time import monotonic
 from typing import Final
 
@@ -15,6 +16,7 @@ from rclpy.task import Future
 from nodes.discovery import stay_on_this_machine, who_can_command
 
 EXIT_LIMIT_S: Final = 10.0
+_TURN_S: Final = 0.1
 
 
 def init_rclpy(arguments: Sequence[str] | None = None) -> str:
@@ -32,13 +34,11 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
 
     rclpy's own ``spin_until_future_complete`` hangs one more callback on the future for every event that it serves, and
     makes a task of each in the end: a node that was up for a day has millions, and a burst of answers takes minutes.
+    Every turn has the same length: at another one rclpy begins anew with its tasks, and one that waits starves the rest.
     """
-    end_s = None if timeout_s is None else monotonic() + timeout_s
-    while not future.done():
-        left_s = None if end_s is None else end_s - monotonic()
-        if left_s is not None and left_s <= 0.0:
-            break
-        executor.spin_once(timeout_sec=left_s)
+    end_s, turn_s = (inf, None) if timeout_s is None else (monotonic() + timeout_s, _TURN_S)
+    while not future.done() and monotonic() < end_s:
+        executor.spin_once(timeout_sec=turn_s)
     return bool(future.done())
 
 

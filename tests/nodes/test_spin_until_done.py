@@ -52,6 +52,22 @@ def test_events_that_are_served_meanwhile_leave_nothing_on_the_future(node: Node
 
 
 @pytest.mark.ros
+def test_a_task_that_waits_keeps_no_event_from_its_turn(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    answer, bell = Future(executor=executor), Future(executor=executor)
+
+    async def wait() -> None:
+        await bell
+        answer.set_result(None)
+
+    executor.create_task(wait)
+    node.create_timer(0.01, lambda: bell.done() or bell.set_result(None))
+    assert spin_until_done(executor, answer, 10.0)
+    executor.shutdown()
+
+
+@pytest.mark.ros
 def test_one_that_never_comes_is_waited_for_no_longer_than_said(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
