@@ -107,10 +107,10 @@ def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
 def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_written(
     json_: bool, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def no_room(*_: object) -> None:
+    def no_room(fd: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", no_room)
+    monkeypatch.setattr("os.fsync", no_room)
     command = REAL[1] + (" --json" if json_ else "")
     assert typed(monkeypatch, command, answer="y\n") == 1
     said = capsys.readouterr()

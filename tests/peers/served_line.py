@@ -1,6 +1,7 @@
 """A virtual line on a pseudo-terminal, for a client that must not know that it is one: ``python served_line.py``.
 
-Arguments: LINK MODEL ID... A process of its own, because a client may hold its interpreter for as long as it waits.
+Arguments: LINK MODEL ID... A process of its own, because a client may hold its interpreter for as long as it waits; at
+the priority of ``servoloop emulate``, because the makers' SDKs wait 34 ms for an answer.
 """
 
 import signal
@@ -8,6 +9,7 @@ import sys
 from pathlib import Path
 
 from drivers.servos.catalog import MODELS, series_of
+from servoloop.realtime import realtime_priority
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
@@ -21,7 +23,8 @@ def main() -> None:
     line = (VirtualDynamixelBus if protocol2 else VirtualBus).of(BenchPlant(list(models)), models)
     ended: list[int] = []
     signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
-    serve(line, Path(link), stop=lambda: bool(ended), on_ready=lambda: print("ready", flush=True))
+    with realtime_priority():
+        serve(line, Path(link), stop=lambda: bool(ended), on_ready=lambda: print("ready", flush=True))
 
 
 if __name__ == "__main__":
