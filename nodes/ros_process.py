@@ -34,7 +34,7 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
 
     rclpy's own ``spin_until_future_complete`` hangs one more callback on the future for every event that it serves, and
     makes a task of each in the end: a node that was up for a day has millions, and a burst of answers takes minutes.
-    Every turn has the same length: at another one rclpy begins anew with its tasks, and one that waits starves the rest.
+    Every turn is as long as the last: rclpy begins anew with its tasks otherwise, and one that waits starves the rest.
     """
     end_s, turn_s = (inf, None) if timeout_s is None else (monotonic() + timeout_s, _TURN_S)
     while not future.done() and monotonic() < end_s:
