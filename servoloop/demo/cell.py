@@ -56,6 +56,11 @@ def check_grades(grades: Sequence[str], arm: Arm) -> None:
         raise DriverError(f"--grades {names}: there is no bin for it. {arm.pick_place} has the grades {listed}")
 
 
+def are_all_grades(grades: Sequence[str], arm: Arm) -> bool:
+    """Whether every grade that the arm's node has a bin for is among these."""
+    return {grade.strip().upper() for grade in grades} >= set(load_pick_place(arm.pick_place).grades)
+
+
 def environment() -> dict[str, str]:
     """The environment with a ROS domain of the demo's own, unless the user has named one."""
     values = dict(os.environ)

@@ -9,7 +9,7 @@ import psutil
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import Arm
-from servoloop.demo.cell import ARM, Cell, cell
+from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.jobs import Run
 from servoloop.demo.live import Live
 from sim_backend.mechanics.build import Build
@@ -50,7 +50,7 @@ class Report:
     """The arm's, in the order of all figures."""
     runs: tuple[Run, ...]
     comparisons: Mapping[str, Run]
-    """More runs, by what is missing in each. They need not succeed."""
+    """More runs, by what is missing in each; none where not all grades were asked for. They need not succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -72,18 +72,18 @@ def demo(
     Raises DriverError with a process' last words if one of them fails.
     """
     with cell(out, arm, robot, build, live, record, view) as ready:
-        return _measure([grade for _ in range(repeat) for grade in grades], ready)
+        return _measure([grade for _ in range(repeat) for grade in grades], ready, are_all_grades(grades, arm))
 
 
-def _measure(jobs: Sequence[str], ready: Cell) -> Report:
-    """Run all jobs, then one more without each help that soft servos get, for the difference."""
+def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:
+    """Run all jobs; to ``compare``, one more without each help that soft servos get."""
     runner, monitor = ready.runner, ready.monitor
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
     moving_percent, runs = _cpu(stack, lambda: [runner.run(grade) for grade in jobs])
     runner.idle(1.5)  # the figures of the last cycles are published once a second
     loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
-    comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT}
+    comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT if compare}
     return Report(tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent})
 
 

@@ -39,7 +39,9 @@ def print_table(report: Report, console: Console) -> None:
         table.add_row(f"{grade} {marks[what]}", *rest)
     console.print(table)
     console.print("of the worst joint and of the fastest; RMS while moving, at rest half a second after a motion")
-    console.print(", ".join(f"{mark} without {what}" for what, mark in marks.items()) + "\n")
+    if marks:
+        console.print(", ".join(f"{mark} without {what}" for what, mark in marks.items()))
+    console.print()
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
 

@@ -27,6 +27,7 @@ def demo(
 ) -> None:
     """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
 
+    With all grades two more cubes are sorted for comparison, one without gravity compensation and one without lead.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
     from rich.console import Console

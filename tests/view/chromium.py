@@ -22,6 +22,13 @@ def find_chromium() -> str:
     return str(path)
 
 
+SELDOM = """
+window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Five pictures a second: as many as it can draw, a browser without a graphics card fills both processors with."""
+
+
 class OpenPage:
     """A page in a browser; ``requests`` are all that it has asked for."""
 
@@ -61,6 +68,7 @@ def changed(before: Image.Image, after: Image.Image) -> float:
 def open_page(url: str) -> Iterator[OpenPage]:
     """The page in a browser without a screen and without a graphics card."""
     with browser_page(find_chromium()) as page:
+        page.add_init_script(SELDOM)
         shown = OpenPage(page)
         page.goto(url)
         page.wait_for_selector("canvas", timeout=PATIENCE_MS)
