@@ -64,12 +64,13 @@ def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: p
 
 @contextmanager
 def ended_after(seconds: float) -> Iterator[None]:
-    """A stack that runs so long from the moment at which somebody looks on."""
+    """A stack that runs so long, faster than real time, from the moment at which somebody looks on, and is read."""
     rig = LiveRig()
 
     def run() -> None:
         eventually(lambda: rig.play(0.05) and rig.feed.eager)
         rig.play(seconds)
+        eventually(lambda: rig.feed.flush() or not any(viewer._waiting for viewer in rig.feed._viewers))
         rig.feed.close((), failed=False)
 
     thread = threading.Thread(target=run)
