@@ -20,7 +20,7 @@ PING, READ, WRITE = 1, 2, 3
 TABLE = bytearray(128)
 TABLE[3:5] = (777).to_bytes(2, "little")
 TABLE[21:23], TABLE[26], TABLE[27], TABLE[85] = bytes((32, 32)), 1, 1, 254  # the factory's gains
-TABLE[16:18] = TABLE[48:50] = (1000).to_bytes(2, "little")  # full torque
+TABLE[16:18], TABLE[48:50] = (1000).to_bytes(2, "little"), (999).to_bytes(2, "little")  # full torque, as our driver sets it
 TABLE[8], TABLE[18] = 1, 12  # every write is acknowledged, speeds are in counts/s
 TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # 2048, -100 counts/s, -2 %, 12.0 V, 33 C
 GRANULE_S = 0.0003
