@@ -24,6 +24,9 @@ MISSED: Final = 1.2
 LATEST: Final = 1.4
 """So many times that: no cycle had the time, and the servo is asked beyond the end of one. Better one late cycle now
 and then than a limp joint that nobody knows of, or one that gets no goals for ever."""
+QUICK_S: Final = 0.008
+"""A line that answers within this time is asked for one servo in such a cycle, which need not miss the next one then. A
+slower one is asked for all at once: their answers are held back together."""
 LATE_S: Final = 0.08
 """How late that cycle may be: two questions, through an adapter that holds answers back too. Less than ``RESET_S``."""
 TAKEN: Final = ("current", "temperature")
@@ -56,6 +59,8 @@ class ServoFaults:
         """When each was last found to drive its motor, or else missing."""
         self._next = 0
         self._next_s = self._next_late_s = 0.0
+        self._quick = True
+        """Whether the line was when a cycle was late for it."""
 
     def forget(self) -> None:
         """Forget all faults: the servos start anew."""
@@ -100,11 +105,15 @@ class ServoFaults:
         else:
             for name in [joint.name for joint in back if joint.name in self._let_go]:
                 self._refuse(name, self._let_go[name])  # also if it was silent meanwhile
-            late = self._overdue(measured)
-            until_s = self._clock.now() + LATE_S if late else ask_until_s
+            begin_s, late = self._clock.now(), self._overdue(measured)
+            until_s = begin_s + LATE_S if late else ask_until_s
             self._ask([joint for joint in back if joint.name not in self._let_go], buses, until_s)
             due = self._due(measured, 0.0 if late else MISSED * WATCH_S)
-            self._watch([joint for joint in due if joint.name not in self._faults], buses, until_s)
+            due = [joint for joint in due if joint.name not in self._faults]
+            self._watch(due[:1] if late and self._quick else due, buses, until_s)
+            if late:
+                was_quick, self._quick = self._quick, self._clock.now() - begin_s < QUICK_S
+                self._next_late_s = begin_s + (0.0 if was_quick else LATEST * WATCH_S)
         unasked = {
             joint.name: JointFault("no_torque", f"{_called(joint, buses)} {_UNASKED}")
             for joint in back
@@ -114,11 +123,7 @@ class ServoFaults:
 
     def _overdue(self, measured: Mapping[str, int]) -> bool:
         """Whether this cycle is to be the late one."""
-        now_s = self._clock.now()
-        if now_s < self._next_late_s or not self._unseen(LATEST * WATCH_S, measured):
-            return False
-        self._next_late_s = now_s + LATEST * WATCH_S
-        return True
+        return self._clock.now() >= self._next_late_s and bool(self._unseen(LATEST * WATCH_S, measured))
 
     def _driven(self, joints: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> dict[str, bool]:
         found = buses.torque_states(joints, ask_until_s) if joints else {}

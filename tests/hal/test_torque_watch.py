@@ -82,3 +82,24 @@ def test_late_cycles_are_few(rate_hz: float, held_back_s: float) -> None:
     cycles = loop.cycles(5.0)
     assert cycles.count({}) == len(cycles)
     assert loop.late <= 5.0 / LONGEST_S + 1
+
+
+def test_on_a_quick_line_one_servo_is_asked_at_a_time_and_no_cycle_is_missed() -> None:
+    loop = Paced(800.0, 0.0)  # all three servos' answers at once do not fit
+    shown = loop.bench.hardware._states.faults._shown_s
+    oldest = []
+    for _ in range(1000):
+        loop.cycle()
+        oldest.append(loop.bench.clock.now() - min(shown.values()))
+    assert loop.late == 0
+    assert max(oldest) <= LONGEST_S + len(shown) * 2 * loop.period_s
+
+
+def test_on_a_line_that_has_become_slow_all_are_asked_in_the_next_cycle() -> None:
+    loop = Paced(50.0, 0.0155)
+    faults = loop.bench.hardware._states.faults
+    faults._quick = True
+    while faults._quick:
+        loop.cycle()
+    loop.cycle()
+    assert loop.bench.clock.now() - min(faults._shown_s.values()) <= 2 * loop.period_s
