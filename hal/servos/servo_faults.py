@@ -61,8 +61,6 @@ class ServoFaults:
         self._next_s = self._next_late_s = 0.0
         self._quick = True
         """Whether the line was when a cycle was late for it."""
-        self._waiting: set[str] = set()
-        """Joints that were back in the cycle before."""
 
     def forget(self) -> None:
         """Forget all faults: the servos start anew."""
@@ -107,20 +105,15 @@ class ServoFaults:
         else:
             for name in [joint.name for joint in back if joint.name in self._let_go]:
                 self._refuse(name, self._let_go[name])  # also if it was silent meanwhile
-            asked = [joint for joint in back if joint.name not in self._let_go]
-            # Who was back in the cycle before already is asked now: on a quick line that costs next to nothing.
-            waits = self._quick and any(joint.name in self._waiting for joint in asked)
-            begin_s, late = self._clock.now(), waits or self._overdue(measured)
+            begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
-            alone = late and self._quick
-            self._ask(asked[:1] if alone else asked, buses, until_s)
+            self._ask([joint for joint in back if joint.name not in self._let_go], buses, until_s)
             due = self._due(measured, 0.0 if late else MISSED * WATCH_S)
             due = [joint for joint in due if joint.name not in self._faults]
-            self._watch(due[: 1 - len(asked[:1])] if alone else due, buses, until_s)
+            self._watch(due[:1] if late and self._quick else due, buses, until_s)
             if late:
                 was_quick, self._quick = self._quick, self._clock.now() - begin_s < QUICK_S
                 self._next_late_s = begin_s + (0.0 if was_quick else LATEST * WATCH_S)
-            self._waiting = {joint.name for joint in asked}
         unasked = {
             joint.name: JointFault("no_torque", f"{_called(joint, buses)} {_UNASKED}")
             for joint in back
