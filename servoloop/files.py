@@ -165,7 +165,7 @@ def require_file(path: Path) -> None:
 
 
 def write_file(path: Path, text: str, keep: bool = True) -> None:
-    """Write a whole file; to ``keep`` the former one puts .1 behind its name. Raises DriverError."""
+    """Write a whole file; ``keep``: the former one stays, with .1 behind its name. Raises DriverError."""
     try:
         write_whole(path, text, keep)
     except OSError as error:

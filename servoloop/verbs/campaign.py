@@ -76,7 +76,7 @@ def campaign(
 
 
 def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop") -> "Tally":
-    """All runs."""
+    """Run the scenario with each seed."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -93,7 +93,7 @@ def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, st
 
 
 def _keep(tally: "Tally", out: Path, stop: "Stop") -> "tuple[list[Fallen], Path | None, DriverError | None]":
-    """What fell, written into ``out`` with the page; the error where that cannot be: the runs are to be told first."""
+    """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first."""
     from rich.console import Console
     from rich.progress import track
 

@@ -13,6 +13,7 @@ from servoloop.live.folder import make_live_folder, socket_path
 from servoloop.live.robot_state import RobotState
 from servoloop.live.stream import MessageStream
 from tests.recorder.rig import Rig
+from tests.servoloop.served import eventually
 
 
 @contextmanager
@@ -38,6 +39,10 @@ class LiveRig(Rig):
             self.feed.write(sample)
             self.feed.flush()
         return len(samples)
+
+    def wait_until_read(self) -> None:
+        """Whoever looks on has taken all that was played."""
+        eventually(lambda: self.feed.flush() or not any(viewer._waiting for viewer in self.feed._viewers))
 
 
 class Onlooker:

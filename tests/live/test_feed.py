@@ -93,8 +93,7 @@ def test_one_who_is_too_slow_loses_whole_cycles_and_knows_how_many(monkeypatch: 
     stream = open_live(find_stack())
     cycles = rig.play(20.0)  # more than the socket takes
     onlooker = Onlooker(stream)
-    while rig.feed._viewers[0]._waiting:
-        rig.feed.flush()
+    rig.wait_until_read()
     cycles += rig.play(0.2)
     rig.feed.close((), failed=False)
     state = onlooker.to_its_end()

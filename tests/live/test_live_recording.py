@@ -140,7 +140,7 @@ def test_cycles_for_which_it_was_too_slow_are_counted(tmp_path: Path, monkeypatc
         target=lambda: thread_done.append(record(stream, tmp_path / "live.mcap", None, lambda: False))
     )
     thread.start()
-    eventually(lambda: rig.feed.flush() or not rig.feed._viewers[0]._waiting)
+    rig.wait_until_read()
     cycles += rig.play(0.2)
     rig.feed.close((), failed=False)
     thread.join(30.0)

@@ -70,7 +70,7 @@ def ended_after(seconds: float) -> Iterator[None]:
     def run() -> None:
         eventually(lambda: rig.play(0.05) and rig.feed.eager)
         rig.play(seconds)
-        eventually(lambda: rig.feed.flush() or not any(viewer._waiting for viewer in rig.feed._viewers))
+        rig.wait_until_read()
         rig.feed.close((), failed=False)
 
     thread = threading.Thread(target=run)
