@@ -168,16 +168,10 @@ class Bus:
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         """Whether these servos drive their motors with the torque limit that they were given: a servo that was reset
-        has another. As far as they answer by the deadline: one attempt."""
-        states: dict[int, bool] = {}
-        for ids in self._reader.groups(servo_ids):  # whoever is asked alone is asked for both, before the next
-            switches = {i: self._servos.series(i).torque_enable for i in ids}
-            on = {i: value == 1 for i, value in self._reader.registers(switches, deadline_s).items()}
-            limits = {i: limit for i in on if i in self._limits and (limit := self._servos.series(i).torque_limit)}
-            held = self._reader.registers(limits, deadline_s) if limits else {}
-            known = on.keys() - limits.keys() | held.keys()
-            states |= {i: on[i] and held.get(i) == self._limits.get(i) for i in known}
-        return states
+        has another. As far as they answer by the deadline: one question and one attempt."""
+        series = {i: self._servos.series(i) for i in servo_ids}
+        held = self._reader.registers({i: one.torque_state for i, one in series.items()}, deadline_s)
+        return {i: series[i].drives(value, self._limits.get(i)) for i, value in held.items()}
 
     def torque_on(self, servo_id: int) -> None:
         """Drive the motor. The caller has written the goal before.

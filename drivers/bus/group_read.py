@@ -76,7 +76,7 @@ class GroupRead:
         """
         line, expected, self.whole = self._line, plan.reply_size, False
         if 0 < responsive < len(plan.servo_ids):
-            expected = plan.bytes_from(plan.servo_ids[:responsive])
+            expected = sum(plan.sizes[i] + plan.overhead for i in plan.servo_ids[:responsive])
         due_s = self._sent_s + expected * line.byte_s
         if self._adaptive:  # another line may have been waited for until now
             due_s = max(due_s, line.now())
@@ -162,7 +162,10 @@ class GroupRead:
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
-            data = line.port.read(missing, min(line.now() + missing * line.byte_s + gap_s, end_s))
+            until_s = line.now() + missing * line.byte_s + gap_s
+            if assembler.replies and not assembler.answered and not self._adaptive:  # late ones: a slow adapter's
+                until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
+            data = line.port.read(missing, min(until_s, end_s))
             if not data:
                 return
             assembler.feed(data)
@@ -211,7 +214,6 @@ class GroupRead:
     def _leave_open(self, plan: ReadPlan, servo_id: int, now_s: float, counted: Missed) -> None:
         if plan.fast:  # no reply of its own is on its way
             return
-        if plan.blocks:
-            self._late.add(servo_id, plan.sizes[servo_id], now_s, counted)
-        else:  # a register, of a size that a servo may be asked for by itself too
+        self._late.add(servo_id, plan.sizes[servo_id], now_s, counted)
+        if not plan.blocks:  # a register, of a size that a servo may be asked for by itself too
             self._late.add_single(servo_id, now_s)

@@ -68,7 +68,7 @@ class IndirectMaps:
 
     def lost(self, servo_id: int) -> None:
         """The servo has answered without proof of its map."""
-        if self._servos.is_mapped(servo_id):
+        if servo_id in self._servos.mapped:
             LOG.warning(
                 "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip of "
                 "its supply?), and its torque went off. It is read by the direct block until it has torque again",

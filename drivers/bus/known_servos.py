@@ -23,57 +23,50 @@ class KnownServos:
     def __init__(self, models: Mapping[int, ServoModel]) -> None:
         """ValueError for servos that cannot share a line."""
         self.protocol = wire_protocol(models)
-        self._models = dict(models)
+        self.models = dict(models)
+        """Those that are known."""
         self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
-        self._mapped: dict[int, tuple[StateBlock, ...]] = {}
+        self.mapped: dict[int, tuple[StateBlock, ...]] = {}
+        """The blocks of those whose states are asked for through indirect registers."""
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
 
     def series(self, servo_id: int) -> Series:
         """The servo's series."""
-        model = self._models.get(servo_id)
+        model = self.models.get(servo_id)
         return series_of(model) if model else self._usual
 
     def model(self, servo_id: int) -> ServoModel:
         """The servo's model, or one of its series where it is not known yet."""
-        return self._models.get(servo_id) or self._usual.models[0]
-
-    @property
-    def models(self) -> Mapping[int, ServoModel]:
-        """The models that are known."""
-        return self._models
+        return self.models.get(servo_id) or self._usual.models[0]
 
     @property
     def read_together(self) -> bool:
         """Whether one packet asks several of them for their states."""
         if self.protocol.group_read == "bulk":
-            models = self._models.values()
+            models = self.models.values()
             return bool(models) and all(model in series_of(model).bulk_models for model in models)
         return self.protocol.group_read == "sync"
 
     def identified(self, servo_id: int, model: ServoModel) -> None:
         """Remember the model that the servo has shown."""
-        if self._models.get(servo_id) != model:
-            self._models[servo_id] = model
+        if self.models.get(servo_id) != model:
+            self.models[servo_id] = model
             self._forget_plans()
 
     def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
         """The blocks that the servo may be asked for, the first if nothing speaks against it."""
-        return self._mapped.get(servo_id) or self.series(servo_id).blocks
-
-    def is_mapped(self, servo_id: int) -> bool:
-        """Whether the state is asked for through indirect registers."""
-        return servo_id in self._mapped
+        return self.mapped.get(servo_id) or self.series(servo_id).blocks
 
     def map(self, servo_id: int, block: StateBlock) -> None:
         """The servo's indirect registers show this block. A direct one is asked for only while a reply may be late."""
-        self._mapped[servo_id] = (block, *self.series(servo_id).blocks[1:])
+        self.mapped[servo_id] = (block, *self.series(servo_id).blocks[1:])
         self._forget_plans()
 
     def unmap(self, servo_id: int) -> None:
         """The servo's indirect registers do not show its block, or may not: the direct ones."""
-        if self._mapped.pop(servo_id, None):
+        if self.mapped.pop(servo_id, None):
             self._forget_plans()
 
     def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> ReadPlan:
@@ -95,7 +88,7 @@ class KnownServos:
     def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
         """Of a Dynamixel X that has not been identified nobody knows the unit of its current."""
         v1_line = self.protocol.packets is v1
-        return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self._models else None for i in servo_ids}
+        return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self.models else None for i in servo_ids}
 
     def _forget_plans(self) -> None:
         for kept in (self._plans, self._fast, self._writes):

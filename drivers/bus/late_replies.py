@@ -22,8 +22,6 @@ OPEN_S: Final = 2.0
 HELD_S: Final = 0.25
 """How long bytes are held back as a rule: for this the set-up can wait."""
 
-_MOST: Final = 64
-
 Missed = Literal["silent", "corrupt", "late", "refused", "no_time"]
 """As what a missing reply was counted."""
 
@@ -33,7 +31,7 @@ class _Open:
     """The open questions to one servo for replies of one size."""
 
     given_up: deque[tuple[float, Missed]]
-    """When, and as what each was counted, in their order. Of a bad line there are hundreds: so many are enough."""
+    """When, and as what each was counted, in their order; none that can no longer be answered."""
     until_s: float
     """When the last of them can no longer be answered."""
     overtaken: bool = False
@@ -56,10 +54,13 @@ class LateReplies:
         """The servo gave no good answer to a question for ``size`` bytes of data."""
         of_servo = self.open.setdefault(servo_id, {})
         if size in of_servo and not of_servo[size].overtaken:
-            of_servo[size].given_up.append((now_s, counted))
+            given_up = of_servo[size].given_up
+            given_up.append((now_s, counted))
             of_servo[size].until_s = now_s + OPEN_S
+            while given_up[0][0] <= now_s - OPEN_S:
+                given_up.popleft()
         else:
-            of_servo[size] = _Open(deque(((now_s, counted),), maxlen=_MOST), now_s + OPEN_S)
+            of_servo[size] = _Open(deque(((now_s, counted),)), now_s + OPEN_S)
 
     def add_single(self, servo_id: int, now_s: float) -> None:
         """The servo gave no good answer to a question that it was asked by itself, of whatever size."""

@@ -48,10 +48,6 @@ class ReadPlan:
         """Bytes of the question and of all replies."""
         return len(self.request) + self.reply_size
 
-    def bytes_from(self, servo_ids: tuple[int, ...]) -> int:
-        """Bytes of these servos' replies."""
-        return sum(self.sizes[i] + self.overhead for i in servo_ids)
-
 
 def state_plan(
     protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]

@@ -201,10 +201,11 @@ class StateReader:
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
         """One register of each servo, as far as they answer by the deadline: one attempt."""
-        # The answer may have the size of a late one to a question that a servo was asked by itself.
-        askable = tuple(i for i in registers if self._late.single_until_s(i) <= self._line.now())
+        # The answer may have the size of a late one, also to a question that a servo was asked by itself.
+        now_s, late = self._line.now(), self._late
+        asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.doubtful({i: r.size})]
         found: dict[int, int] = {}
-        for together in self.groups(askable):
+        for together in self.groups(asked):
             plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
             if self._fits(plan.exchange_size, deadline_s, GAP_S):
                 self._group.ask(plan)

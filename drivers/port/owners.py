@@ -37,14 +37,11 @@ def _serves(process: Path, device: Path) -> bool:
     if not is_pseudo_terminal(device):
         return False
     try:
-        infos = [(process / "fdinfo" / fd.name).read_text() for fd in _masters(process)]
+        ends = [fd for fd in (process / "fd").iterdir() if os.readlink(fd).endswith("/ptmx")]
+        infos = [(process / "fdinfo" / fd.name).read_text() for fd in ends]
     except OSError:
         return False
     return any(line.split() == ["tty-index:", device.name] for info in infos for line in info.splitlines())
-
-
-def _masters(process: Path) -> list[Path]:
-    return [fd for fd in (process / "fd").iterdir() if os.readlink(fd).endswith("/ptmx")]
 
 
 def _command(process: Path) -> str:

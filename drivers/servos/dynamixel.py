@@ -125,6 +125,7 @@ X: Final = Series(
     # No ramp of the servo's own: the trajectory above is smooth already, and a ramp would stop the servo
     # at every goal.
     before_torque=((x.profile_acceleration, 0),),
+    torque_by_goal=False,  # _x_config_error refuses a servo where it does
     position_p=x.position_p_gain,
     hardware_error=(x.hardware_error_status, x.alarms),
 )

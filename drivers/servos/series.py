@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from struct import Struct
 from types import ModuleType
 from typing import Any, Literal
@@ -114,6 +114,8 @@ class Series:
     """A register of RAM that may be written with what it holds, to see whether writes are acknowledged."""
     before_torque: tuple[tuple[Register, int], ...] = ()
     """What to write before the torque goes on."""
+    torque_by_goal: bool = True
+    """Whether a goal may switch the torque on, also of a servo that was reset: only its limit tells that one."""
     position_p: Register | None = None
     """The position P gain, where it lives in RAM."""
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
@@ -122,6 +124,17 @@ class Series:
     """Those that answer a bulk read, where not all do."""
     lock: Register | None = None
     """What guards the EEPROM: 1 closes it, 0 opens it. Dynamixel has none: torque off is its key."""
+
+    @property
+    def torque_state(self) -> Register:
+        """The torque switch and, where a goal may move it, all up to the torque limit: one question."""
+        last = (self.torque_by_goal and self.torque_limit) or self.torque_enable
+        return replace(self.torque_enable, size=last.address + last.size - self.torque_enable.address)
+
+    def drives(self, state: int, limit: int | None) -> bool:
+        """Whether a servo with this torque state drives its motor, with this limit (None: any)."""
+        behind = self.torque_state.size - 2  # the limit's two bytes, the highest ones
+        return state & 0xFF == 1 and (behind < 0 or limit is None or state >> 8 * behind == limit)
 
     @property
     def goal_address(self) -> int:

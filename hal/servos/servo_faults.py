@@ -28,7 +28,7 @@ QUICK_S: Final = 0.008
 """A line that answers within this time is asked for one servo in such a cycle, which need not miss the next one then. A
 slower one is asked for all at once: their answers are held back together."""
 LATE_S: Final = 0.08
-"""How late that cycle may be: two questions, through an adapter that holds answers back too. Less than ``RESET_S``."""
+"""How late that cycle may be: the question twice, through an adapter that holds answers back. Less than ``RESET_S``."""
 TAKEN: Final = ("current", "temperature")
 """Alarms with which a servo lets go. A goal would switch it on again, or send it off once it has cooled down."""
 REBOOT: Final = "reboot it (servoloop reboot), then activate again"

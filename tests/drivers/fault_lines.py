@@ -174,15 +174,18 @@ class Truth:
             if series_of(self.kind.model).protocol.name == "Dynamixel protocol 2.0":
                 servo.firmware.publish = self._publish_of(servo)
             else:
-                servo.read = self._read_of(servo.servo_id)
+                servo.read = self._read_of(servo.servo_id, servo.read)
 
     def position(self, servo_id: int) -> int:
         return (self.number * 7 + servo_id * 1000) % 32768
 
-    def _read_of(self, servo_id: int) -> Callable[[int, int], bytes]:
+    def _read_of(self, servo_id: int, held: Callable[[int, int], bytes]) -> Callable[[int, int], bytes]:
         """Position, velocity, load, voltage, temperature: every series of the older packets has them side by side."""
+        switch = series_of(self.kind.model).torque_enable.address
 
         def read(address: int, size: int) -> bytes:
+            if address == switch:
+                return held(address, size)
             words = (self.position(servo_id), servo_id, 5)
             block = b"".join(word.to_bytes(2, self.kind.order) for word in words)
             return (block + bytes((120, 30)) + bytes(range(size)))[:size]

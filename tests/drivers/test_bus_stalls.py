@@ -4,8 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.bus.late_replies import HELD_S
 from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
+from drivers.servos.catalog import series_of
 from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.wire.line import Reply
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind
@@ -26,6 +28,9 @@ class Stalling:
         self.truth = Truth(self.line)
         self.answers: dict[int, int] = {}
         """The question that each servo has answered last, as far as the wire between servos and adapter goes."""
+        self.cycles = self.told = 0
+        """Cycles so far, and in how many a servo said in time whether it has torque."""
+        self._switch = series_of(kind.model).torque_enable
         receive = self.line.servos.receive
 
         def heard(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
@@ -58,8 +63,19 @@ class Stalling:
                 number, self.truth.number = self.truth.number, self.answers[servo_id]
                 assert self.truth.holds(servo_id, reading), (self.answers[servo_id], servo_id, reading)
                 self.truth.number = number
+        self.cycles += 1
+        if self.cycles % 3 == 0:
+            self._ask_for_torque(IDS[self.cycles // 3 % len(IDS)])
         self.line.clock.sleep_until(begin_s + self.period_s)
         return seen
+
+    def _ask_for_torque(self, servo_id: int) -> None:
+        """What it says must be the answer to this question: its switch moves before each."""
+        on = self.cycles % 2
+        self.line.servos.servo(servo_id).memory.put(self._switch, on)
+        told = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
+        assert told in ({servo_id: bool(on)}, {})
+        self.told += len(told)
 
     def stall(self, hold_s: float, cycles: int) -> None:
         """Replies of so many cycles come so much later, and those behind them wait for them."""
@@ -88,8 +104,10 @@ class Stalling:
         while missing and self.line.clock.now() < end_s:
             missing -= self.cycle()
         assert not missing
-        for _ in range(BEFORE):
+        told = self.told
+        for _ in range(BEFORE + round(HELD_S / self.period_s)):
             self.cycle()
+        assert self.told > told
 
 
 @pytest.mark.parametrize(

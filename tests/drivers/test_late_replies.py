@@ -52,6 +52,23 @@ def test_only_the_present_answer_is_believed_and_soon_again(cycles: list[tuple[b
     assert believed[1] == beginning + 1
 
 
+def test_the_first_of_very_many_open_questions_is_still_the_first_to_be_answered() -> None:
+    late = LateReplies()
+    late.add(1, 15, 0.0, "silent")
+    late.add(1, 10, 0.001, "silent")
+    for number in range(2, 1000):
+        late.add(1, 15, number * 0.001, "silent")
+    assert late.take(1, 15) == "silent"
+    assert late.doubtful({1: 10}), "it was asked after the question that was just answered"
+
+
+def test_what_can_no_longer_be_answered_is_not_kept_for_a_servo_that_is_asked_again_and_again() -> None:
+    late = LateReplies()
+    for number in range(1000):
+        late.add(1, 15, number * 0.01, "silent")
+    assert len(late.open[1][15].given_up) == OPEN_S / 0.01
+
+
 def test_a_reply_that_may_be_an_old_one_is_not_believed_but_the_next_is() -> None:
     servo = OneServo()
     for _ in SIZES:
