@@ -163,7 +163,8 @@ class GroupRead:
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
             until_s = line.now() + missing * line.byte_s + gap_s
-            if assembler.replies and not assembler.answered and not self._adaptive:  # late ones: a slow adapter's
+            only_late = assembler.replies and not assembler.answered
+            if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be a slow one
                 until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
             data = line.port.read(missing, min(until_s, end_s))
             if not data:

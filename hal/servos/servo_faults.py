@@ -98,6 +98,9 @@ class ServoFaults:
         and all that answer again. Whoever there is no time to ask waits for the next cycle, but not for ever.
         """
         back = [joint for joint in self._joints if joint.name in self._faults and joint.name in measured]
+        for joint in back:
+            if joint.name not in self.withheld:  # the next silence is another one
+                self._heard_s.pop(joint.name, None)
         if ask_until_s is None:
             for joint in back:
                 self._rejoin(joint.name)

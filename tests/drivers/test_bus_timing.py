@@ -32,7 +32,7 @@ def test_late_replies_among_everything_else(kind: Kind) -> None:
     assert sum(a.late for a in accounts) > 80
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
-    assert faults == pytest.approx(lost + 167, abs=12)  # a late reply can be dropped or flipped itself
+    assert faults == pytest.approx(lost + 0.95 * 167, abs=10)  # a late reply can be dropped or flipped itself
     assert all(a.silent >= 0 for a in accounts)
 
 

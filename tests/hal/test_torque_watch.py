@@ -67,6 +67,17 @@ def test_a_servo_that_is_back_is_named_until_it_was_asked_and_then_gets_its_goal
     assert loop.late <= 2
 
 
+def test_two_short_silences_with_measurements_between_them_are_not_a_long_one() -> None:
+    loop = Paced(400.0, 0.0)
+    for _ in range(2):
+        loop.bench.servos.faults.silence(1)
+        assert loop.cycle().keys() == {"shoulder"}
+        loop.bench.servos.faults.restore(1)
+        faults = loop.cycles(0.15)
+        assert faults[-1] == {}
+        assert not loop.bench.hardware._states.faults.withheld
+
+
 @busy
 def test_a_servo_that_was_reset_within_a_cycle_is_found(rate_hz: float, held_back_s: float) -> None:
     loop = Paced(rate_hz, held_back_s)
