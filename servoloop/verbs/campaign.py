@@ -1,6 +1,7 @@
 """``servoloop campaign``: one scenario with many seeds, and which invariants fell."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,10 +18,12 @@ if TYPE_CHECKING:
 
     from servoloop.campaign.campaign import Scenario
     from servoloop.campaign.fallen import Fallen
+    from servoloop.campaign.invariant import Violation
     from servoloop.campaign.tally import Tally
     from servoloop.campaign.workers import Stop
 
 REPORT = "report.html"
+NOTHING_FELL = "no invariant fell"
 
 
 def campaign(
@@ -113,25 +116,32 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     """One schedule: what falls in it is printed and traced. Returns the exit status."""
     from rich.console import Console
 
-    from servoloop.campaign.fallen import recorded, stem_of, traced
+    from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
 
     schedule = read_schedule(path)
     make_folder(out)
     report, recording = recorded(schedule)
-    fallen = [
-        traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv")
-        for one in report.violations
-    ]
-    page = _write_page(out / f"{path.stem}.html", None, fallen)
+    fallen: list[Fallen] = []
+    page, unwritten = None, None
+    try:
+        for one in report.violations:
+            fallen.append(traced(one, schedule, recording, path, out / f"{path.stem}-{stem_of(one.invariant)}.csv"))
+        page = _write_page(out / f"{path.stem}.html", None, fallen)
+    except DriverError as error:  # what fell is told first
+        unwritten = error
     violations = [{"invariant": one.invariant, "time_s": one.time_s, "text": one.text} for one in report.violations]
     if json:
         print_json({"violations": violations, **_files(fallen, page)})
     else:
         console = Console()
-        _print_fallen(fallen, console)
+        _print_fallen(report.violations, fallen, console)
+        if not report.violations:
+            console.print(NOTHING_FELL, style="green")
         _print_page(page, console)
-    return 1 if fallen else 0
+    if unwritten:
+        raise unwritten
+    return 1 if report.violations else 0
 
 
 def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Path | None:
@@ -166,18 +176,21 @@ def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
         for seed, one in tally.violations:
             table.add_row(str(seed), f"{one.time_s:.3f} s", one.invariant, one.text)
         console.print(table)
-    _print_fallen(fallen, console)
+    _print_fallen([one.violation for one in fallen], fallen, console)
+    if not tally.violations:
+        console.print(NOTHING_FELL, style="green")
     _print_page(page, console)
 
 
-def _print_fallen(fallen: "list[Fallen]", console: "Console") -> None:
-    if not fallen:
-        console.print("no invariant fell", style="green")
-    for one in fallen:
-        text = f"{one.violation.invariant}: at {one.violation.time_s:.3f} s: {one.violation.text}"
+def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", console: "Console") -> None:
+    """What fell, and where the traces of those are that could be written."""
+    kept = {id(one.violation): one for one in fallen}
+    for violation in violations:
+        text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
-        for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
-            console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
+        if one := kept.get(id(violation)):
+            for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
+                console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
 
 
 def _print_page(page: Path | None, console: "Console") -> None:

@@ -123,6 +123,17 @@ def test_a_trace_has_the_two_seconds_before_and_what_the_stack_commanded(
         assert said == truth[time_s]
 
 
+@pytest.mark.parametrize("blocked", ["jumps.html", "jumps-safe-commands.csv"])
+def test_what_fell_is_told_though_a_file_cannot_be_written(
+    open_gate: pytest.MonkeyPatch, tmp_path: Path, blocked: str
+) -> None:
+    (tmp_path / "jumps.yaml").write_text(schedule_text(JUMPS))
+    (tmp_path / "out" / blocked).mkdir(parents=True)
+    ran = run("--schedule", "jumps.yaml", "--out", "out")
+    assert f"cannot write out/{blocked}: Is a directory" in str(ran.exception)
+    assert "safe commands: at" in ran.stdout and "no invariant fell" not in ran.stdout
+
+
 def test_a_trace_names_faults_states_and_packets(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "jumps.yaml").write_text(schedule_text(JUMPS))
     result = json.loads(run("--schedule", "jumps.yaml", "--json").stdout)
