@@ -84,7 +84,7 @@ AREAS = {
             "tests/drivers/test_dynamixel_fast.py",
         ),
     ),
-    "late_replies": Area(("drivers/bus/late_replies.py",), ("tests/drivers/test_late_replies.py",)),
+    "late_replies": Area(("drivers/bus/late_replies.py",), ("tests/drivers/test_late_replies*.py",)),
 }
 
 

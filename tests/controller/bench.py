@@ -42,6 +42,11 @@ class ScriptedHardware(MockHardware):
         """Call → what it raises."""
         self.calls: list[str] = []
         self.written: list[FloatArray] = []
+        self.deadlines: list[float | None] = []
+        """By when each measurement that was asked for was to be there."""
+
+    def request(self, deadline_s: float | None = None) -> None:
+        self.deadlines.append(deadline_s)
 
     def read(self) -> JointState:
         self._called("read")

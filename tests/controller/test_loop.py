@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from controller.loop import ControlLoop
+from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
@@ -127,6 +128,33 @@ def test_missed_cycles_are_counted_and_not_made_up_for_in_a_burst(
     assert loop.figures.longest_cycle_s == pytest.approx(stall_s)
 
 
+def test_a_measurement_may_take_what_the_other_steps_leave_of_the_period() -> None:
+    """They get a tenth at least, half at most, and between those what they have taken of late."""
+    puppet, loop, hardware, clock = puppet_loop()
+    hardware.deadlines.clear()
+    busy_s = iter([0.0, 0.02, 0.0, 0.04, 0.0])
+    puppet.during_update = lambda: clock.sleep_until(clock.now() + next(busy_s))
+    begins_s: list[float] = []
+    for _ in range(5):
+        begins_s.append(clock.now())
+        loop.step()
+    left_s = [0.045, 0.045, 0.03, 0.05 - 0.95 * 0.02, 0.025]
+    np.testing.assert_allclose(np.array(hardware.deadlines) - begins_s, left_s)
+
+
+@pytest.mark.parametrize(("late_s", "left_s"), [(0.0, 0.045), (0.01, 0.035), (0.04, 0.02), (0.2, 0.02)])
+def test_in_a_late_cycle_a_measurement_may_take_less_but_never_less_than_half_a_period(
+    late_s: float, left_s: float
+) -> None:
+    """Of the half, too, the other steps get their tenth of a period."""
+    _, loop, hardware, clock = puppet_loop()
+    hardware.deadlines.clear()
+    sleep = clock.sleep_until
+    clock.sleep_until = lambda deadline_s: sleep(deadline_s + late_s)  # type: ignore[method-assign]
+    loop.run(lambda: loop.figures.cycles == 1)
+    np.testing.assert_allclose(np.array(hardware.deadlines), [100.0 + late_s + left_s])
+
+
 def test_a_late_wake_up_is_in_the_figures() -> None:
     _, loop, _, clock = puppet_loop()
     sleep = clock.sleep_until
@@ -152,6 +180,14 @@ def test_a_cycle_without_a_measurement_is_counted_and_not_on_time(caplog: pytest
     assert (loop.figures.unmeasured, loop.figures.summary) == (6, "6 cycles without a measurement")
     assert caplog.text.count("no joint was measured in this cycle: servo 1: silent") == 2
     assert caplog.text.count("joints are measured again, after 3 cycles") == 2
+
+
+def test_where_a_joint_is_measured_the_log_tells_of_no_episode(caplog: pytest.LogCaptureFixture) -> None:
+    _, loop, hardware, _ = puppet_loop()
+    hardware.faults = dict.fromkeys(JOINTS[:-1], JointFault("silent", "servo 1: silent"))
+    loop.step()
+    loop.step()
+    assert caplog.messages == []
 
 
 def test_a_component_that_nobody_asks_is_not_missed() -> None:
@@ -228,7 +264,7 @@ def test_a_start_that_fails_lets_go_and_says_where_torque_may_still_be_on(
     with pytest.raises(ActivationError, match="elbow stays limp"):
         bench.loop.activate()
     assert bench.hardware.calls[-1] == "relax"
-    assert "torque may still be on: could not switch off: the port is gone" in caplog.text
+    assert "torque may still be on: could not switch off: the port is gone" in caplog.messages
 
 
 class Wheels(Puppet):
@@ -267,6 +303,12 @@ def test_velocities_and_efforts_go_through_the_gate_too() -> None:
     made.command = np.array([NAN, NAN])
     loop.step()
     np.testing.assert_allclose(loop.command, [3.5, 0.0, 0.0])
+
+
+def test_a_speed_can_be_sent_before_anything_was_measured_in_a_cycle() -> None:
+    _, loop, _ = wheels()
+    loop.send(np.array([9.0, 0.0, 0.0]))
+    np.testing.assert_allclose(loop.command, [0.5, 0.0, 0.0])
 
 
 def test_what_nobody_commands_any_more_neither_moves_nor_pushes() -> None:
@@ -341,6 +383,18 @@ def test_a_loop_that_misses_all_the_time_says_so_once_a_second(caplog: pytest.Lo
         "missed 1 cycles: the loop was 0 ms late, busy 70 ms",
         "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last such line)",
         "missed 1 cycles: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
+    ]
+
+
+def test_a_stall_is_told_to_the_millisecond_and_the_next_one_after_a_whole_second(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    figures = LoopFigures()
+    assert figures.count_cycle(due_s=0.0, woke_s=0.75, now_s=2.75, period_s=1.0) == 3.0
+    assert figures.count_cycle(due_s=2.0, woke_s=2.25, now_s=3.75, period_s=1.0) == 4.0
+    assert caplog.messages == [
+        "missed 2 cycles: the loop was 750 ms late, busy 2000 ms",
+        "missed 1 cycles: the loop was 250 ms late, busy 1500 ms",
     ]
 
 
@@ -422,6 +476,18 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
     configure_all(components)
     with pytest.raises(ActivationError, match=r"^shoulder, elbow has not been measured, torque is off again"):
+        loop.activate()
+
+
+def test_a_joint_that_was_not_measured_is_named_in_full() -> None:
+    clock = SimulatedClock(100.0)
+    hardware = MockHardware("arm", ("left/arm",), clock)
+    hardware._position[:] = NAN
+    components = ComponentSet([hardware], clock)
+    limits = {"left/arm": ARM_LIMITS}
+    loop = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
+    configure_all(components)
+    with pytest.raises(ActivationError, match=r"^left/arm has not been measured"):
         loop.activate()
 
 

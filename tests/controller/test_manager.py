@@ -113,6 +113,14 @@ def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inact
     )
 
 
+def test_before_the_first_measurement_none_takes_over() -> None:
+    manager = ControllerManager(Interfaces(), {})
+    manager.registry.add(Puppet("p", "a"))
+    with pytest.raises(SwitchError, match="Could not activate controller 'p': its joints have not been measured yet"):
+        manager.switch(SwitchRequest(("p",)), HELD)
+    assert states(manager) == {"p": INACTIVE}
+
+
 def test_at_the_start_a_broken_one_stays_inactive_and_a_fallback_waits(caplog: pytest.LogCaptureFixture) -> None:
     spare, broken, main = Puppet("spare", "a"), Puppet("broken", "b", failing=["activate"]), Puppet("main", "a")
     manager = ControllerManager(Interfaces(), {})

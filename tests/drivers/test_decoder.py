@@ -153,7 +153,8 @@ def test_a_checksum_that_looks_like_a_header_belongs_to_its_reply_alone(dialect:
     assert (decoder.waiting, decoder.garbage) == (0, 0)
 
 
-def test_an_error_that_has_no_name_is_told_by_its_number() -> None:
+def test_an_error_is_told_in_words_and_one_that_has_no_name_by_its_number() -> None:
+    assert v2.error_text(4) == "was given a value out of range"
     assert v2.error_text(99) == "answered error 99"
 
 

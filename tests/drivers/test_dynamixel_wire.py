@@ -166,3 +166,10 @@ def test_a_reply_of_another_size_is_passed_over(size: int) -> None:
     decoder = wire.ReplyDecoder(4)
     good = status_packet(2, 0, b"good")
     assert decoder.feed(status_packet(1, 0, bytes(size)) + good) == [wire.Reply(2, 0, b"good")]
+
+
+@pytest.mark.parametrize("size", [0, 1, 247, 248, 251, 300, 1000])
+def test_the_data_that_the_sdk_hands_over_are_found_however_long(size: int) -> None:
+    """The length has two bytes; the SDK gives the packet as a list of numbers, without the stuffing."""
+    data = bytes(number % 251 for number in range(size))
+    assert wire.sdk_data(list(status_packet(3, 0, data))) == data

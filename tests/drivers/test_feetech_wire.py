@@ -72,6 +72,26 @@ def test_packets_byte_by_byte(made: bytes, wanted: str) -> None:
     assert made == bytes.fromhex(wanted)
 
 
+@pytest.mark.parametrize("size", [2, 4, 6])
+def test_more_goals_than_a_packet_s_length_can_say_are_refused(size: int) -> None:
+    """Its length is one byte, and counts all of the packet but header, ID and itself."""
+    most = (255 - 4) // (size + 1)
+    assert wire.sync_write(0x2A, size, bytes(size + 1) * most)[3] == most * (size + 1) + 4
+    with pytest.raises(ValueError, match=f"^a packet holds {most} goals, not {most + 1}: use another port$"):
+        wire.sync_write(0x2A, size, bytes(size + 1) * (most + 1))
+
+
+@pytest.mark.parametrize("size", [0, 1, 8, 200])
+def test_the_data_that_the_sdk_hands_over_are_found_however_long(size: int) -> None:
+    """It gives the packet as a list of numbers."""
+    data = bytes(range(size))
+    assert wire.sdk_data(list(frame(3, data))) == data
+
+
+def test_a_packet_may_be_as_long_as_its_length_can_say() -> None:
+    assert wire.sync_write(0x2A, 250, bytes(251))[3] == 255
+
+
 @pytest.mark.parametrize(
     ("name", "stream", "ids"),
     [

@@ -62,9 +62,29 @@ def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_h
     servo.memory.put(sts.torque_enable, 1)
     bench.clock.sleep_until(bench.clock.now() + 0.2)
     before = shaft_counts(bench)
-    with pytest.raises(ActivationError, match=r"elbow \(servo 2\) is held at 6096 counts and reports \d+, as one"):
+    says = (
+        r"elbow \(servo 2\) is held at 6096 counts and reports \d+, as one that is "
+        r"held a turn away\. Hold the arm, and switch the servos' supply off and on$"
+    )
+    with pytest.raises(ActivationError, match=says):
         bench.hardware.activate()
     bench.clock.sleep_until(bench.clock.now() + 1.0)
     bench.hardware.read()
     assert shaft_counts(bench) == pytest.approx(before, abs=2.5)
     assert bench.torque() == [ELBOW]
+
+
+@pytest.mark.parametrize("way", [TURN // 2, -TURN // 2])
+@pytest.mark.parametrize("further", [0, 1])
+def test_a_servo_under_torque_may_be_half_a_turn_from_its_goal_and_no_further(way: int, further: int) -> None:
+    middle = 2048
+    bench = Bench(counts=(middle, 2000, 1500)).configured()
+    memory = bench.servos.servo(1).memory
+    memory.put(sts.goal_position, middle + way + int(math.copysign(further, way)))  # not by a write: it stays
+    memory.put(sts.torque_enable, 1)
+    if not further:
+        bench.hardware.activate()
+        assert bench.held(1, sts.goal_position) == middle
+        return
+    with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) is held at -?\d+ counts and reports 2048, as one"):
+        bench.hardware.activate()

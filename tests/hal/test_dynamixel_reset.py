@@ -67,3 +67,14 @@ def test_one_that_was_reset_is_named_then_asked_for_its_torque_and_can_be_activa
     hardware.activate()
     assert faults() == {}
     assert servos.servo(victim.servo_id).memory.get(x_series.torque_enable) == 1
+
+
+def test_every_alarm_is_named_where_torque_is_refused() -> None:
+    clock = SimulatedClock(20.0)
+    servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
+    hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
+    hardware.configure()
+    protection = servos.servo(2).firmware.protection
+    protection.status, protection.released = 1 << 5 | 1 << 2, True
+    with pytest.raises(ServoRefused, match=r"servo 2: refuses its torque \(temperature, overload alarm\): reboot it"):
+        hardware.activate()

@@ -121,6 +121,21 @@ def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None
 
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])
+def test_a_port_lost_at_any_step_of_the_set_up_is_named_with_its_bus_and_joints(lost: str) -> None:
+    joints = {"arm": "shoulder (servo 1), elbow (servo 2)", "hand": "finger (servo 1)"}[lost]
+    whole = Ports()
+    whole.hardware.configure()
+    for step in range(len(whole.ports[lost].sent)):
+        bench = Ports()
+        port = bench.ports[lost]
+        port.before_write = lambda number, _, port=port, step=step: port.port.unplug() if number == step else None
+        with pytest.raises(PortLost) as caught:
+            bench.hardware.configure()
+        assert str(caught.value).startswith(f"bus {lost}: /dev/{lost} was unplugged")
+        assert str(caught.value).endswith(f"Out of reach: {joints}")
+
+
+@pytest.mark.parametrize("lost", ["arm", "hand"])
 @pytest.mark.parametrize("after", range(24))
 def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, after: int) -> None:
     bench = Ports()

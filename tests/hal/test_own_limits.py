@@ -78,6 +78,23 @@ def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
         assert own[0] <= lowest and highest <= own[1]
 
 
+def test_a_refusal_says_how_far_servo_and_joint_go_and_what_the_joint_s_limits_may_be() -> None:
+    wide = Joint("j", 4, sts.STS3215, JointLimits(-3.5, 3.1, 3.0, 5.0, 50.0))
+    with pytest.raises(ServoRefused) as caught:
+        check_reach(wide, (100, 3900))
+    assert caught.value.servo_id == 4
+    assert caught.value.text == (
+        "has position limits of its own, 100 to 3900 counts, and its joint goes from 0 to 4068: "
+        "widen them in the servo, or narrow the joint's in the URDF to -2.988194 to 2.840932"
+    )
+
+
+def test_where_servo_and_joint_hardly_overlap_the_zero_is_wrong() -> None:
+    joint = Joint("j", 4, sts.STS3215, JointLimits(-0.5, 0.5, 3.0, 5.0, 50.0))
+    with pytest.raises(ServoRefused, match=r"in the servo, or correct zero_counts: the two hardly overlap$"):
+        check_reach(joint, (3000, 3900))
+
+
 def test_a_servo_without_limits_of_its_own_is_taken() -> None:
     line = Line(KINDS[0])
     for register in (sts.min_position, sts.max_position):
@@ -86,23 +103,26 @@ def test_a_servo_without_limits_of_its_own_is_taken() -> None:
     ServoHardware("arm", [joint], lambda: line.bus, line.clock).configure()
 
 
+@pytest.mark.parametrize("above", [True, False])
 @pytest.mark.parametrize("beside", [0, 3])
-def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside: int) -> None:
+def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside: int, above: bool) -> None:
     """A joint may begin a little outside its limits. Its servo would cut the goal at its own, and drive there."""
     lowest, highest = JOINTS[0].counts_range()
-    bench = Bench(counts=(highest + 20, 2000, 1500))
-    limited = bench.servos.servo(1).memory
-    limited.put(sts.min_position, lowest)
-    limited.put(sts.max_position, highest + 20 - beside)
+    stands = highest + 20 if above else lowest - 20
+    own = (lowest, stands - beside) if above else (stands + beside, highest)
+    bench = Bench(counts=(stands, 2000, 1500))
+    for register, limit in zip((sts.min_position, sts.max_position), own, strict=True):
+        bench.servos.servo(1).memory.put(register, limit)
     bench.configured()
     if not beside:
         bench.hardware.activate()
         assert bench.torque() == list(IDS)
         return
-    with pytest.raises(ActivationError, match=rf"shoulder \(servo 1\) stands at {highest + 20} counts.*own limits"):
+    says = rf"shoulder \(servo 1\) stands at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, and"
+    with pytest.raises(ActivationError, match=says):
         bench.hardware.activate()
     assert bench.torque() == []
-    assert bench.measured(1) == highest + 20
+    assert bench.measured(1) == stands
 
 
 def test_limits_that_the_robot_file_names_count_as_they_are_once_they_are_written() -> None:

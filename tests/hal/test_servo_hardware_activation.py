@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError, PortLost, PortMissing
+from drivers.errors import DriverError, PortLost, PortMissing, ServoRefused
 from drivers.servos import sts
 from hal.errors import ActivationError, LifecycleError
 from hal.lifecycle import LifecycleState
@@ -315,7 +316,8 @@ def test_a_servo_that_cannot_be_let_go_is_named(caplog: pytest.LogCaptureFixture
         bench.hardware.activate()
     assert bench.torque() == [1, 7]
     for servo_id in (1, 7):
-        assert f"torque may still be on: servo {servo_id}: does not answer" in caplog.text
+        says = f"torque may still be on: servo {servo_id}: does not answer"
+        assert any(message.startswith(says) for message in caplog.messages)
 
 
 def test_an_activation_has_as_many_steps_as_are_disturbed_here() -> None:
@@ -463,3 +465,16 @@ def test_after_cleaning_up_it_begins_anew() -> None:
     assert bench.opened == 2
     assert bench.hardware.read().faults == {}
     assert joint_of(2).name == "elbow"
+
+
+def test_a_servo_that_refuses_its_torque_is_told_as_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not every make has a register that says why."""
+    bench = Bench().configured()
+
+    def refuse(bus: Bus, servo_id: int) -> None:
+        raise ServoRefused(servo_id, "answered an error")
+
+    monkeypatch.setattr(Bus, "torque_on", refuse)
+    with pytest.raises(ServoRefused, match=r"^servo 1: answered an error$"):
+        bench.hardware.activate()
+    assert bench.torque() == []

@@ -9,9 +9,12 @@ import pytest
 
 from drivers.errors import PortLost
 from drivers.servos import sts
+from hal.compensation.gravity_compensation import GravityCompensation
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_faults import RESET_S
 from hal.servos.servo_goals import GAINED_S
+from hal.servos.servo_hardware import ServoHardware
+from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
 from sim_backend.mechanics.gears import Gears
 from sim_backend.sts.firmware import StsVariant
@@ -132,6 +135,45 @@ def test_one_false_measurement_moves_no_goal() -> None:
     bench.hardware.read()
     bench.hardware.write(JointCommand(HERE, PERIOD_S))
     assert goals(bench) == before
+
+
+def test_one_false_measurement_is_not_taken_for_two_where_no_other_has_come() -> None:
+    """A component that has lost a line is not asked in the next cycle, and is commanded still."""
+    bench = Bench().active()
+    for _ in range(6):
+        bench.cycle(HERE)
+    before = goals(bench)
+    bench.place((3500, 2048, 2048))
+    bench.hardware.read()
+    for _ in range(4):
+        bench.hardware.write(JointCommand(HERE, PERIOD_S))
+    assert goals(bench) == before
+
+
+class Lifting(GravityCompensation):
+    """Adds to the shoulder's next goal what was asked for once, and notes what it was told."""
+
+    def __init__(self) -> None:
+        super().__init__(JOINTS, None)
+        self.told: list[tuple[JointCommand, dict[str, int]]] = []
+
+    def update(self, command: JointCommand, states: ServoStates) -> None:
+        self.told.append((command, dict(states.measured)))
+        self.offsets = at(0.05, 0.0, 0.0)
+
+
+def test_what_compensation_finds_with_one_command_is_added_to_the_next() -> None:
+    bench, lifting = Bench(), Lifting()
+    bench.hardware = ServoHardware("arm", JOINTS, bench.open_bus, bench.clock, lifting)
+    bench.active()
+    first, second = JointCommand(HERE, PERIOD_S), JointCommand(HERE + at(0.1, 0.1, 0.0), PERIOD_S)
+    bench.hardware.write(first)
+    assert goals(bench) == [joint.counts(position) for joint, position in zip(JOINTS, HERE, strict=True)]
+    bench.hardware.write(second)
+    wanted = HERE + at(0.15, 0.1, 0.0)
+    assert goals(bench) == [joint.counts(position) for joint, position in zip(JOINTS, wanted, strict=True)]
+    measured = dict(zip(NAMES, (2048, 2000, 1500), strict=True))
+    assert lifting.told == [(first, measured), (second, measured)]
 
 
 def test_a_command_for_another_number_of_joints_is_refused() -> None:

@@ -84,6 +84,28 @@ def test_at_20_hz_there_is_time_for_every_servo_although_one_is_silent(kind: Kin
         line.clock.sleep_until(begin_s + UNTOLD_PERIOD_S)
 
 
+@pytest.mark.parametrize("wait_s", [0.002, 0.01])
+def test_a_read_ends_at_the_deadline_that_its_question_was_given(wait_s: float) -> None:
+    """Nobody answers, so it is waited for to the end."""
+    bench = Bench().active()
+    for joint in JOINTS:
+        bench.servos.faults.silence(joint.servo_id)
+    begin_s = bench.clock.now()
+    bench.hardware.request(begin_s + wait_s)
+    bench.hardware.read()
+    assert bench.clock.now() == pytest.approx(begin_s + wait_s, abs=1e-6)
+
+
+def test_what_was_asked_for_already_is_not_asked_for_again() -> None:
+    bench = Bench().active()
+    bench.hardware.request()
+    asked = len(bench.port.sent)
+    bench.hardware.read()
+    assert len(bench.port.sent) == asked
+    bench.hardware.read()
+    assert len(bench.port.sent) == asked + 1
+
+
 # The speed that goes with a goal
 
 

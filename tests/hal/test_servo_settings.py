@@ -124,3 +124,21 @@ def test_no_setting_says_who_or_where_a_servo_is(name: str) -> None:
     assert not NOT_HERE & settings_of(MODELS[name]).keys()
     assert "control_mode" not in settings_of(MODELS[name])
     assert "max_temperature" in settings_of(MODELS[name]) or "temperature_limit" in settings_of(MODELS[name])
+
+
+def test_a_servo_that_counts_from_another_place_than_it_was_calibrated_at_is_refused() -> None:
+    joints = (replace(JOINTS[0], homing_offset=0), replace(JOINTS[1], homing_offset=120), JOINTS[2])
+    bench = Bench(joints=joints)
+    with pytest.raises(DriverError) as caught:
+        bench.configured()
+    assert str(caught.value).startswith(
+        "elbow: servo 2: has homing_offset 0, and elbow was calibrated with 120: was the servo changed, or reset?"
+    )
+
+
+def test_an_odd_unit_of_speed_is_said_once_of_a_servo_with_settings_too(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(joints=NAMED)
+    bench.servos.servo(1).memory.put(sts.phase, 0)
+    with caplog.at_level(logging.WARNING):
+        bench.configured()
+    assert caplog.text.count("servo 1: phase (register 18) is 0") == 1

@@ -10,6 +10,7 @@ from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import ServoState
 from drivers.errors import DriverError
 from drivers.servos import sts
+from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -40,13 +41,13 @@ def arm_on(line: Line) -> ServoHardware:
     return ServoHardware("arm", joints, lambda: line.bus, line.clock)
 
 
-def loses_the_question_for_the_model(bench: Bench, packets: int) -> None:
+def loses_the_question_for(register: Register, bench: Bench, packets: int) -> None:
     """The next so many of them find no listener; the elbow, servo 2, is meant."""
     lost: list[Instruction] = []
 
     def watch(number: int, instruction: Instruction) -> None:
         bench.servos.faults.restore(2)
-        wanted = instruction.code == 2 and instruction.parameters[0] == sts.model_number.address
+        wanted = instruction.code == 2 and instruction.parameters[0] == register.address
         if wanted and instruction.servo_id == 2 and len(lost) < packets:
             lost.append(instruction)
             bench.servos.faults.silence(2)
@@ -57,15 +58,24 @@ def loses_the_question_for_the_model(bench: Bench, packets: int) -> None:
 @pytest.mark.parametrize("packets", range(1, ATTEMPTS))
 def test_a_few_lost_packets_do_not_fail_a_configuration(packets: int) -> None:
     bench = Bench()
-    loses_the_question_for_the_model(bench, packets)
+    loses_the_question_for(sts.model_number, bench, packets)
     bench.hardware.configure()
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
 def test_more_fail_it_and_a_servo_that_answers_otherwise_is_not_called_silent() -> None:
     bench = Bench()
-    loses_the_question_for_the_model(bench, 2 * ATTEMPTS)
+    loses_the_question_for(sts.model_number, bench, 2 * ATTEMPTS)
     with pytest.raises(DriverError, match=r"^elbow: servo 2: answers a ping but no read: set its status_level"):
+        bench.hardware.configure()
+
+
+@pytest.mark.parametrize("register", [sts.status_level, sts.min_position], ids=lambda register: register.name)
+def test_a_servo_that_did_not_answer_and_answers_now_is_named_by_its_joint_and_id(register: Register) -> None:
+    """Whether it was to say who it is, or how it is set."""
+    bench = Bench()
+    loses_the_question_for(register, bench, ATTEMPTS)
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only now and then: the line is bad"):
         bench.hardware.configure()
 
 
