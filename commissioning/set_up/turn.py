@@ -22,8 +22,9 @@ from hal.types import JointLimits
 
 WAY_RAD: Final = 0.8
 """The horn's way, there and back."""
-FASTEST_RAD_S: Final = 0.9
-"""Less than a quarter of the slowest model's speed without load, also where it runs up to a goal."""
+FASTEST_RAD_S: Final = 0.8
+"""Where it runs up to a goal it is up to half as fast again: a quarter of the slowest model's speed without load. More
+slowly two gears cannot be told apart for sure."""
 PERIOD_S: Final = 0.04
 PACE: Final = Pace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
