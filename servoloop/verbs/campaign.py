@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -183,12 +184,11 @@ def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
 
 
 def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", console: "Console") -> None:
-    """What fell, and where the traces of those are that could be written."""
-    kept = {id(one.violation): one for one in fallen}
-    for violation in violations:
+    """Print each violation, and where its trace is; of the last ones none may have been written."""
+    for violation, one in zip_longest(violations, fallen):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
-        if one := kept.get(id(violation)):
+        if one is not None:
             for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
                 console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
 
