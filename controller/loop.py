@@ -1,7 +1,7 @@
 """The fixed-rate loop: read → controllers → safety gate → write."""
 
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from hal.components.component_lifecycle import activate_all, deactivate_all
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointLimits, JointState, far_outside
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -24,6 +24,9 @@ REMEMBERED: Final = 0.95
 """The share of the longest time behind the reading that is left after one more cycle."""
 LEAST_RESERVE: Final = 0.1
 """The share of the period that reading leaves to the other steps, however short they have been."""
+
+CONFIRMING_READS: Final = 5
+"""Number of readings among which two in a row must agree before a component's joints are commanded from there."""
 
 
 class ControlLoop:
@@ -61,6 +64,7 @@ class ControlLoop:
         self.previous_command = self.command
         self._lower = np.array([limit.lower for limit in self.limits])
         self._upper = np.array([limit.upper for limit in self.limits])
+        self._velocity = np.array([limit.velocity for limit in self.limits])
         self._gate = SafetyGate(self.limits, self.kinds)
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
@@ -84,25 +88,66 @@ class ControlLoop:
             for component in self.hardware.components:
                 if component.active:
                     self.take_over(component, state)
-            self.manager.activate(state, self.command)
+            self.manager.activate(state, self.within_limits)
         except BaseException:
             for problem in deactivate_all(self.hardware, relax=True):
                 LOG.error("torque may still be on: %s", problem)
             raise
 
     def take_over(self, component: Component, state: JointState) -> None:
-        """Command an activated component to be where it stands. Raises ActivationError if that is unknown."""
+        """Command an activated component to be where it stands.
+
+        A position slightly outside the limits stays the last command: the safety gate returns from there slowly.
+
+        Raises:
+            ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
+        """
         own = component.commands
-        measured = state.position[self._joint[own]]
-        held = self._is_position[own]
-        if unknown := [self.hardware.command_interfaces[own][i] for i in np.flatnonzero(held & ~np.isfinite(measured))]:
-            names = ", ".join(name.rpartition("/")[0] for name in unknown)
-            raise ActivationError(f"{names} has not been measured, torque is off again: try once more")
+        measured = self._confirmed(component, state)
+        limits = self.limits[own]
+        names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
+        known = [i for i in range(len(names)) if np.isfinite(measured[i])]
+        problems = {names[i]: problem for i in known if (problem := far_outside(float(measured[i]), limits[i]))}
+        if problems:
+            stands = "; ".join(f"{name} {problem}" for name, problem in problems.items())
+            raise ActivationError(
+                f"not activated: {stands}. Move the joint by hand, or correct its limits, zero or initial value"
+            )
         command = self.command.copy()
-        command[own] = np.where(held, np.clip(measured, self._lower[own], self._upper[own]), 0.0)
+        command[own] = np.where(self._is_position[own], measured, 0.0)
         self.previous_command = self.previous_command.copy()
         self.previous_command[own] = command[own]
         self.command = command
+
+    def _confirmed(self, component: Component, state: JointState) -> FloatArray:
+        """The positions (k,) of a component's commanded joints that two readings in a row agree on.
+
+        They agree if they differ by no more than the gate lets a command move in one period.
+        """
+        own = component.commands
+        held, index = self._is_position[own], self._joint[own]
+        names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
+        step = self._velocity[own] * self.period_s
+        measured = _measured_now(state, names, index)
+        for _ in range(CONFIRMING_READS):
+            before, part = measured, self.hardware.measure(component)
+            measured = _measured_now(part, names, [i - component.joints.start for i in index])
+            doubtful = held & ~(np.abs(measured - before) <= step)
+            if not doubtful.any():
+                return measured
+        missing = [names[i] for i in np.flatnonzero(doubtful & ~np.isfinite(measured))]
+        if missing:
+            raise ActivationError(f"{', '.join(missing)} has not been measured, torque is off again: try once more")
+        i = int(np.argmax(doubtful))
+        raise ActivationError(
+            f"{names[i]} is measured at {before[i]:.4f} and then at {measured[i]:.4f}, torque is off again: "
+            "hold the arm still, and check the cable"
+        )
+
+    @property
+    def within_limits(self) -> FloatArray:
+        """The last command with its positions within the limits, shape (m,): controllers begin from there."""
+        return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
         """Run one cycle."""
@@ -170,3 +215,9 @@ class ControlLoop:
             name = self.hardware.command_interfaces[index].removesuffix("/position")
             LOG.info("safety gate: %s: %s", name, reasons[index])
         self._gated = reasons
+
+
+def _measured_now(state: JointState, names: Sequence[str], index: Sequence[int]) -> FloatArray:
+    """Positions (k,) of these joints, at ``index`` in the state; NaN if the state only has an older one."""
+    old = [name in state.faults and state.faults[name].kind != "no_torque" for name in names]
+    return np.where(old, np.nan, state.position[list(index)])

@@ -67,7 +67,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
     """The positions that are known go to the park pose; velocities and efforts are 0 by now."""
     names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
-    start = loop.command.copy()
+    start = loop.within_limits
     target = np.array([park.get(names[i], start[i]) for i in known])
     motion = _way(start[known], target, [_slower(loop.limits[i], scale) for i in known])
     LOG.info("parking: %.1f s", motion.duration_s)

@@ -1,17 +1,22 @@
 """The safety gate: the last word before the hardware. It does not trust the controllers.
 
 Pure: command in, command out. What comes out is finite and within the limits. A position is no further from
-the last one than the joint may travel in one period. A velocity changes no faster than the joint may accelerate, and
+the last one than the joint may travel in one period; one that begins outside the limits returns at a tenth of that
+speed. A velocity changes no faster than the joint may accelerate, and
 no joint is driven faster towards the end of its range than it can brake before it.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from hal.types import FloatArray, JointLimits
+
+RETURN_SHARE: Final = 0.1
+"""Share of its velocity limit at which a joint returns to its limits from outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +49,17 @@ class SafetyGate:
         if self._speeds and measured is not None:
             inside[self._speeds] = self._braked(inside, period_s, measured[self._speeds])
         reach = self._rate * period_s
+        outside = self._held & ((last < self._lower) | (last > self._upper))
+        if outside.any():
+            reach = np.where(outside, RETURN_SHARE * reach, reach)
         safe = np.clip(inside, last - reach, last + reach)
         # A command that follows the limit exactly differs from it by rounding only.
         if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:  # NaN is not smaller either
-            return Gated(safe, self._reasons(wanted, inside, safe))
+            returning = {
+                i: f"{last[i]:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}: returning slowly"
+                for i in np.flatnonzero(outside).tolist()
+            }
+            return Gated(safe, self._reasons(wanted, inside, safe) | returning)
         return Gated(safe, {})
 
     def _braked(self, wanted: FloatArray, period_s: float, measured: FloatArray) -> FloatArray:

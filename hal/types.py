@@ -31,6 +31,18 @@ class JointLimits:
     """N m, or N for a prismatic joint."""
 
 
+OUTSIDE_TOLERANCE: Final = 0.05
+"""Share of a joint's range by which it may be outside its limits when it is activated: play, a soft stop, sag."""
+
+
+def far_outside(position: float, limits: JointLimits) -> str:
+    """Describe a position (rad or m) that is too far outside the limits to be driven back; empty if it is not."""
+    slack = OUTSIDE_TOLERANCE * (limits.upper - limits.lower)
+    if limits.lower - slack <= position <= limits.upper + slack:
+        return ""
+    return f"stands at {position:.4f}, outside its limits {limits.lower:.4f} to {limits.upper:.4f}"
+
+
 @dataclass(frozen=True, slots=True)
 class ServoHealth:
     """A servo's report on itself, beside its position."""
@@ -49,8 +61,9 @@ class ServoHealth:
 class JointFault(NamedTuple):
     """A fault of a joint."""
 
-    kind: FaultKind | Literal["no_torque", "component"]
-    """The servo's kind of fault; or it answers and may be limp; or its component is lost, switched or inactive."""
+    kind: FaultKind | Literal["implausible", "no_torque", "component"]
+    """The servo's kind of fault; or its position is not believed; or it answers and may be limp; or its component is
+    lost, switched or inactive."""
     text: str
     """For people, naming the joint's servo."""
 

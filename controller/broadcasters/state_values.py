@@ -30,6 +30,7 @@ _COUNTERS: Final[dict[str, str]] = {
     "alarm_replies": "alarms",
     "retries": "retries",
     "skipped": "skipped",
+    "implausible": "implausible",
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
 """A servo's own values (°C, V, share of full drive, A, number of alarms), whether it is faulty (1, 0), and the

@@ -81,7 +81,7 @@ class ManagerClient:
         def switch() -> str:
             if self._loop.clock.now() > latest_s:
                 raise SwitchError(f"Switch controller timed out after {allowed_s:f} seconds! Nothing was switched.")
-            return self._manager.switch(request, self._loop.command)
+            return self._manager.switch(request, self._loop.within_limits)
 
         return self._loop.requests.ask(switch)
 

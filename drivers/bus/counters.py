@@ -27,6 +27,8 @@ class ServoCounters:
     """Asked once more within the same cycle."""
     skipped: int = 0
     """Known to be silent, and not asked in this cycle."""
+    implausible: int = 0
+    """Good replies whose position the servo cannot have reached since the reply before."""
 
     def add(self, kind: str) -> None:
         """A question ended without a value."""

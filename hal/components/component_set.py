@@ -102,6 +102,15 @@ class ComponentSet:
         stamps = [parts[one.hardware.name].stamp_s for one in due if one.error is None]
         return merged_state(self.components, parts, max(stamps, default=self._clock.now()))
 
+    def measure(self, component: Component) -> JointState:
+        """Read one component between two cycles. Raises what keeps it from being read; it is lost then."""
+        self._request(component, None)
+        if component.error is None:
+            self._read(component)
+        if component.error is not None:
+            raise component.error
+        return self._parts[component.hardware.name]
+
     def _request(self, component: Component, deadline_s: float | None) -> None:
         if isinstance(component.hardware, Requesting):
             try:

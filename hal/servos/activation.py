@@ -11,11 +11,16 @@ from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_setup import ServoSetup
+from hal.types import far_outside
 
 LOG = logging.getLogger("servoloop.hal")
 
-OUTSIDE_TOLERANCE: Final = 0.05
-"""How far outside its limits (as a share of their span) a joint may stand when torque goes on."""
+CONFIRMING_READS: Final = 8
+"""Number of readings among which two in a row must agree before a measured position becomes a goal."""
+AGREE_S: Final = 0.01
+"""Two readings agree if they differ by no more than the joint moves in this time at its velocity limit."""
+AGREE_COUNTS: Final = 3
+"""Smallest difference at which two readings still agree: the noise of an encoder."""
 
 
 class Activation:
@@ -64,8 +69,22 @@ class Activation:
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
         """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""
-        states = self._measure_all()
+        states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
+
+    def _confirmed(self) -> dict[str, ServoState]:
+        """States whose positions two readings in a row agree on: a reply with false data can have a right checksum."""
+        last = self._measure_all()
+        for _ in range(CONFIRMING_READS - 1):
+            before, last = last, self._measure_all()
+            apart = [joint for joint in self._joints if not _agree(joint, before[joint.name], last[joint.name])]
+            if not apart:
+                return last
+        joint = apart[0]
+        raise ActivationError(
+            f"not activated: {self._called(joint)} reports {before[joint.name].position_counts} and then "
+            f"{last[joint.name].position_counts} counts: hold the arm still, and check the servo's cable"
+        )
 
     def _measure_all(self) -> dict[str, ServoState]:
         readings = self._setup.measure()
@@ -83,11 +102,9 @@ class Activation:
         """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
-        slack = OUTSIDE_TOLERANCE * (upper - lower)
-        if not lower - slack <= position <= upper + slack:
+        if problem := far_outside(position, joint.limits):
             raise ActivationError(
-                f"not activated: {self._called(joint)} stands at {position:.4f}, outside "
-                f"its limits {lower:.4f} to {upper:.4f}. Move it by hand, or correct zero_counts"
+                f"not activated: {self._called(joint)} {problem}. Move it by hand, or correct zero_counts"
             )
         if not lower <= position <= upper:
             self._check_own_limits(joint, state.position_counts)
@@ -151,3 +168,8 @@ class Activation:
 
     def _called(self, joint: Joint) -> str:
         return f"{self._buses.label(joint)} (servo {joint.servo_id})"
+
+
+def _agree(joint: Joint, one: ServoState, other: ServoState) -> bool:
+    way = joint.limits.velocity * AGREE_S / abs(joint.units_per_count)
+    return abs(one.position_counts - other.position_counts) <= max(AGREE_COUNTS, way)

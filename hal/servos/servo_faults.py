@@ -70,9 +70,11 @@ class ServoFaults:
         self._heard_s.clear()
         self.withheld.clear()
 
-    def note_missing(self, name: str, fault: ServoFault, heard_s: float) -> None:
-        """A joint's servo, last measured at ``heard_s``, has given no state."""
+    def note_missing(self, name: str, fault: ServoFault | JointFault, heard_s: float) -> None:
+        """A joint's servo, last measured at ``heard_s``, has given no state, or none that is believed."""
         found = JointFault(fault.kind, fault.text)
+        if found.kind == "implausible" and name in self._faults and self._faults[name].kind == "no_torque":
+            return  # a limp joint may well be moved, and must go on being named as limp
         if name not in self._faults and found not in self._faults.values():  # a line's is told once
             LOG.error("%s", found.text)
         self._faults[name] = found

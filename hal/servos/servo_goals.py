@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Self
 
 from drivers.bus.types import ServoGoal
+from hal.gate import RETURN_SHARE
 from hal.joint import Joint
 
 INTERPOLATION_MARGIN: Final = 1.1
@@ -30,6 +31,7 @@ class ServoGoals:
     def __init__(self, joints: Sequence[Joint]) -> None:
         self._joints = tuple(joints)
         self._leads = {joint.name: _Lead.of(joint) for joint in joints}
+        self._ranges = {joint.name: joint.counts_range() for joint in joints}
         self._behind = {joint.name: 0 for joint in joints}
         self._goals: dict[str, ServoGoal] = {}
         self._measured: dict[str, int] = {}
@@ -51,10 +53,12 @@ class ServoGoals:
         for joint, position in zip(self._joints, positions, strict=True):
             if joint.name in withheld:
                 continue
-            reach = math.ceil(joint.limits.velocity * period_s / abs(joint.units_per_count))
             held, here = self._goals[joint.name].position_counts, measured.get(joint.name)
-            wanted = self._within_pull(joint, joint.counts(position), here, reach, period_s)
+            lower, upper = self._ranges[joint.name]
             # A joint that began outside its limits has a goal there, and must not leap back in.
+            share = 1.0 if lower <= held <= upper else RETURN_SHARE
+            reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
+            wanted = self._within_pull(joint, joint.counts(position), here, reach, period_s)
             counts = min(max(wanted, held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
         self._goals |= goals
@@ -75,7 +79,7 @@ class ServoGoals:
         self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
         if self._behind[joint.name] < BLOCKED_CYCLES:
             return wanted
-        lower, upper = joint.counts_range()
+        lower, upper = self._ranges[joint.name]
         return min(max(wanted - int(math.copysign(excess, ahead)), lower), upper)
 
     def _speed(self, joint: Joint, counts: int, measured: int | None, period_s: float) -> int:

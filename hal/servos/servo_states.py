@@ -10,8 +10,9 @@ from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
+from hal.servos.plausibility import Plausibility
 from hal.servos.servo_faults import ServoFaults
-from hal.types import JointState, ServoHealth
+from hal.types import JointFault, JointState, ServoHealth
 
 
 class ServoStates:
@@ -27,11 +28,13 @@ class ServoStates:
         self._signed_effort = np.array([joint.full_effort * joint.sign for joint in joints])
         self._clock = clock
         self._last = self._unknown()
+        self._plausibility = self._unread()
 
     def reset(self) -> None:
         """Forget all that is known of the joints."""
         self.faults.forget()
         self._last = self._unknown()
+        self._plausibility = self._unread()
 
     def update(
         self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
@@ -40,13 +43,16 @@ class ServoStates:
 
         ``ask_until_s``: servos that are to drive their motors are asked for that until then.
         """
+        now_s = self._clock.now()
         raw = np.full((3, len(self._joints)), np.nan)  # counts, counts/s, share of full drive
         health = dict(self._last.health)
         counters = buses.counters()
         self.measured.clear()
         for index, joint in enumerate(self._joints):
-            reading = readings[joint.name]
             account = counters[joint.bus].servos[joint.servo_id]
+            reading: Reading | JointFault = readings[joint.name]
+            if isinstance(reading, ServoState):
+                reading = self._believed(index, reading, buses, now_s, driven=ask_until_s is not None)
             if isinstance(reading, ServoState):
                 self.measured[joint.name] = reading.position_counts
                 if reading.alarms and ask_until_s is not None:
@@ -58,6 +64,7 @@ class ServoStates:
                     reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
                 )
                 continue
+            account.implausible += reading.kind == "implausible"
             self.faults.note_missing(joint.name, reading, self._last.stamp_s)
             if joint.name in health:  # what is counted of a silent servo goes on
                 health[joint.name] = replace(health[joint.name], counters=account)
@@ -70,6 +77,23 @@ class ServoStates:
         effort = np.where(answered, raw[2] * self._signed_effort, last.effort)
         self._last = JointState(self._clock.now(), position, velocity, effort, faults, health, lines=lines)
         return self._last
+
+    def _believed(
+        self, index: int, reading: ServoState, buses: JointBuses, now_s: float, driven: bool
+    ) -> ServoState | JointFault:
+        """The reading, or the fault of one whose position the joint cannot have reached."""
+        joint = self._joints[index]
+        leap = self._plausibility[index].leap(joint.position(reading.position_counts), now_s, driven)
+        if leap is None:
+            return reading
+        return JointFault(
+            "implausible",
+            f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
+            "the reading before: no joint moves as fast, so a second reading must confirm it",
+        )
+
+    def _unread(self) -> list[Plausibility]:
+        return [Plausibility(joint) for joint in self._joints]
 
     def _unknown(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)

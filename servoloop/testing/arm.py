@@ -97,7 +97,7 @@ class VirtualArm:
     def switch_controllers(self, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
         """Switch controllers between two cycles. Raises SwitchError, whose text says why not."""
         loop = self.stack.loop
-        loop.manager.switch(SwitchRequest(activate=tuple(activate), deactivate=tuple(deactivate)), loop.command)
+        loop.manager.switch(SwitchRequest(activate=tuple(activate), deactivate=tuple(deactivate)), loop.within_limits)
 
     def send_goal(self, positions: Mapping[str, float], seconds: float = 2.0) -> GoalHandle:
         """Send a goal to the arm's joint trajectory controller; joints that are not named stay where they are.

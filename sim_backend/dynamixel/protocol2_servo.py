@@ -145,7 +145,7 @@ class Protocol2Servo(WiredServo):
         if address + size > self.memory.SIZE:
             return ACCESS, b""
         self.firmware.publish()
-        return 0, self.memory.read(address, size)
+        return 0, self._reported(address, size)
 
     @property
     def _alert(self) -> int:

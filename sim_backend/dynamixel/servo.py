@@ -15,6 +15,7 @@ class VirtualXServo(Protocol2Servo):
     """A servo of the X series, or an MX with that firmware."""
 
     REGISTERS: ClassVar[Registers] = Registers(*x.REGISTERS)
+    PRESENT_POSITION = x.present_position
 
     def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
         """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""

@@ -85,6 +85,7 @@ class VirtualXl320Servo(Protocol2Servo):
     """An XL-320 below the wire: no fast reads, no indirect registers."""
 
     REGISTERS: ClassVar[Registers] = Registers(*xl320.REGISTERS)
+    PRESENT_POSITION = xl320.present_position
 
     def __init__(self, servo_id: int) -> None:
         motor = IDENTIFIED[xl320.XL320.name]

@@ -16,7 +16,7 @@ from sim_backend.faults.replies import (
     Noise,
     TruncatedReplies,
 )
-from sim_backend.faults.servos import BrownOut, DeadEncoder, Hot, Overcurrent, Silent, StuckEncoder
+from sim_backend.faults.servos import BrownOut, DeadEncoder, FalsePosition, Hot, Overcurrent, Silent, StuckEncoder
 from sim_backend.faults.settings import EepromGone, WrongId, WrongMode, WrongRate
 from sim_backend.faults.stack import (
     ClientCancels,
@@ -31,7 +31,7 @@ from sim_backend.faults.stack import (
 FaultEvent = Annotated[
     Silent | BrownOut | CableCut | WeakSupply
     | LostReplies | LateReplies | TruncatedReplies | FlippedReplies | Noise | Echo | Collision | MissedInstructions
-    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | Hot | Overcurrent
+    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | FalsePosition | Hot | Overcurrent
     | WrongId | WrongRate | WrongMode | EepromGone
     | AdapterUnplugged | ForeignPackets
     | Stall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,

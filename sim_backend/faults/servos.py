@@ -1,4 +1,4 @@
-"""Faults of one servo: its data line, its power, its motor, its encoder."""
+"""Faults of one servo: its data line, its power, its motor, its encoder, its replies."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -123,3 +123,55 @@ class StuckEncoder(OfServo, Lasting):
 
         with targets.holds.hold(("encoder_sticks", servo), stick, True, False):
             yield
+
+
+class FalsePosition(OfServo, Lasting):
+    """A servo reports a false position in a reply whose checksum is right; its own control loop has the true one."""
+
+    kind: Literal["false_position"] = "false_position"
+    counts: int = 1000
+    """Added to the true position."""
+    every: Annotated[int, Field(ge=1)] = 1
+    """Of the replies that report the position, every n-th is false, the first one included."""
+    replies: Annotated[int, Field(ge=1)] | None = None
+    """Number of false replies. None: as many as there are until the fault ends."""
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo = self.place(targets).servo
+        asked = 0
+
+        def falsify(address: int, size: int, data: bytes) -> bytes:
+            nonlocal asked
+            false = _with_position(servo, self.counts, address, size)
+            if false == data:  # the position is not in this reply
+                return data
+            number, due = divmod(asked, self.every)
+            asked += 1
+            return data if due or (self.replies is not None and number >= self.replies) else false
+
+        servo.on_read.append(falsify)
+        try:
+            yield
+        finally:
+            servo.on_read.remove(falsify)
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {
+            **super().draw_parameters(random, there),
+            "counts": random.choice((-1, 1)) * random.choice((random.randint(20, 400), random.randint(400, 4096))),
+            "every": random.choice((1, 1, 2, 3, random.randint(4, 30))),
+            "replies": random.choice((1, 1, 2, None)),
+        }
+
+
+def _with_position(servo: Any, counts: int, address: int, size: int) -> bytes:
+    """A part of the servo's table, if its shaft were ``counts`` further; the other way where that is no position."""
+    memory, register = servo.memory, servo.PRESENT_POSITION
+    true = memory.get(register)
+    further = true + counts
+    memory.put(register, further if register.smallest <= further <= register.largest else true - counts)
+    data: bytes = memory.read(address, size)
+    memory.put(register, true)
+    return data

@@ -1,8 +1,10 @@
 """What all virtual servos have in common, and those asked by Feetech's packets or Dynamixel's of protocol 1.0."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar, Protocol
 
+from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.flash import Flash, Kept
 from sim_backend.mechanics.gears import Gears
@@ -52,6 +54,7 @@ class WiredServo(ABC):
 
     BOOT_S: ClassVar[float] = 0.8
     """From power-on to the first answer: Feetech's protocol manual says it of a reboot."""
+    PRESENT_POSITION: ClassVar[Register] = sts.present_position
     memory: Table
     firmware: Driven
 
@@ -59,6 +62,8 @@ class WiredServo(ABC):
         """``gears``: where anybody has identified them."""
         self.model = model
         self.gears = gears
+        self.on_read: list[Callable[[int, int, bytes], bytes]] = []
+        """Faults of a reply's data: address, size and the true bytes in, the bytes of the reply out."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -104,6 +109,13 @@ class WiredServo(ABC):
     @abstractmethod
     def read_status(self, address: int, size: int) -> bytes:
         """The status packet with ``size`` bytes from ``address``, the state as of now."""
+
+    def _reported(self, address: int, size: int) -> bytes:
+        """Bytes of the table as a reply carries them."""
+        data = self.memory.read(address, size)
+        for falsify in self.on_read:
+            data = falsify(address, size, data)
+        return data
 
     @abstractmethod
     def power_cycle(self) -> None:

@@ -62,7 +62,7 @@ class GenericServo(PacketServo):
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes of the table from ``address``, the state as of now."""
         self.firmware.publish()
-        return self.memory.read(address, size)
+        return self._reported(address, size)
 
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""

@@ -101,7 +101,7 @@ class VirtualServo(PacketServo):
 
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes of the table from ``address``, as the last millisecond left them."""
-        return self.memory.read(address, TABLE_SIZE if address == size == 0 else size)
+        return self._reported(address, TABLE_SIZE if address == size == 0 else size)
 
     def write(self, address: int, data: bytes) -> None:
         """A write from the wire and all that follows from it."""

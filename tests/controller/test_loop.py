@@ -227,12 +227,14 @@ def test_inactive_hardware_is_read_and_not_written() -> None:
     assert hardware.calls[-1] == "read"
 
 
-def test_it_starts_where_the_arm_stands_drawn_within_the_limits() -> None:
+def test_it_starts_where_the_arm_stands_and_returns_slowly_to_the_limits() -> None:
     bench = Bench()
-    bench.hardware._position = np.array([0.3, 2.1, -0.001])
+    bench.hardware._position = np.array([0.3, 2.05, -0.001])
     bench.up()
-    np.testing.assert_allclose(bench.loop.command, [0.3, 2.0, 0.0])
+    np.testing.assert_allclose(bench.loop.command, [0.3, 2.05, -0.001])
     bench.cycle()
+    np.testing.assert_allclose(bench.path()[-1], [0.3, 2.03, -0.0005])
+    bench.cycle(3)
     np.testing.assert_allclose(bench.path()[-1], [0.3, 2.0, 0.0])
 
 

@@ -11,7 +11,9 @@ from hal.types import JointFault, JointState, ServoHealth
 
 NAN = float("nan")
 JOINTS = ("base", "wrist")
-COUNTERS = ServoCounters(replies=9, silent=1, corrupt=2, late=3, refused=8, reset=7, alarms=4, retries=5, skipped=6)
+COUNTERS = ServoCounters(
+    replies=9, silent=1, corrupt=2, late=3, refused=8, reset=7, alarms=4, retries=5, skipped=6, implausible=10
+)
 
 
 def state() -> JointState:
@@ -54,9 +56,10 @@ def test_each_servo_has_all_values_by_name() -> None:
         "alarm_replies": 4.0,
         "retries": 5.0,
         "skipped": 6.0,
+        "implausible": 10.0,
     }
     assert dict(zip(controller.interfaces["base"], base, strict=True))["fault"] == 0.0
-    np.testing.assert_equal(np.delete(base, 5), [NAN] * 14)
+    np.testing.assert_equal(np.delete(base, 5), [NAN] * 15)
 
 
 def test_a_servo_without_an_account_of_its_bus_has_no_counters() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.gate import Gated, SafetyGate
+from hal.gate import RETURN_SHARE, Gated, SafetyGate
 from hal.types import FloatArray, JointLimits
 
 PERIOD_S = 0.05
@@ -112,14 +112,24 @@ def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
 def test_from_a_little_outside_it_only_comes_nearer(
     wanted: FloatArray, side: tuple[float, ...], reaches: float
 ) -> None:
-    """A joint may begin outside by play. No command takes it further out, none makes it leap back in."""
+    """A joint may begin outside by play. No command takes it further out, and it returns slowly."""
     ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
     last = ends + np.array(side) * REACH * reaches
     out = gate().limit(wanted, last, PERIOD_S).values
     outside_before = np.maximum(LOWER - last, last - UPPER)
     outside_after = np.maximum(LOWER - out, out - UPPER)
-    assert (np.abs(out - last) <= REACH + ROUNDING).all()
-    assert (outside_after <= np.maximum(0.0, outside_before - REACH) + ROUNDING).all()
+    reach = np.where(outside_before > 0.0, RETURN_SHARE * REACH, REACH)
+    assert (np.abs(out - last) <= reach + ROUNDING).all()
+    assert (outside_after <= np.maximum(0.0, outside_before - reach) + ROUNDING).all()
+
+
+def test_a_slow_return_is_reported_with_position_and_limits() -> None:
+    last = MIDDLE.copy()
+    last[0] = UPPER[0] + 0.01
+    found = gate().limit(MIDDLE, last, PERIOD_S)
+    assert found.values[0] == pytest.approx(last[0] - RETURN_SHARE * REACH[0])
+    limits = f"{LOWER[0]:.4f} to {UPPER[0]:.4f}"
+    assert found.reasons == {0: f"{last[0]:.4f} is outside the limits {limits}: returning slowly"}
 
 
 def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:

@@ -9,7 +9,7 @@ from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
 from hal.robot_file.calibration_file import CalibrationFile
-from hal.servos.activation import OUTSIDE_TOLERANCE
+from hal.types import far_outside
 
 
 def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
@@ -82,8 +82,7 @@ def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Fin
     joint = servo.joint
     position = joint.position(servo.states[-1].position_counts)
     lower, upper = joint.limits.lower, joint.limits.upper
-    slack = OUTSIDE_TOLERANCE * (upper - lower)
-    if not lower - slack <= position <= upper + slack:
+    if far_outside(position, joint.limits):
         cause = (
             f"it says {position:.3f}, and its limits are {lower:.3f} to {upper:.3f}: no torque is given there. If "
             "the joint really stands there move it by hand; if not, its zero or its direction is wrong: calibrate"

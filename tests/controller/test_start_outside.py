@@ -1,0 +1,133 @@
+"""A joint that begins outside its limits, on any hardware: refused if it is far outside, else it returns slowly."""
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from controller.loop import ControlLoop
+from controller.manager.manager import ControllerManager
+from hal.components.component_lifecycle import configure_all
+from hal.components.component_set import ComponentSet
+from hal.errors import ActivationError
+from hal.gate import RETURN_SHARE
+from hal.lifecycle import LifecycleState
+from hal.mock_hardware import MockHardware
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from servoloop.simulation.stack import SimulatedStack
+from sim_backend.clock import SimulatedClock
+
+PERIOD_S = 0.02
+LIMITS = JointLimits(-1.0, 1.0, 2.0, 8.0, 80.0)
+SLOW_STEP = RETURN_SHARE * LIMITS.velocity * PERIOD_S
+
+
+class Recorded(MockHardware):
+    """A mock that begins where a test puts it, as a user's own class may; it keeps every command."""
+
+    def __init__(self, clock: SimulatedClock, position: float, *, kind: str = "position") -> None:
+        super().__init__("own", ("joint1",), clock, True, (f"joint1/{kind}",))
+        self._position[:] = position
+        self.written: list[float] = []
+
+    def write(self, command: JointCommand) -> None:
+        self.written.append(float(command.values[0]))
+        super().write(command)
+
+
+def loop_over(hardware: MockHardware, clock: SimulatedClock) -> ControlLoop:
+    components = ComponentSet([hardware], clock)
+    loop = ControlLoop(
+        components, ControllerManager(components, {"joint1": LIMITS}), {"joint1": LIMITS}, clock, PERIOD_S
+    )
+    configure_all(components)
+    return loop
+
+
+def cycles(loop: ControlLoop, clock: SimulatedClock, count: int) -> None:
+    for _ in range(count):
+        clock.sleep_until(clock.now() + PERIOD_S)
+        loop.step()
+
+
+@pytest.mark.parametrize("kind", ["position", "velocity"])
+@pytest.mark.parametrize("position", [2.5, -1.11])
+def test_far_outside_is_refused_with_joint_value_and_limits(position: float, kind: str) -> None:
+    clock = SimulatedClock(10.0)
+    hardware = Recorded(clock, position, kind=kind)
+    loop = loop_over(hardware, clock)
+    with pytest.raises(
+        ActivationError, match=rf"joint1 stands at {position:.4f}, outside its limits -1.0000 to 1.0000"
+    ):
+        loop.activate()
+    assert hardware.state is LifecycleState.INACTIVE and not hardware.written
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_slightly_outside_returns_slowly_and_is_logged_once(side: float, caplog: pytest.LogCaptureFixture) -> None:
+    clock = SimulatedClock(10.0)
+    hardware = Recorded(clock, side * 1.02)
+    loop = loop_over(hardware, clock)
+    with caplog.at_level(logging.INFO, "servoloop"):
+        loop.activate()
+        cycles(loop, clock, 12)
+    steps = np.abs(np.diff([side * 1.02, *hardware.written]))
+    assert steps.max() <= SLOW_STEP + 1e-12
+    assert hardware.written[-1] == side * LIMITS.upper
+    assert sum("returning slowly" in message for message in caplog.messages) == 1
+
+
+def test_the_arm_in_mujoco_returns_slowly_too() -> None:
+    stack = SimulatedStack(wire=False)
+    joint = stack.arm.joints[0]
+    limits = stack.files.limits[joint]
+    begin = stack.world.position()
+    begin[stack.world.joints.index(joint)] = limits.upper + 0.04 * (limits.upper - limits.lower)
+    stack = SimulatedStack(wire=False, start=begin.tolist())
+    commands: list[FloatArray] = []
+
+    def keep(state: JointState) -> None:
+        commands.append(stack.loop.command.copy())
+
+    stack.on_state = keep
+    stack.up()
+    first = stack.loop.command.copy()
+    stack.run(0.5)
+    steps = np.abs(np.diff([first, *commands], axis=0))[:, 0]
+    assert first[0] > limits.upper
+    assert 0.0 < steps.max() <= RETURN_SHARE * limits.velocity * stack.loop.period_s + 1e-12
+
+
+class Deceived(MockHardware):
+    """A mock of which one reading, by number, is false."""
+
+    def __init__(self, clock: SimulatedClock, lies: Callable[[int], float]) -> None:
+        super().__init__("own", ("joint1",), clock, True)
+        self.readings, self._lies = 0, lies
+
+    def read(self) -> JointState:
+        state = super().read()
+        false = state.position + self._lies(self.readings)
+        self.readings += 1
+        return JointState(state.stamp_s, false, state.velocity, state.effort)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_no_single_false_reading_is_where_an_arm_begins(number: int) -> None:
+    clock = SimulatedClock(10.0)
+    hardware = Deceived(clock, lambda reading: 0.9 if reading == number else 0.0)
+    loop = loop_over(hardware, clock)
+    loop.activate()
+    assert loop.command.tolist() == [0.0]
+
+
+def test_readings_that_never_agree_keep_the_torque_off() -> None:
+    clock = SimulatedClock(10.0)
+    hardware = Deceived(clock, lambda reading: 0.9 * (reading % 2))
+    loop = loop_over(hardware, clock)
+    with pytest.raises(
+        ActivationError, match=r"joint1 is measured at 0.9000 and then at 0.0000|0.0000 and then at 0.9"
+    ):
+        loop.activate()
+    assert hardware.state is LifecycleState.INACTIVE
