@@ -43,6 +43,9 @@ class Activation:
         Where that fails, the servos that were limp before are limp again; one that a former program
         left under torque goes on holding: letting go would drop the arm.
         """
+        self._measure_all()  # a silent servo is named here at once: the check would look for it at all baud rates
+        if problems := self._setup.problems():
+            raise ActivationError("not activated: " + "; ".join(problems))
         self._take_goals(self._joints)
         self._limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
         for joint in self._joints:

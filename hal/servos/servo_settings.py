@@ -91,12 +91,11 @@ def apply_settings(joint: Joint, bus: Bus) -> None:
     for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
         LOG.info("%s (servo %d): %s is %d now, was %d", joint.name, joint.servo_id, change.register.name,
                  change.new, change.old)  # fmt: skip
-    _warn_of_others(joint, bus, known)
 
 
-def _warn_of_others(joint: Joint, bus: Bus, known: Mapping[str, Register]) -> None:
-    """Say which gains the servo has that nobody reckons with, where they change how it gives way or lags."""
-    named = dict(joint.settings)
+def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
+    """Warn of gains that the compensation does not assume and the robot file does not name."""
+    known, named = settings_of(joint.model), dict(joint.settings)
     assumed = {name: value for name, value in assumed_settings(joint.model).items() if name not in named}
     held = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in assumed}
     if compliance_of(joint.model, settings=named | held) != compliance_of(joint.model, settings=named):

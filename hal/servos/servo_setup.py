@@ -16,7 +16,7 @@ from hal.joint import Joint
 from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
-from hal.servos.servo_settings import apply_settings, check_homing_offset
+from hal.servos.servo_settings import apply_settings, check_homing_offset, warn_of_other_gains
 
 Result = TypeVar("Result")
 
@@ -32,11 +32,17 @@ class ServoSetup:
 
         Raises DriverError with all that are not, or whose settings could not be made so.
         """
+        if problems := self.problems():
+            raise DriverError("\n".join(problems))
+        for name, bus in self._buses.buses.items():
+            with self._buses.named(name):
+                _failed(self._buses.joints_on[name], bus, warn_of_other_gains)  # of one that is silent now: no matter
+
+    def problems(self) -> list[str]:
+        """Check every servo, and make its settings those of the robot file; returns what is wrong, by joint."""
         buses = self._buses.buses.items()
         problems = [problem for name, bus in buses for problem in self._strangers(name, bus)]
-        problems = problems or [problem for name, bus in buses for problem in self._unsettled(name, bus)]
-        if problems:
-            raise DriverError("\n".join(problems))
+        return problems or [problem for name, bus in buses for problem in self._unsettled(name, bus)]
 
     def _unsettled(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]

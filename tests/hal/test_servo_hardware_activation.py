@@ -247,8 +247,10 @@ def test_a_joint_a_little_outside_is_held_there_and_returns_slowly(side: int) ->
 
 # Whatever fails on the way
 
-STEPS = len(IDS) * 6 + 1 + 4
-"""Instructions of an activation: measure twice; of each its torque, two limits, goal and torque on; all goals."""
+CHECKS = len(IDS) * 7 + 1
+STEPS = 1 + CHECKS + len(IDS) * 6 + 1 + 4
+"""Instructions of an activation: measure; check; measure twice; of each its torque, two limits, goal and torque on; all
+goals."""
 
 Disturbance = Callable[[Bench], None]
 
