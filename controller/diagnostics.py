@@ -9,7 +9,7 @@ from typing import Final
 from controller.loop import ControlLoop
 from hal.components.component import Component
 from hal.lifecycle import LifecycleState
-from hal.types import JointState
+from hal.types import JointState, ServoHealth
 
 LOOP: Final = "servoloop: control loop"
 CONTROLLERS: Final = "servoloop: controllers"
@@ -97,11 +97,19 @@ def _servo_status(state: JointState, joint: str, servo_id: str, component: str) 
             status.values |= _texts(current_a=f"{health.current_a:.2f}")
         if health.counters is not None:
             status.values |= _texts(**health.counters.as_dict())
-        if health.alarms:
-            status.level, status.message = Level.WARN, f"alarm: {', '.join(health.alarms)}"
+        status.level, status.message = _health(health)
     if joint in state.faults:
         status.level, status.message = Level.ERROR, state.faults[joint].text
     return status
+
+
+def _health(health: ServoHealth) -> tuple[Level, str]:
+    """The level and the message of what a servo says of itself."""
+    supply = health.supply
+    wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
+    wrong += [f"{supply.kind}: it {supply.text}"] if supply else []
+    level = Level.ERROR if supply and supply.outside else Level.WARN if wrong else Level.OK
+    return level, "; ".join(wrong) or "ok"
 
 
 def _texts(**values: object) -> dict[str, str]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.bus.counters import BusCounters, ServoCounters
 from drivers.bus.types import FaultKind
+from drivers.servos.voltage import VoltageFault
 
 FloatArray = NDArray[np.float64]
 
@@ -56,6 +57,8 @@ class ServoHealth:
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
     """The motor's current in the joint's direction; NaN where the servo's state has none."""
+    supply: VoltageFault | None = None
+    """What is wrong with its voltage."""
 
 
 class JointFault(NamedTuple):

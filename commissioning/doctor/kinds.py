@@ -72,6 +72,7 @@ KINDS: Final[dict[str, Kind]] = {
     "alarm_voltage": _kind("fault", 78),
     "supply_sags": _kind("warning", 58),
     "supply_high": _kind("warning", 57),
+    "supply_low": _kind("warning", 57),
     "voltage_drops": _kind("warning", 56),
     "alarm_overload": _kind("fault", 77, "stalled", "torque_lost"),
     "alarm_current": _kind("fault", 77, "torque_lost"),

@@ -11,10 +11,8 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
 from drivers.servos.catalog import known_as
+from drivers.servos.voltage import voltage_fault
 
-LOWEST_SHARE: Final = 0.6
-HIGHEST_SHARE: Final = 1.2
-"""Of the rated voltage: 4.4 to 8.9 V for a servo of 7.4 V, 7.2 to 14.4 V for one of 12 V."""
 LIMIT_UNIT_V: Final = 0.1
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 """What tables call the voltages that a servo allows."""
@@ -84,10 +82,11 @@ def _require_model(bus: Bus, servo_id: int, place: Place) -> None:
 
 def _require_voltage(bus: Bus, servo_id: int, place: Place, voltage_v: float) -> None:
     rated_v, model = place.model.rated_voltage_v, place.model.name
-    if not LOWEST_SHARE * rated_v <= voltage_v <= HIGHEST_SHARE * rated_v:
-        fault = "too much" if voltage_v > rated_v else "too little"
+    fault = voltage_fault(place.model, voltage_v)
+    if fault is not None and fault.outside:
+        fault_text = "too much" if fault.kind == "over-voltage" else "too little"
         raise SetUpError(
-            f"{voltage_v:.1f} V is {fault} for a servo of {rated_v:.1f} V ({model}): switch the supply off, and "
+            f"{voltage_v:.1f} V is {fault_text} for a servo of {rated_v:.1f} V ({model}): switch the supply off, and "
             "connect the right one, or name the right model in the robot file"
         )
     lowest_v, highest_v = _limits(bus, servo_id, place)

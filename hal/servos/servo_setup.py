@@ -8,10 +8,11 @@ from typing import TypeVar
 from calibration.eeprom import EepromError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
-from drivers.bus.types import Reading, ServoFault
+from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
+from drivers.servos.voltage import voltage_fault
 from hal.joint import Joint
 from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.servos.joint_buses import JointBuses
@@ -60,7 +61,8 @@ class ServoSetup:
             causes = diagnose(bus, unheard) if unheard else {}
             # Two of one model and one ID have the same number: only their states give them away.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
-            causes |= _stateless(bus, _states(bus, known)) if known else {}
+            found = _states(bus, known)
+            causes |= _stateless(bus, found) | _ill_fed(joints, bus, found)
         if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
@@ -179,6 +181,19 @@ def _stateless(bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
     """The cause for each servo known to be there that gave no state, if one is found."""
     missing = [i for i, reading in readings.items() if isinstance(reading, ServoFault)]
     return diagnose_known(bus, missing) if missing else {}
+
+
+def _ill_fed(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
+    """The servos whose voltage is outside their model's rated range in every reading, and what to do."""
+    models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
+    for _ in range(ATTEMPTS):
+        states = {i: reading for i, reading in readings.items() if isinstance(reading, ServoState)}
+        faults = {i: voltage_fault(models[i], state.voltage_v) for i, state in states.items()}
+        wrong = {i: f"servo {i}: {fault.text}" for i, fault in faults.items() if fault and fault.outside}
+        if not wrong:
+            break
+        readings = bus.read_states(tuple(wrong))
+    return wrong
 
 
 def _with_cause(reading: Reading, cause: str | None) -> Reading:

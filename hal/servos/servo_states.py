@@ -12,6 +12,7 @@ from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 from hal.servos.plausibility import Plausibility
 from hal.servos.servo_faults import ServoFaults
+from hal.servos.supply_watch import SupplyWatch
 from hal.types import JointFault, JointState, ServoHealth
 
 
@@ -22,6 +23,7 @@ class ServoStates:
         self.measured: dict[str, int] = {}
         """Counts by joint name, where the servo answered in the last exchange."""
         self.faults = ServoFaults(joints, clock)
+        self._supply = SupplyWatch(joints, clock)
         self._joints = tuple(joints)
         self._zero = np.array([joint.zero_counts for joint in joints])
         self._units_per_count = np.array([joint.units_per_count for joint in joints])
@@ -33,6 +35,7 @@ class ServoStates:
     def reset(self) -> None:
         """Forget all that is known of the joints."""
         self.faults.forget()
+        self._supply.forget()
         self._last = self._unknown()
         self._plausibility = self._unread()
 
@@ -61,7 +64,8 @@ class ServoStates:
                 load = reading.load * joint.sign
                 current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
                 health[joint.name] = ServoHealth(
-                    reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a
+                    *(reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a),
+                    supply=self._supply.look(joint, reading.voltage_v, buses.label(joint)),
                 )
                 continue
             account.implausible += reading.kind == "implausible"

@@ -62,12 +62,13 @@ class VirtualBus(ServoLine[PacketServo]):
         """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
 
         All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant`` and motors of
-        ``spread``. Without ``supply``, one of the lowest rated voltage feeds them, give or take the spread.
+        ``spread``. Without ``supply``, those of one rated voltage share a supply of it, give or take the spread.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
         servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
-        usual = spread.supply(Supply(min(servo.model.rated_voltage_v for servo in servos)))
-        return cls(Rig(servos, plant, supply or usual), paced=paced)
+        usual = {servo.model.rated_voltage_v: Supply(servo.model.rated_voltage_v) for servo in servos}
+        rated = {voltage_v: spread.supply(one) for voltage_v, one in usual.items()}
+        return cls(Rig(servos, plant, supply or [rated[servo.model.rated_voltage_v] for servo in servos]), paced=paced)
 
     def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
         """Let ``servos`` do one instruction; whatever comes back, in order."""

@@ -8,9 +8,8 @@ from commissioning.doctor.commands import write
 from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from drivers.servos.voltage import voltage_fault, voltage_range
 
-TOO_HIGH, HIGH, LOW = 1.25, 1.15, 0.75
-"""Shares of the rated voltage. A full battery has 1.14 of it (8.4 V of 7.4 V), a supply within 10 % is a good one."""
 SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
 DROP_V: Final = 0.8
@@ -39,17 +38,16 @@ def check_voltage(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
-    volts = _volts(servo)
-    lowest, highest, rated = min(volts), max(volts), servo.joint.model.rated_voltage_v
-    limits = voltage_limits(servo.registers)
-    name = servo.joint.model.name
-    if highest > TOO_HIGH * rated:
+    volts, model = _volts(servo), servo.joint.model
+    lowest, highest, rated, name = min(volts), max(volts), model.rated_voltage_v, model.name
+    limits, allowed = voltage_limits(servo.registers), voltage_range(model)
+    if highest > allowed[1]:
         cause = (
             f"it has {highest:.1f} V, and a {name} is made for {rated:g} V: the supply is the wrong one or overshoots, "
             "or the model in the robot file is. Switch it off now"
         )
         yield finding("overvoltage", place, "'input voltage error', and servos that die", cause)
-    elif lowest < LOW * rated:
+    elif lowest < allowed[0]:
         cause = (
             f"it has {lowest:.1f} V, and a {name} is made for {rated:g} V: the supply is the wrong one, off (USB alone "
             "feeds it), or too weak"
@@ -61,7 +59,7 @@ def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
             f"limits are {limits[0]:.1f} to {limits[1]:.1f} V"
         )
         wrong = next(low if lowest < limits[0] else high for low, high in LIMITS if low in servo.registers)
-        value = round((LOW if lowest < limits[0] else TOO_HIGH) * rated / UNIT_V)
+        value = round((allowed[0] if lowest < limits[0] else allowed[1]) / UNIT_V)
         command = write(servo, wrong, value)
         yield finding("voltage_limits_wrong", place, "'input voltage error' though the supply is right", cause, command)
 
@@ -71,9 +69,13 @@ def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding
     for rated in dict.fromkeys(servo.joint.model.rated_voltage_v for servo in servos):
         at = [(max(_volts(servo)), servo.joint) for servo in servos if servo.joint.model.rated_voltage_v == rated]
         (highest, first), (lowest, last) = (pick(at, key=lambda one: one[0]) for pick in (max, min))
-        if HIGH * rated < highest <= TOO_HIGH * rated:
+        kinds = {fault.kind for volts, joint in at if (fault := voltage_fault(joint.model, volts))}
+        if "high supply" in kinds:
             cause = f"{highest:.1f} V were seen: a supply of {rated:g} V should not give that much"
             yield finding("supply_high", Place(bus=bus.name), "'input voltage error' now and then", cause)
+        if "low supply" in kinds:
+            cause = f"{lowest:.1f} V were seen, and the servos are made for {rated:g} V: they work with less torque"
+            yield finding("supply_low", Place(bus=bus.name), "the arm is weak and slow", cause)
         if highest - lowest > DROP_V:
             cause = (
                 f"{first.name} has {highest:.1f} V and {last.name} {lowest:.1f} V at rest: a lead or a plug between "
