@@ -79,11 +79,14 @@ def read_files(
 def read_description(urdf: Path) -> Description:
     """Read the URDF. Raises DescriptionError."""
     try:
-        return parse_urdf(urdf.read_text())
+        return parse_urdf(urdf.read_text(), str(urdf))
     except OSError as error:
         raise DescriptionError(f"cannot read the URDF {urdf}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise DescriptionError(f"the URDF {urdf} is not text: {error}") from error
     except DescriptionError as error:
-        raise DescriptionError(f"{urdf}: {error}") from error
+        named = str(urdf) in str(error)
+        raise DescriptionError(str(error) if named else f"{urdf}: {error}") from error
 
 
 def _robot_paths(description: Description, urdf: Path, said: Path | None) -> dict[str, Path]:

@@ -213,7 +213,23 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
         raise  # it says what to mend
     except Exception as error:  # whatever a user's module does when it is imported
         raise PluginError(f"the hardware {plugin} ({point.value}) cannot be loaded: {error}") from error
+    _check_names(hardware, component)
     return hardware
+
+
+def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
+    """Check that a user's hardware has the joints and the command interfaces of its block. Raises PluginError."""
+    pairs: tuple[tuple[str, object, object], ...] = (
+        ("name", hardware.name, component.name),
+        ("joints", tuple(hardware.joints), component.joints),
+        ("command_interfaces", tuple(hardware.command_interfaces), component.commands),
+    )
+    for attribute, has, needs in pairs:
+        if has != needs:
+            raise PluginError(
+                f"the hardware {component.plugin} has the {attribute} {has}, and its <ros2_control> block "
+                f"'{component.name}' has {needs}: take them from the component that the class is made with"
+            )
 
 
 def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:

@@ -24,7 +24,7 @@ class Gravity:
     """
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
-        """``joints``: the order of positions and torques. Raises DescriptionError."""
+        """``joints``: the order of positions and torques."""
         self._tree = mass_tree(description, joints)
         self._joints = len(joints)
         self._unknown = inclination_unknown(self._tree)

@@ -1,16 +1,13 @@
 """The moving joints of a URDF with the masses behind them, made ready for quick sums."""
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from hal.errors import DescriptionError
 from hal.robot_description.description import Description, UrdfJoint, Vector
 from hal.robot_description.kinematics import from_rpy, rotate
-from hal.robot_description.urdf import finite, vector
 from hal.types import FloatArray
 
 TURNING: Final = ("revolute", "continuous")
@@ -54,7 +51,7 @@ class _Tree:
         self.found: list[MovingJoint] = []
         self._joints = tuple(joints)
         self._description = description
-        self._masses = _masses(description.xml)
+        self._links = description.links
         self._below: dict[str, list[UrdfJoint]] = {}
         for joint in description.joints.values():
             self._below.setdefault(joint.parent, []).append(joint)
@@ -64,8 +61,9 @@ class _Tree:
 
         Returns the mass of the link and of all behind it, and the first moment of those that move with the parent.
         """
-        kg, centre = self._masses.get(link, (0.0, np.zeros(3)))
-        moment = kg * (at + to @ centre)
+        own = self._links.get(link)
+        kg, center = (own.mass_kg, np.array(own.center_m)) if own else (0.0, np.zeros(3))
+        moment = kg * (at + to @ center)
         for joint in self._below.get(link, []):
             turned, place = to @ _rotation(joint), at + to @ np.array(joint.xyz_m)
             if joint.kind == "fixed":
@@ -117,10 +115,7 @@ class _Tree:
 
 
 def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJoint, ...]:
-    """All moving joints, each behind its parent; ``joints`` are those that are commanded, in their order.
-
-    Raises DescriptionError where a mass makes no sense.
-    """
+    """All moving joints, each behind its parent; ``joints`` are those that are commanded, in their order."""
     tree = _Tree(description, joints)
     children = {joint.child for joint in description.joints.values()}
     for root in dict.fromkeys(j.parent for j in description.joints.values() if j.parent not in children):
@@ -138,24 +133,6 @@ def inclination_unknown(tree: Sequence[MovingJoint]) -> set[int]:
         if before:
             unknown.add(node.leader)
     return unknown
-
-
-def _masses(xml: str) -> Mapping[str, tuple[float, FloatArray]]:
-    return dict(_inertials(ElementTree.fromstring(xml)))
-
-
-def _inertials(robot: ElementTree.Element) -> Iterator[tuple[str, tuple[float, FloatArray]]]:
-    """Yields each link's name, mass (kg) and centre of mass (m)."""
-    for link in robot.findall("link"):
-        name, mass, origin = link.get("name", ""), link.find("inertial/mass"), link.find("inertial/origin")
-        text = "0" if mass is None else mass.get("value", "")
-        try:
-            kg = finite(text)
-        except ValueError as error:
-            raise DescriptionError(f"link '{name}': mass '{text}' is not a number") from error
-        if kg < 0.0:
-            raise DescriptionError(f"link '{name}': mass {kg:g} is less than nothing")
-        yield name, (kg, np.array(vector("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), name)))
 
 
 def _rotation(joint: UrdfJoint) -> FloatArray:

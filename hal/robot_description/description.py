@@ -1,14 +1,17 @@
 """The robot description: what a URDF says about joints and about ros2_control's hardware."""
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from xml.parsers.expat import ExpatError
 
 from hal.errors import DescriptionError
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info
+from hal.robot_description.limit_check import limit_problems
+from hal.robot_description.links import Link, link_problems, parse_links
 from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints
+from hal.robot_description.xml_places import parse_xml
 
-__all__ = ["Description", "HardwareInfo", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
+__all__ = ["Description", "HardwareInfo", "Link", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,17 +21,26 @@ class Description:
     xml: str
     joints: Mapping[str, UrdfJoint]
     components: tuple[HardwareInfo, ...] = field(default=())
+    links: Mapping[str, Link] = field(default_factory=dict)
 
 
-def parse_urdf(xml: str) -> Description:
-    """Parse a URDF with at least one ``<ros2_control>`` block. Raises DescriptionError."""
+def parse_urdf(xml: str, file: str = "the URDF") -> Description:
+    """Parse and check a URDF with at least one ``<ros2_control>`` block.
+
+    Args:
+        xml: The whole document.
+        file: The file's name in messages.
+
+    Raises:
+        DescriptionError: The URDF has mistakes.
+    """
     try:
-        robot = ElementTree.fromstring(xml)
-    except ElementTree.ParseError as error:
+        robot = parse_xml(xml, file)
+    except ExpatError as error:
         raise DescriptionError(f"the URDF is not well-formed XML: {error}") from error
     if robot.tag != "robot":
         raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot>")
-    joints = parse_joints(robot)
+    joints, links = parse_joints(robot), parse_links(robot)
     components = tuple(parse_hardware_info(block, joints) for block in robot.findall("ros2_control"))
     _check_apart(components, joints)
     if not components:
@@ -36,7 +48,10 @@ def parse_urdf(xml: str) -> Description:
             "the URDF has no <ros2_control> block: add one with <hardware><plugin>"
             "servoloop/ServoHardware</plugin></hardware> and a <joint> for each driven joint"
         )
-    return Description(xml, joints, components)
+    commanded = {joint for one in components for joint, commands in one.command_interfaces.items() if commands}
+    if problems := [*link_problems(joints, links), *limit_problems(joints, commanded)]:
+        raise DescriptionError("\n".join(problems))
+    return Description(xml, joints, components, links)
 
 
 def _check_apart(components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint]) -> None:

@@ -1,14 +1,12 @@
 """What a robot description says of joints and links that cannot be true of the servos that drive them."""
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator
 
 from hal.joint import Joint
 from hal.robot_description.description import Description, UrdfJoint
 
 MOVING = ("revolute", "continuous", "prismatic")
-AXES = ("ixx", "iyy", "izz")
 
 
 def description_problems(description: Description) -> list[str]:
@@ -40,25 +38,16 @@ def _strength(joint: Joint) -> str:
 
 def _weightless(description: Description) -> Iterator[str]:
     """Links behind a moving joint without a mass or an inertia: what moves them would meet no resistance."""
-    robot = ElementTree.fromstring(description.xml)
-    links = {link.get("name", ""): link for link in robot.findall("link")}
     for joint in description.joints.values():
         if joint.kind not in MOVING:
             continue
-        link = links.get(joint.child)
+        link = description.links.get(joint.child)
         if link is None:
             yield f"{joint.name}: the URDF has no link {joint.child}"
-        elif _number(link.find("inertial/mass"), "value") <= 0.0:
+        elif link.mass_kg <= 0.0:
             yield f"{joint.child}: its mass in the URDF is zero or missing"
-        elif any(_number(link.find("inertial/inertia"), axis) <= 0.0 for axis in AXES):
+        elif min(link.inertia) <= 0.0:
             yield f"{joint.child}: its inertia in the URDF is zero or missing"
-
-
-def _number(element: ElementTree.Element | None, key: str) -> float:
-    try:
-        return float(element.get(key, "0")) if element is not None else 0.0
-    except ValueError:
-        return 0.0
 
 
 def _strays(description: Description) -> Iterator[str]:

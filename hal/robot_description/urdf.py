@@ -1,11 +1,12 @@
 """The joints of a URDF, and what reading XML takes."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
+from hal.robot_description.xml_places import place
 
 Vector = tuple[float, float, float]
 
@@ -36,6 +37,8 @@ class UrdfJoint:
     mimic: Mimic | None
     effort: float = math.inf
     """N m or N; not said: no limit."""
+    place: str = "the URDF"
+    """The file and the line of its <limit>, or of the joint if it has none."""
 
 
 def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
@@ -48,7 +51,21 @@ def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
     for joint in joints.values():
         if joint.mimic and joint.mimic.joint not in joints:
             raise DescriptionError(f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not")
+    for joint in joints.values():
+        _check_led(joint, joints)
     return joints
+
+
+def _check_led(joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> None:
+    """Check that the <mimic> of a joint ends at a joint that mimics no other. Raises DescriptionError."""
+    leader, seen = joint, {joint.name}
+    while leader.mimic is not None:
+        leader = joints[leader.mimic.joint]
+        if leader.name in seen:
+            raise DescriptionError(
+                f"{joint.name}: its <mimic> leads back to {leader.name} ({joint.place}): name a joint that is driven."
+            )
+        seen.add(leader.name)
 
 
 def _joint(element: Element) -> UrdfJoint:
@@ -56,24 +73,27 @@ def _joint(element: Element) -> UrdfJoint:
     kind = attribute(element, "type", f"joint '{name}'")
     limit = element.find("limit")
     if limit is None and kind in ("revolute", "prismatic"):
-        raise DescriptionError(f"joint '{name}' is {kind} and has no <limit>")
+        raise DescriptionError(
+            f"joint '{name}' is {kind} and has no <limit> ({place(element)}): add one with lower, upper and velocity"
+        )
     bounds = limit if limit is not None else Element("limit")
     origin = element.find("origin")
-    place = origin if origin is not None else Element("origin")
+    pose = origin if origin is not None else Element("origin")
     mimic = element.find("mimic")
     return UrdfJoint(
         name=name,
         kind=kind,
         parent=_child(element, "parent", name),
         child=_child(element, "child", name),
-        xyz_m=vector(place.get("xyz", "0 0 0"), name),
-        rpy_rad=vector(place.get("rpy", "0 0 0"), name),
+        xyz_m=vector(pose.get("xyz", "0 0 0"), name),
+        rpy_rad=vector(pose.get("rpy", "0 0 0"), name),
         axis=_axis(element, name),
         lower=number(bounds, "lower", name, 0.0),
         upper=number(bounds, "upper", name, 0.0),
         velocity=number(bounds, "velocity", name, 0.0),
         mimic=None if mimic is None else _mimic(mimic, name),
         effort=number(bounds, "effort", name, math.inf),
+        place=place(element if limit is None else limit),
     )
 
 
@@ -114,7 +134,9 @@ def number(element: Element, key: str, name: str, default: float) -> float:
     try:
         return default if text is None else finite(text)
     except ValueError as error:
-        raise DescriptionError(f"joint '{name}': {key} '{text}' is not a number") from error
+        raise DescriptionError(
+            f"joint '{name}': {key} '{text}' is not a number ({place(element)}): correct it"
+        ) from error
 
 
 def vector(text: str, name: str) -> Vector:

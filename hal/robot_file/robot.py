@@ -67,8 +67,6 @@ def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
     if prismatic != (file.metres_per_radian is not None):
         need = "needs" if prismatic else "must not have"
         problems.append(f"{urdf.name} is {urdf.kind} in the URDF and {need} metres_per_radian")
-    if urdf.velocity <= 0 or urdf.lower >= urdf.upper:
-        problems.append(f"{urdf.name} needs <limit lower upper velocity> in the URDF, lower < upper")
     return problems
 
 

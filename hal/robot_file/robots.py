@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hal.errors import DescriptionError, RobotFileError
+from hal.errors import RobotFileError
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_description.urdf import UrdfJoint
 from hal.robot_file.robot import Robot
@@ -63,9 +63,7 @@ def _require_one_name_each(parts: Sequence[Part]) -> None:
 
 
 def limits_of(urdf: UrdfJoint) -> JointLimits:
-    """The limits of a joint that no robot file tells of. Raises DescriptionError."""
-    if urdf.velocity <= 0.0:
-        raise DescriptionError(f"joint '{urdf.name}' needs a speed limit in the URDF: <limit velocity=\"…\"/>")
+    """The limits of a joint that no robot file tells of."""
     lower, upper = (urdf.lower, urdf.upper) if urdf.kind != "continuous" else (-float("inf"), float("inf"))
     acceleration = urdf.velocity / SPEED_UP_S
     return JointLimits(lower, upper, urdf.velocity, acceleration, acceleration / TAKE_UP_S, urdf.effort)
@@ -101,7 +99,7 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
 def all_limits(
     components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
 ) -> dict[str, JointLimits]:
-    """The limits of every joint that takes commands, by robot file or else by URDF. Raises DescriptionError."""
+    """The limits of every joint that takes commands, by robot file or else by URDF."""
     limits = robot.limits()
     for component in components:
         for joint, commands in component.command_interfaces.items():

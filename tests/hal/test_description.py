@@ -120,6 +120,101 @@ def test_the_arm_itself() -> None:
     assert {"gripper_base_link"} <= children and "base_link" not in children
 
 
+LINKS = '<link name="a"/><link name="b"><inertial><mass value="0.2"/>{}</inertial></link><link name="c"/>'
+
+
+def limited(old: str, new: str) -> str:
+    return urdf(ELBOW.replace(old, new, 1) + FINGER)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            limited('"-1.5" upper="2"', '"2" upper="-1.5"'),
+            "elbow: lower limit 2.0 is above upper limit -1.5 (arm.urdf, line 6): swap them.",
+        ),
+        (
+            urdf(ELBOW + FINGER.replace('"0" upper="0.05"', '"0" upper="-0.04"')),  # nothing commands it
+            "finger: lower limit 0.0 is above upper limit -0.04 (arm.urdf, line 10): swap them.",
+        ),
+        (
+            limited('"-1.5" upper="2"', '"2" upper="2"'),
+            "elbow: lower limit 2.0 equals upper limit 2.0 (arm.urdf, line 6), so the joint cannot move: give its",
+        ),
+        (
+            limited('lower="-1.5" upper="2" ', ""),
+            "elbow: lower limit 0.0 equals upper limit 0.0 (arm.urdf, line 6), so the joint cannot move: give its",
+        ),
+        (limited(' velocity="4"', ""), "elbow: velocity limit 0.0 is not above zero (arm.urdf, line 6): give the"),
+        (limited('velocity="4"', 'velocity="-4"'), "elbow: velocity limit -4.0 is not above zero (arm.urdf, line 6)"),
+        (limited('effort="3"', 'effort="0"'), "elbow: effort limit 0.0 is not above zero (arm.urdf, line 6): give the"),
+        (limited('effort="3"', 'effort="-3"'), "elbow: effort limit -3.0 is not above zero (arm.urdf, line 6)"),
+        (limited('effort="3"', 'effort="inf"'), "joint 'elbow': effort 'inf' is not a number (arm.urdf, line 6)"),
+        (limited('"-1.5"', '"nan"'), "joint 'elbow': lower 'nan' is not a number (arm.urdf, line 6): correct it"),
+        (limited("-1.5", "-90deg"), "joint 'elbow': lower '-90deg' is not a number (arm.urdf, line 6): correct it"),
+        (
+            urdf(re.sub("<limit.*", "", ELBOW) + FINGER),
+            "joint 'elbow' is revolute and has no <limit> (arm.urdf, line 3): add one with lower, upper and velocity",
+        ),
+        (
+            urdf(re.sub('"revolute"', '"continuous"', ELBOW).replace("<limit", "<other") + FINGER),
+            "elbow: velocity limit 0.0 is not above zero (arm.urdf, line 3)",
+        ),
+        (
+            urdf(ELBOW + FINGER.replace('joint="elbow" ', 'joint="finger" ')),
+            "finger: its <mimic> leads back to finger (arm.urdf, line 10): name a joint that is driven.",
+        ),
+        (urdf(LINKS.format("") + '<link name="a"/>' + ELBOW + FINGER), "two links named 'a' (arm.urdf, line 2)"),
+        (
+            urdf(LINKS.format("") + ELBOW.replace('child link="b"', 'child link="B"') + FINGER),
+            "elbow: the URDF has no link B (arm.urdf, line 6): correct its name, or add the link",
+        ),
+        (
+            urdf(LINKS.format("") + ELBOW + FINGER.replace('child link="c"', 'child link="b"')),
+            "elbow and finger have the same child link, b (arm.urdf, line 10): rename one",
+        ),
+        (
+            urdf(LINKS.format("").replace('"0.2"', '"-0.2"') + ELBOW + FINGER),
+            "link 'b': mass -0.2 is below zero (arm.urdf, line 2): correct it",
+        ),
+        (
+            urdf(LINKS.format("").replace('"0.2"', '"200g"') + ELBOW + FINGER),
+            "link 'b': mass '200g' is not a number (arm.urdf, line 2): correct it",
+        ),
+        (
+            urdf(LINKS.format('<inertia ixx="nan"/>') + ELBOW + FINGER),
+            "link 'b': ixx 'nan' is not a number (arm.urdf, line 2): correct it",
+        ),
+        (
+            urdf(LINKS.format('<inertia izz="-1e-4"/>') + ELBOW + FINGER),
+            "link 'b': izz -0.0001 is below zero (arm.urdf, line 2): correct it",
+        ),
+    ],
+)
+def test_limits_links_and_masses_that_cannot_be_are_named_with_their_place(text: str, says: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        parse_urdf(text, "arm.urdf")
+    (sentence,) = str(caught.value).splitlines()
+    assert says in sentence
+
+
+def test_every_wrong_limit_is_named_at_once() -> None:
+    with pytest.raises(DescriptionError) as caught:
+        parse_urdf(limited('"-1.5" upper="2" effort="3" velocity="4"', '"2" upper="-1.5" effort="0" velocity="0"'))
+    assert [line.partition(" limit ")[0] for line in str(caught.value).splitlines()] == [
+        "elbow: lower",
+        "elbow: velocity",
+        "elbow: effort",
+    ]
+
+
+def test_a_joint_that_takes_no_commands_needs_no_limits() -> None:
+    passive = ELBOW.replace('lower="-1.5" upper="2" effort="3" velocity="4"', "")
+    control = CONTROL.replace('<command_interface name="position"/>', "")
+    assert parse_urdf(urdf(passive + FINGER, control)).joints["elbow"].velocity == 0.0
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import DescriptionError, RobotFileError
+from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_description.hardware_info import HardwareInfo
@@ -21,8 +21,8 @@ controller_defaults: {{arm_controller: {{{name}: 1}}}}
 """
 
 
-def urdf(name: str, kind: str = "revolute", velocity: float = 4.0) -> UrdfJoint:
-    return UrdfJoint(name, kind, "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, velocity, None, 3.0)
+def urdf(name: str, kind: str = "revolute") -> UrdfJoint:
+    return UrdfJoint(name, kind, "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, 4.0, None, 3.0)
 
 
 def part(
@@ -70,7 +70,7 @@ def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
 
 
 def test_a_joint_that_is_only_measured_needs_no_limits() -> None:
-    joints = {name: urdf(name, velocity=speed) for name, speed in (("elbow", 4.0), ("probe", 0.0))}
+    joints = {name: urdf(name) for name in ("elbow", "probe")}
     component = HardwareInfo("arm", "system", "p", {}, {"elbow": ("position",), "probe": ()}, {})
     assert list(all_limits([component], together([]), joints)) == ["elbow"]
 
@@ -85,5 +85,3 @@ def test_a_joint_without_a_servo_has_the_urdfs_limits() -> None:
     assert (limits.acceleration, limits.jerk) == (16.0, 160.0)
     endless = limits_of(urdf("wheel", "continuous"))
     assert (endless.lower, endless.upper) == (-float("inf"), float("inf"))
-    with pytest.raises(DescriptionError, match="joint 'elbow' needs a speed limit in the URDF"):
-        limits_of(urdf("elbow", velocity=0.0))

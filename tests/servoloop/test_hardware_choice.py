@@ -130,6 +130,9 @@ def make(component, clock):
 
 def broken(component, clock):
     return component.no_such_thing
+
+def other(component, clock):
+    return MockHardware(component.name, ["thumb"], clock)
 """
 
 
@@ -142,6 +145,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "acme_hardware.py").write_text(ACME)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
     lines = "acme/Arm = acme_hardware:make\nacme/Broken = acme_hardware:broken\nacme/Gone = acme_gone:make\n"
+    lines += "acme/Other = acme_hardware:other\n"
     (info / "entry_points.txt").write_text(f"[servoloop.hardware]\n{lines}")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, "acme_hardware", raising=False)
@@ -162,11 +166,39 @@ def test_a_users_own_hardware(tmp_path: Path) -> None:
         ('<plugin>acme/Arm</plugin><param name="port">none</param>', HalError, "port: none: name a port"),
         ("<plugin>acme/Broken</plugin>", PluginError, r"the hardware acme/Broken \(acme_hardware:broken\) cannot be"),
         ("<plugin>acme/Gone</plugin>", PluginError, "No module named 'acme_gone'"),
+        (
+            "<plugin>acme/Other</plugin>",
+            PluginError,
+            rf"acme/Other has the joints \('thumb',\), and its <ros2_control> block 'hand' has \('{HAND}',\): take",
+        ),
     ],
 )
 def test_a_users_hardware_that_cannot_be_made(tmp_path: Path, hand: str, error: type[Exception], says: str) -> None:
     with pytest.raises(error, match=says):
         made(read_files(write_urdf(tmp_path, hand=hand)))
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize("plugin", ["servos", "servoloop/MujocoHardware", "mock_components/GenericSystem", "acme/Arm"])
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('lower="0" upper="0.05"', 'lower="0" upper="-0.04"', "lower limit 0.0 is above upper limit -0.04 ({}): swap"),
+        ('velocity="0.09"', 'velocity="0"', "velocity limit 0.0 is not above zero ({}): give"),
+    ],
+)
+def test_the_limits_are_checked_for_every_kind_of_hardware(
+    tmp_path: Path, plugin: str, old: str, new: str, says: str
+) -> None:
+    hand = servos(write_robot_file(tmp_path, "hand", HAND)) if plugin == "servos" else f"<plugin>{plugin}</plugin>"
+    urdf = write_urdf(tmp_path, hand=hand)
+    text = urdf.read_text()
+    at = text.index(old, text.index(f'<joint name="{HAND}"'))
+    urdf.write_text(text[:at] + text[at:].replace(old, new, 1))
+    place = f"{urdf}, line {text[:at].count(chr(10)) + 1}"
+    with pytest.raises(DescriptionError) as caught:
+        read_files(urdf)
+    assert f"{HAND}: {says.format(place)}" in str(caught.value)
 
 
 @pytest.mark.parametrize(

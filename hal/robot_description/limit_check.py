@@ -1,0 +1,40 @@
+"""The limits that a joint needs before any hardware may drive it."""
+
+from collections.abc import Collection, Iterator, Mapping
+
+from hal.robot_description.urdf import UrdfJoint
+
+
+def limit_problems(joints: Mapping[str, UrdfJoint], commanded: Collection[str]) -> Iterator[str]:
+    """Yields each limit that cannot be kept. A joint that takes no commands needs none."""
+    for joint in joints.values():
+        yield from _range_problems(joint, joint.name in commanded)
+        if joint.name in commanded:
+            yield from _rate_problems(joint)
+
+
+def _range_problems(joint: UrdfJoint, commanded: bool) -> Iterator[str]:
+    if joint.kind == "continuous":
+        return
+    if joint.lower > joint.upper:
+        yield (
+            f"{joint.name}: lower limit {joint.lower} is above upper limit {joint.upper} ({joint.place}): swap them."
+        )
+    elif joint.lower == joint.upper and commanded:
+        yield (
+            f"{joint.name}: lower limit {joint.lower} equals upper limit {joint.upper} ({joint.place}), so the joint "
+            "cannot move: give its range in <limit lower upper>."
+        )
+
+
+def _rate_problems(joint: UrdfJoint) -> Iterator[str]:
+    if joint.velocity <= 0.0:
+        yield (
+            f"{joint.name}: velocity limit {joint.velocity} is not above zero ({joint.place}): give the joint's "
+            "highest speed in <limit velocity>."
+        )
+    if joint.effort <= 0.0:
+        yield (
+            f"{joint.name}: effort limit {joint.effort} is not above zero ({joint.place}): give the joint's largest "
+            "torque or force in <limit effort>, or leave effort out."
+        )
