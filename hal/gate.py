@@ -88,11 +88,8 @@ class SafetyGate:
 
 def _bounds(kind: str, limit: JointLimits) -> tuple[float, float, float]:
     """Lowest, highest, and how far it may go in one second."""
-    if kind == "position":
-        return limit.lower, limit.upper, limit.velocity
-    if kind == "velocity":
-        return -limit.velocity, limit.velocity, limit.acceleration
-    return -limit.effort, limit.effort, math.inf
+    rates = {"position": limit.velocity, "velocity": limit.acceleration, "effort": math.inf}
+    return *limit.command_range(kind), rates[kind]
 
 
 def _brakable(room: FloatArray, rate: FloatArray, period_s: float) -> FloatArray:

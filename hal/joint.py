@@ -1,7 +1,7 @@
 """From servo counts to joint positions and back."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.servos.register import ServoModel
 from hal.compensation.servo_compliance import Compliance, compliance_of
@@ -35,6 +35,15 @@ class Joint:
     """Registers of the servo's EEPROM and what they are to hold, as the robot file names them."""
     gravity_compensation: bool = True
     """Whether the servo's goals may differ from the commands to make up for what it gives way under load."""
+
+    stops: tuple[float, float] | None = None
+    """Where the joint's travel ends, if ``limits`` are narrower because its <command_interface> limits the commands."""
+
+    def between_stops(self) -> "Joint":
+        """The joint with the whole of its travel, as calibration measures it."""
+        if self.stops is None:
+            return self
+        return replace(self, limits=replace(self.limits, lower=self.stops[0], upper=self.stops[1]))
 
     @property
     def address(self) -> str:

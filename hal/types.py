@@ -30,6 +30,18 @@ class JointLimits:
     jerk: float
     effort: float = math.inf
     """N m, or N for a prismatic joint."""
+    velocity_range: tuple[float, float] | None = None
+    """Lowest and highest velocity command, where the two directions differ."""
+    effort_range: tuple[float, float] | None = None
+    """Lowest and highest effort command, likewise."""
+
+    def command_range(self, kind: str) -> tuple[float, float]:
+        """The lowest and the highest command of this kind: position, velocity or effort."""
+        if kind == "position":
+            return self.lower, self.upper
+        if kind == "velocity":
+            return self.velocity_range or (-self.velocity, self.velocity)
+        return self.effort_range or (-self.effort, self.effort)
 
 
 OUTSIDE_TOLERANCE: Final = 0.05

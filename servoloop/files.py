@@ -1,5 +1,6 @@
 """The files of a robot (URDF, robot files, controllers file): where the arm's own are, and how they are read."""
 
+import logging
 import tempfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
 from hal.types import JointLimits
+
+LOG = logging.getLogger("servoloop")
 
 HOME = Path(__file__).resolve().parent.parent
 CONFIG = HOME / "config"
@@ -60,6 +63,8 @@ def read_files(
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
     """
     description = read_description(urdf)
+    for warning in description.warnings:
+        LOG.warning("%s", warning)
     paths = _robot_paths(description, urdf, robot)
     parts = [(c, _robot(paths[c.name], description, c)) for c in description.components if c.name in paths]
     whole = together(parts)

@@ -34,7 +34,8 @@ class RateCommandController:
         self.state_interfaces: tuple[str, ...] = ()
         self.command: FloatArray = np.zeros(len(self.joints))
         velocity = parameters.interface_name == "velocity"
-        self._largest = np.array([limit.velocity if velocity else limit.effort for limit in limits])
+        ranges = [limit.command_range(parameters.interface_name) for limit in limits]
+        self._lowest, self._highest = np.array(ranges).T
         self._quickest = np.array([limit.acceleration if velocity else np.inf for limit in limits])
         self._inbox = Inbox(self.joints, parameters.deactivate_on_wrong_length)
         self._wanted: FloatArray = np.zeros(len(self.joints))
@@ -83,7 +84,7 @@ class RateCommandController:
         self.command = np.zeros(len(self.joints))
 
     def _bounded(self, wanted: FloatArray) -> FloatArray:
-        clipped = np.clip(wanted, -self._largest, self._largest)
+        clipped = np.clip(wanted, self._lowest, self._highest)
         if (clipped != wanted).any():
             LOG.warning("%s: %s is beyond the limits, going with %s", self.name, wanted, clipped)
         return clipped

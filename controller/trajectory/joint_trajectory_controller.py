@@ -1,5 +1,6 @@
 """joint_trajectory_controller/JointTrajectoryController: one trajectory at a time, jerk-limited where so configured."""
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import ClassVar
@@ -74,9 +75,8 @@ class JointTrajectoryController:
         cls, name: str, parameters: TrajectoryParameters, context: ControllerContext
     ) -> "JointTrajectoryController":
         """Build the controller as the controllers file asks."""
-        kinds = [context.description.joints[joint].kind for joint in parameters.joints]
-        endless = [index for index, kind in enumerate(kinds) if kind == "continuous"]
         limits = limits_of(parameters.joints, context.limits)
+        endless = [index for index, limit in enumerate(limits) if math.isinf(limit.upper)]
         lags = context.lags(parameters.joints)
         return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
 

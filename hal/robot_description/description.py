@@ -1,10 +1,11 @@
 """The robot description: what a URDF says about joints and about ros2_control's hardware."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.parsers.expat import ExpatError
 
 from hal.errors import DescriptionError
+from hal.robot_description.command_ranges import narrowed, range_problems, range_warnings
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info
 from hal.robot_description.limit_check import limit_problems
 from hal.robot_description.links import Link, link_problems, parse_links
@@ -20,8 +21,11 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
+    """By name; the limits are those of the commands, narrowed by ``min`` and ``max`` of the command interfaces."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    """Values that have no effect."""
 
 
 def parse_urdf(xml: str, file: str = "the URDF") -> Description:
@@ -48,10 +52,29 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
             "the URDF has no <ros2_control> block: add one with <hardware><plugin>"
             "servoloop/ServoHardware</plugin></hardware> and a <joint> for each driven joint"
         )
-    commanded = {joint for one in components for joint, commands in one.command_interfaces.items() if commands}
-    if problems := [*link_problems(joints, links), *limit_problems(joints, commanded)]:
+    whole = merged(components)
+    joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
+    if problems := [*link_problems(joints, links), *limit_problems(joints)]:
         raise DescriptionError("\n".join(problems))
-    return Description(xml, joints, components, links)
+    limited, warnings = _narrowed(joints, whole)
+    return Description(xml, limited, components, links, warnings)
+
+
+def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
+    """The joints with the limits of their commands, and what has no effect. Raises DescriptionError."""
+    problems: list[str] = []
+    warnings: list[str] = []
+    limited = dict(joints)
+    for name, joint in joints.items():
+        interfaces = {kind: f"{name}/{kind}" for kind in joint.commands}
+        ranges = {kind: whole.command_ranges[i] for kind, i in interfaces.items() if i in whole.command_ranges}
+        problems += range_problems(joint, ranges)
+        warnings += range_warnings(joint, ranges)
+        if ranges and not problems:
+            limited[name] = replace(narrowed(joint, ranges), stops=(joint.lower, joint.upper))
+    if problems:
+        raise DescriptionError("\n".join(problems))
+    return limited, tuple(warnings)
 
 
 def _check_apart(components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint]) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
+from hal.robot_description.command_ranges import CommandRange, parse_command_range
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
 
 TYPES = ("system", "actuator", "sensor")
@@ -27,6 +28,8 @@ class HardwareInfo:
     """The block's joints that follow others by the URDF's ``<mimic>``: nothing drives them."""
     initial_values: Mapping[str, float] = field(default_factory=dict)
     """By state interface (``joint1/position``), where the file gives one."""
+    command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
+    """``min`` and ``max`` by command interface (``joint1/position``), where the file gives them."""
     rw_rate: int = 0
     """The rate (Hz) at which the component is read and written; 0: in every cycle."""
 
@@ -63,6 +66,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
         state_interfaces={joint: names for c in components for joint, names in c.state_interfaces.items()},
         mimics=frozenset(joint for c in components for joint in c.mimics),
         initial_values={name: value for c in components for name, value in c.initial_values.items()},
+        command_ranges={name: found for c in components for name, found in c.command_ranges.items()},
     )
 
 
@@ -87,6 +91,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
         state_interfaces={j: _interfaces(e, "state_interface") for j, e in elements.items()},
         mimics=frozenset(j for j in elements if joints[j].mimic is not None),
         initial_values=_initial_values(elements),
+        command_ranges=_command_ranges(elements),
         rw_rate=_rw_rate(name, block.get("rw_rate", parameters.get("rw_rate", "0"))),
     )
 
@@ -151,6 +156,16 @@ def _rw_rate(name: str, text: str) -> int:
     if not text.isdecimal():
         raise DescriptionError(f"<ros2_control name='{name}'>: rw_rate '{text}' is not a whole number of hertz")
     return int(text)
+
+
+def _command_ranges(elements: Mapping[str, Element]) -> dict[str, CommandRange]:
+    ranges: dict[str, CommandRange] = {}
+    for joint, element in elements.items():
+        for command in element.findall("command_interface"):
+            interface = f"{joint}/{command.get('name')}"
+            if found := parse_command_range(interface, command):
+                ranges[interface] = found
+    return ranges
 
 
 def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:

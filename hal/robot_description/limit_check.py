@@ -1,26 +1,24 @@
 """The limits that a joint needs before any hardware may drive it."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from hal.robot_description.urdf import UrdfJoint
 
 
-def limit_problems(joints: Mapping[str, UrdfJoint], commanded: Collection[str]) -> Iterator[str]:
+def limit_problems(joints: Mapping[str, UrdfJoint]) -> Iterator[str]:
     """Yields each limit that cannot be kept. A joint that takes no commands needs none."""
     for joint in joints.values():
-        yield from _range_problems(joint, joint.name in commanded)
-        if joint.name in commanded:
+        yield from _range_problems(joint)
+        if joint.commands:
             yield from _rate_problems(joint)
 
 
-def _range_problems(joint: UrdfJoint, commanded: bool) -> Iterator[str]:
-    if joint.kind == "continuous":
-        return
+def _range_problems(joint: UrdfJoint) -> Iterator[str]:
     if joint.lower > joint.upper:
         yield (
             f"{joint.name}: lower limit {joint.lower} is above upper limit {joint.upper} ({joint.place}): swap them."
         )
-    elif joint.lower == joint.upper and commanded:
+    elif joint.lower == joint.upper and joint.commands:
         yield (
             f"{joint.name}: lower limit {joint.lower} equals upper limit {joint.upper} ({joint.place}), so the joint "
             "cannot move: give its range in <limit lower upper>."

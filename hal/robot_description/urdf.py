@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
 from hal.robot_description.xml_places import place
+from hal.types import JointLimits
 
 Vector = tuple[float, float, float]
 
@@ -39,6 +40,22 @@ class UrdfJoint:
     """N m or N; not said: no limit."""
     place: str = "the URDF"
     """The file and the line of its <limit>, or of the joint if it has none."""
+    commands: tuple[str, ...] = ()
+    """The kinds of its command interfaces: position, velocity, effort."""
+    velocity_range: tuple[float, float] | None = None
+    """Lowest and highest velocity command, if its <command_interface> limits them."""
+    effort_range: tuple[float, float] | None = None
+    """Lowest and highest effort command, likewise."""
+    stops: tuple[float, float] | None = None
+    """Where the travel ends by <limit>, if a <command_interface> has narrowed ``lower`` and ``upper``."""
+
+    def limits(self, acceleration: float, jerk: float) -> JointLimits:
+        """The joint's limits, with those that a URDF does not give."""
+        return JointLimits(
+            *(self.lower, self.upper, self.velocity, acceleration, jerk, self.effort),
+            velocity_range=self.velocity_range,
+            effort_range=self.effort_range,
+        )
 
 
 def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
@@ -72,6 +89,7 @@ def _joint(element: Element) -> UrdfJoint:
     name = attribute(element, "name", "a joint")
     kind = attribute(element, "type", f"joint '{name}'")
     limit = element.find("limit")
+    endless = kind == "continuous"
     if limit is None and kind in ("revolute", "prismatic"):
         raise DescriptionError(
             f"joint '{name}' is {kind} and has no <limit> ({place(element)}): add one with lower, upper and velocity"
@@ -88,8 +106,8 @@ def _joint(element: Element) -> UrdfJoint:
         xyz_m=vector(pose.get("xyz", "0 0 0"), name),
         rpy_rad=vector(pose.get("rpy", "0 0 0"), name),
         axis=_axis(element, name),
-        lower=number(bounds, "lower", name, 0.0),
-        upper=number(bounds, "upper", name, 0.0),
+        lower=-math.inf if endless else number(bounds, "lower", name, 0.0),
+        upper=math.inf if endless else number(bounds, "upper", name, 0.0),
         velocity=number(bounds, "velocity", name, 0.0),
         mimic=None if mimic is None else _mimic(mimic, name),
         effort=number(bounds, "effort", name, math.inf),

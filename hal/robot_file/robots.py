@@ -64,9 +64,8 @@ def _require_one_name_each(parts: Sequence[Part]) -> None:
 
 def limits_of(urdf: UrdfJoint) -> JointLimits:
     """The limits of a joint that no robot file tells of."""
-    lower, upper = (urdf.lower, urdf.upper) if urdf.kind != "continuous" else (-float("inf"), float("inf"))
     acceleration = urdf.velocity / SPEED_UP_S
-    return JointLimits(lower, upper, urdf.velocity, acceleration, acceleration / TAKE_UP_S, urdf.effort)
+    return urdf.limits(acceleration, acceleration / TAKE_UP_S)
 
 
 def _buses(parts: Sequence[Part]) -> dict[str, BusFile]:

@@ -41,4 +41,5 @@ def known_arm(arm: str, urdf: Path | None = None, robot: Path | None = None) -> 
     """Read an arm's files; single files count more. Raises HalError."""
     found = find_arm(arm)
     files = read_arm_files(found, urdf, robot=robot)
-    return KnownArm(files.robot_path, files.robot.file, files.robot.joints, found.file.calibration.joints)
+    joints = tuple(joint.between_stops() for joint in files.robot.joints)
+    return KnownArm(files.robot_path, files.robot.file, joints, found.file.calibration.joints)

@@ -74,7 +74,8 @@ def _calibrated(arm: "Arm", files: "Files", port: str, terminal: Any, auto: bool
     from servoloop.hardware import servo_bus
     from servoloop.processes import Interrupted
 
-    clock, joints, plan = MonotonicClock(), files.robot.joints, arm.file.calibration
+    clock, plan = MonotonicClock(), arm.file.calibration
+    joints = [joint.between_stops() for joint in files.robot.joints]
     baud = next(iter(files.robot.file.lines().values())).baud
 
     def open_bus() -> Bus:

@@ -21,8 +21,8 @@ controller_defaults: {{arm_controller: {{{name}: 1}}}}
 """
 
 
-def urdf(name: str, kind: str = "revolute") -> UrdfJoint:
-    return UrdfJoint(name, kind, "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, 4.0, None, 3.0)
+def urdf(name: str) -> UrdfJoint:
+    return UrdfJoint(name, "revolute", "a", "b", (0, 0, 0), (0, 0, 0), (0, 0, 1), -1.5, 1.5, 4.0, None, 3.0)
 
 
 def part(
@@ -83,5 +83,3 @@ def test_a_joint_without_a_servo_has_the_urdfs_limits() -> None:
     limits = limits_of(urdf("elbow"))
     assert (limits.lower, limits.upper, limits.velocity, limits.effort) == (-1.5, 1.5, 4.0, 3.0)
     assert (limits.acceleration, limits.jerk) == (16.0, 160.0)
-    endless = limits_of(urdf("wheel", "continuous"))
-    assert (endless.lower, endless.upper) == (-float("inf"), float("inf"))

@@ -106,5 +106,5 @@ def _calibrated(
         yield finding("seam_in_range", place, "the joint leaps, or its range is 0 to 4095", cause, calibrate)
         return
     made = JointCalibration(found.sign, found.zero_counts, found.homing_offset, found.lower_counts, found.upper_counts)
-    if doubt := doubts(servo.joint, made):
+    if doubt := doubts(servo.joint.between_stops(), made):
         yield finding("travel_differs", place, "wrong limits: a stop is hit early, or never reached", doubt, calibrate)

@@ -1,0 +1,217 @@
+"""``min`` and ``max`` of the command interfaces limit every command, whichever controller it comes from."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.forward.rate_command_controller import RateCommandController
+from controller.gripper.goal import GripperGoal
+from controller.gripper.gripper_action_controller import GripperActionController
+from controller.interface import ControllerContext
+from controller.loop import ControlLoop
+from controller.manager.factory import Factory
+from controller.manager.manager import ControllerManager
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.components.component_lifecycle import configure_all
+from hal.errors import DescriptionError
+from hal.robot_description.description import parse_urdf
+from servoloop.files import URDF, Files, read_files
+from servoloop.hardware import HardwareKind, build
+from sim_backend.clock import SimulatedClock
+
+PERIOD_S = 0.02
+JOINT = (
+    '<link name="base"/><link name="arm"/>'
+    '<joint name="lift" type="{kind}"><parent link="base"/><child link="arm"/>'
+    '<limit lower="-1" upper="1" velocity="2" effort="3"/></joint>'
+)
+BLOCK = """
+<ros2_control name="arm" type="system">
+  <hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+  <joint name="lift">{commands}<state_interface name="position"/><state_interface name="velocity"/></joint>
+</ros2_control>"""
+CONTROLLERS = """
+controller_manager:
+  ros__parameters:
+    update_rate: 50
+    enforce_command_limits: true
+    lift_controller: {{type: {kind}}}
+lift_controller:
+  ros__parameters: {{{parameters}}}
+"""
+TRAJECTORY = (
+    "joint_trajectory_controller/JointTrajectoryController",
+    "joints: [lift], command_interfaces: [position], state_interfaces: [position, velocity]",
+)
+
+
+def interface(kind: str = "position", **ends: Any) -> str:
+    params = "".join(f'<param name="{name}">{value}</param>' for name, value in ends.items())
+    return f'<command_interface name="{kind}">{params}</command_interface>'
+
+
+def urdf(*commands: str, kind: str = "revolute") -> str:
+    return f'<robot name="r">{JOINT.format(kind=kind)}{BLOCK.format(commands="".join(commands))}</robot>'
+
+
+class Stack:
+    """One joint of the mock, and one controller of the file."""
+
+    def __init__(self, folder: Path, text: str, kind: str, parameters: str) -> None:
+        (folder / "arm.urdf").write_text(text)
+        (folder / "controllers.yaml").write_text(CONTROLLERS.format(kind=kind, parameters=parameters))
+        self.files: Files = read_files(folder / "arm.urdf", folder / "controllers.yaml")
+        clock, files = SimulatedClock(), self.files
+        hardware = build(HardwareKind.MOCK, files, {}, clock).hardware
+        manager = ControllerManager(hardware, files.limits)
+        context = ControllerContext(files.description, files.component, files.limits, lambda name: True)
+        self.controller: Any = Factory(files.controllers, context).make(files.controllers.controllers[0])
+        manager.registry.add(self.controller)
+        self.loop = ControlLoop(hardware, manager, files.limits, clock, PERIOD_S)
+        configure_all(hardware)
+        self.loop.activate()
+
+    def sent(self, commands: Sequence[float], cycles: int = 100) -> float:
+        """The command that reaches the joint when a client repeats ``commands``."""
+        for _ in range(cycles):
+            self.controller.submit(list(commands))
+            self.loop.step()
+        return float(self.loop.command[0])
+
+
+def test_a_trajectory_beyond_the_range_is_refused_and_one_to_its_end_arrives(tmp_path: Path) -> None:
+    stack = Stack(tmp_path, urdf(interface(min=-0.5, max=0.5)), *TRAJECTORY)
+    assert isinstance(stack.controller, JointTrajectoryController)
+    stack.loop.step()
+    reason = stack.controller.check(TrajectoryGoal(("lift",), (GoalPoint((0.9,), 1.0),)))
+    assert reason is not None and "outside its limits -0.5000 to 0.5000" in reason
+    goal = TrajectoryGoal(("lift",), (GoalPoint((0.5,), 1.0),))
+    assert stack.controller.check(goal) is None
+    stack.controller.submit(goal)
+    for _ in range(100):
+        stack.loop.clock.sleep_until(stack.loop.clock.now() + PERIOD_S)
+        stack.loop.step()
+    assert stack.loop.command[0] == pytest.approx(0.5)
+
+
+def test_a_forwarded_position_is_taken_to_the_end_of_the_range(tmp_path: Path) -> None:
+    kind = ForwardCommandController.kind
+    stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, "joints: [lift], interface_name: position")
+    assert stack.sent([2.0]) == pytest.approx(0.5)
+    assert stack.sent([-2.0]) == pytest.approx(-0.25)
+
+
+def test_a_gripper_goal_beyond_the_range_is_refused(tmp_path: Path) -> None:
+    stack = Stack(tmp_path, urdf(interface(max=0.5)), GripperActionController.kind, "joint: lift")
+    reason = stack.controller.check(GripperGoal(0.9))
+    assert reason == "position 0.9 is outside the limits -1 to 0.5 of lift"
+
+
+@pytest.mark.parametrize(
+    ("kind", "ends", "command", "reaches"),
+    [
+        ("velocity", {"min": -0.2, "max": 1.0}, 5.0, 1.0),
+        ("velocity", {"min": -0.2, "max": 1.0}, -5.0, -0.2),
+        ("velocity", {"min": 0.0, "max": 1.0}, -5.0, 0.0),
+        ("velocity", {"min": -9.0, "max": 9.0}, 5.0, 2.0),
+        ("effort", {"max": 0.5}, 5.0, 0.5),
+        ("effort", {"max": 0.5}, -5.0, -3.0),
+        ("effort", {"min": -0.1, "max": 0.5}, -5.0, -0.1),
+    ],
+)
+def test_velocities_and_efforts_have_ranges_of_their_own(
+    tmp_path: Path, kind: str, ends: dict[str, float], command: float, reaches: float
+) -> None:
+    text = urdf(interface(kind, **ends), kind="continuous")
+    stack = Stack(tmp_path, text, ForwardCommandController.kind, f"joints: [lift], interface_name: {kind}")
+    assert isinstance(stack.controller, RateCommandController)
+    assert stack.sent([command]) == pytest.approx(reaches)
+    stack.controller.command = np.array([command])  # the gate does not rely on the controller
+    stack.loop.send(np.array([command]))
+    assert stack.loop.command[0] == pytest.approx(reaches)
+
+
+def test_a_velocity_range_limits_motions_to_positions_too(tmp_path: Path) -> None:
+    text = urdf(interface(), interface("velocity", min=-0.2, max=1.0))
+    stack = Stack(tmp_path, text, *TRAJECTORY)
+    assert stack.files.limits["lift"].velocity == 0.2
+    stack.loop.send(np.array([1.0, 0.0]))
+    assert stack.loop.command[0] == pytest.approx(0.2 * PERIOD_S)
+
+
+def test_a_continuous_joint_with_a_range_has_ends(tmp_path: Path) -> None:
+    stack = Stack(tmp_path, urdf(interface(min=-4, max=4), kind="continuous"), *TRAJECTORY)
+    stack.loop.step()
+    assert stack.controller.check(TrajectoryGoal(("lift",), (GoalPoint((5.0,), 9.0),))) is not None
+    free = parse_urdf(urdf(interface(), kind="continuous")).joints["lift"]
+    assert (free.lower, free.upper) == (-np.inf, np.inf)
+
+
+def test_servos_keep_to_the_range_and_calibration_measures_the_whole_travel(tmp_path: Path) -> None:
+    text = URDF.read_text()
+    at = text.index('<command_interface name="position"/>')
+    narrow = text[:at] + interface(max=0.5) + text[at + len('<command_interface name="position"/>') :]
+    (tmp_path / "arm.urdf").write_text(narrow)
+    joint, whole = read_files(tmp_path / "arm.urdf").robot.joints[0], read_files().robot.joints[0]
+    assert joint.limits.upper == 0.5 and joint.position(joint.counts(2.0)) == pytest.approx(0.5, abs=2e-3)
+    assert joint.between_stops().limits == whole.limits
+    assert whole.between_stops() is whole
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (urdf(interface(min=0.5, max=-0.5)), "lift/position: min 0.5 is above max -0.5 (arm.urdf, line 4): swap them."),
+        (
+            urdf(interface(min=0.5, max=0.5)),
+            "lift/position: min 0.5 equals max 0.5 (arm.urdf, line 4): widen the range.",
+        ),
+        (urdf(interface(min="low")), "lift/position: min 'low' is not a number (arm.urdf, line 4): correct it."),
+        (urdf(interface(max="nan")), "lift/position: max 'nan' is not a number (arm.urdf, line 4): correct it."),
+        (urdf(interface(max="")), "lift/position: max '' is not a number (arm.urdf, line 4): correct it."),
+        (
+            urdf(interface(min=2, max=3)),
+            "lift/position: min 2.0 and max 3.0 (arm.urdf, line 4) are outside the joint's limits -1.0 to 1.0: correct",
+        ),
+        (
+            urdf(interface(min=1)),
+            "lift/position: min 1.0 and max inf (arm.urdf, line 4) are outside the joint's limits",
+        ),
+        (
+            urdf(interface("velocity", min=0.2)),
+            "lift/velocity: min 0.2 and max inf (arm.urdf, line 4) exclude 0, so the joint could not be stopped",
+        ),
+        (
+            urdf(interface("effort", min=-2, max=-1)),
+            "lift/effort: min -2.0 and max -1.0 (arm.urdf, line 4) exclude 0, so the joint could not be stopped",
+        ),
+        (
+            urdf(interface(), interface("velocity", min=0)),
+            "lift/velocity: min 0.0 and max inf (arm.urdf, line 4) forbid one direction, and lift takes positions too",
+        ),
+        (
+            urdf(interface(min=0), kind="continuous"),
+            "lift/position: min 0.0 and max inf (arm.urdf, line 4) bound one end only: a continuous joint needs both",
+        ),
+        (
+            urdf(interface().replace("</", '<param name="max">1</param><param name="max">2</param></')),
+            "lift/position has max twice (arm.urdf, line 4): take one out.",
+        ),
+    ],
+)
+def test_a_range_that_cannot_be_is_named_with_its_place(text: str, says: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        parse_urdf(text, "arm.urdf")
+    assert says in str(caught.value)
+
+
+def test_an_end_beyond_the_joints_own_limit_is_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    text = urdf(interface(min=-5, max=0.5))
+    stack = Stack(tmp_path, text, *TRAJECTORY)
+    assert (stack.files.limits["lift"].lower, stack.files.limits["lift"].upper) == (-1.0, 0.5)
+    assert "lift/position: min -5.0 is below the joint's limit -1.0 (" in caplog.text
