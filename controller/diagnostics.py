@@ -108,8 +108,9 @@ def _health(health: ServoHealth) -> tuple[Level, str]:
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
     wrong += [f"{supply.kind}: it {supply.text}"] if supply else []
+    wrong += [health.stall.text] if health.stall and health.stall.warns else []
     level = Level.ERROR if supply and supply.outside else Level.WARN if wrong else Level.OK
-    return level, "; ".join(wrong) or "ok"
+    return level, "; ".join(wrong) or (health.stall.text if health.stall else "ok")
 
 
 def _texts(**values: object) -> dict[str, str]:

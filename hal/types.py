@@ -44,6 +44,15 @@ class JointLimits:
         return self.effort_range or (-self.effort, self.effort)
 
 
+class Stall(NamedTuple):
+    """A servo that pressed without motion, and whose drive is reduced."""
+
+    text: str
+    """For people, naming the servo."""
+    warns: bool
+    """Whether it is worth a warning; fingers that hold something for long are not."""
+
+
 OUTSIDE_TOLERANCE: Final = 0.05
 """Share of a joint's range by which it may be outside its limits when it is activated: play, a soft stop, sag."""
 
@@ -71,6 +80,8 @@ class ServoHealth:
     """The motor's current in the joint's direction; NaN where the servo's state has none."""
     supply: VoltageFault | None = None
     """What is wrong with its voltage."""
+    stall: Stall | None = None
+    """Why its drive is reduced, if it is."""
 
 
 class JointFault(NamedTuple):

@@ -1,5 +1,6 @@
 """The robot file: which servo drives which joint, and how the arm is left. Read with the calibration beside it."""
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,8 +11,11 @@ from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
+from hal.robot_file.protection import protection_problems
 from hal.servos.servo_settings import homing_mistake, mistakes
 from hal.yaml_file import load
+
+LOG = logging.getLogger("servoloop.hal")
 
 ExitPolicy = Literal["hold", "relax"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -198,9 +202,23 @@ def _babel(joints: Mapping[str, JointFile]) -> list[str]:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read the robot file and the calibration beside it. Raises RobotFileError with every mistake, file and line."""
+    """Read the robot file and the calibration beside it. Raises RobotFileError with every mistake, file and line.
+
+    Protections of servos that cannot act are named in the log.
+    """
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
+    for problem in unprotected(file):
+        LOG.warning("%s: %s", path, problem)
     return file if calibration is None else _calibrated(file, calibration, calibration_path(path))
+
+
+def unprotected(file: RobotFile) -> list[str]:
+    """The protections of the file's servos that cannot act, each with its joint and the remedy."""
+    return [
+        f"{name}: {problem}"
+        for name, joint in file.joints.items()
+        for problem in protection_problems(MODELS[joint.model], joint.torque_limit, joint.settings)
+    ]
 
 
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple, Self
 from drivers.bus.types import ServoGoal
 from hal.gate import RETURN_SHARE
 from hal.joint import Joint
+from hal.servos.stall_watch import StallWatch
 
 INTERPOLATION_MARGIN: Final = 1.1
 """The servo is told to be a little faster than needed, so that what it lags behind is made up."""
@@ -33,6 +34,9 @@ class ServoGoals:
         self._leads = {joint.name: _Lead.of(joint) for joint in joints}
         self._ranges = {joint.name: joint.counts_range() for joint in joints}
         self._behind = {joint.name: 0 for joint in joints}
+        self._watch = StallWatch(joints, {name: lead.at_rest for name, lead in self._leads.items()})
+        self.stalls = self._watch.stalls
+        """The joints whose drive is reduced because they pressed without motion, by name."""
         self._goals: dict[str, ServoGoal] = {}
         self._measured: dict[str, int] = {}
         """Where the joints were in the cycle before."""
@@ -41,13 +45,20 @@ class ServoGoals:
         """Begin with these goals, which are held, by joint name."""
         self._goals = {name: ServoGoal(count) for name, count in counts.items()}
         self._behind = dict.fromkeys(self._behind, 0)
+        self._watch.restart()
 
     def towards(
-        self, positions: Iterable[float], period_s: float, measured: Mapping[str, int], withheld: Collection[str]
+        self,
+        positions: Iterable[float],
+        period_s: float,
+        measured: Mapping[str, int],
+        loads: Mapping[str, float],
+        withheld: Collection[str],
     ) -> dict[str, ServoGoal]:
         """The next goals on the way to ``positions`` (rad or m, in the order of the joints); none of those withheld.
 
-        None is further from the last than the joint may travel in a period. ``measured``: counts by joint name.
+        None is further from the last than the joint may travel in a period. ``measured``: counts by joint name;
+        ``loads``: shares of full drive.
         """
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, positions, strict=True):
@@ -58,7 +69,9 @@ class ServoGoals:
             # A joint that began outside its limits has a goal there, and must not leap back in.
             share = 1.0 if lower <= held <= upper else RETURN_SHARE
             reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
-            wanted = self._within_pull(joint, joint.counts(position), here, reach, period_s)
+            command = joint.counts(position)
+            eased = self._watch.goal(joint, command, here, loads.get(joint.name, math.nan), period_s)
+            wanted = self._within_pull(joint, command, here, reach, period_s) if eased is None else eased
             counts = min(max(wanted, held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
         self._goals |= goals

@@ -45,6 +45,7 @@ class ServoHardware:
         self._period_s = FIRST_PERIOD_S
         self._goals = ServoGoals(joints)
         self._states = ServoStates(joints, clock)
+        self._states.stalls = self._goals.stalls
         self._requested = self._measured = False
         self._deadline_s = math.inf
 
@@ -120,7 +121,8 @@ class ServoHardware:
         # Kept before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
         measured = self._states.measured if self._measured else {}
         self._measured = False  # a component that has lost a line is not asked in the next cycle
-        goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.faults.withheld)
+        withheld = self._states.faults.withheld
+        goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.loads, withheld)
         try:
             self._opened("write").write_goals(goals)
         finally:

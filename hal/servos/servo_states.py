@@ -13,7 +13,7 @@ from hal.servos.joint_buses import JointBuses
 from hal.servos.plausibility import Plausibility
 from hal.servos.servo_faults import ServoFaults
 from hal.servos.supply_watch import SupplyWatch
-from hal.types import JointFault, JointState, ServoHealth
+from hal.types import JointFault, JointState, ServoHealth, Stall
 
 
 class ServoStates:
@@ -22,6 +22,10 @@ class ServoStates:
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.measured: dict[str, int] = {}
         """Counts by joint name, where the servo answered in the last exchange."""
+        self.loads: dict[str, float] = {}
+        """The drive of each of these as a share of full drive."""
+        self.stalls: Mapping[str, Stall] = {}
+        """Why a servo's drive is reduced, by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock)
         self._joints = tuple(joints)
@@ -58,6 +62,7 @@ class ServoStates:
                 reading = self._believed(index, reading, buses, now_s, driven=ask_until_s is not None)
             if isinstance(reading, ServoState):
                 self.measured[joint.name] = reading.position_counts
+                self.loads[joint.name] = reading.load
                 if reading.alarms and ask_until_s is not None:
                     self.faults.note_alarms(joint, reading.alarms, buses)
                 raw[:, index] = reading.position_counts, reading.velocity_counts_s, reading.load
@@ -66,6 +71,7 @@ class ServoStates:
                 health[joint.name] = ServoHealth(
                     *(reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a),
                     supply=self._supply.look(joint, reading.voltage_v, buses.label(joint)),
+                    stall=self.stalls.get(joint.name),
                 )
                 continue
             account.implausible += reading.kind == "implausible"

@@ -8,7 +8,7 @@ from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
 from hal.robot_file.robot import Robot, assemble
-from hal.robot_file.robot_file import RobotFile, load_robot_file
+from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from servoloop.arms.folder import ARM_FILE, Arm, read_arm
 from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.arms.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
@@ -34,6 +34,7 @@ class _Check:
         self._say(self._arm.urdf, description_problems(description))
         self._say(self._arm.scene, scene_problems(self._arm.scene, description.xml, component.joints))
         self._say(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
+        self._say(self._arm.robot, unprotected(robot_file) if robot_file else [])
         robot = self._robot(robot_file, description, component) if robot_file else None
         controllers = self._controllers(robot_file, component) if robot_file else None
         if robot:

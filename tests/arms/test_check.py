@@ -66,6 +66,10 @@ FAULTS: dict[str, tuple[Edit, str]] = {
         "shoulder_pan: its limits are the servo's counts",
     ),
     "a servo of an unknown model": (("robot.yaml", "model: sts3215_c001", "model: sts9"), "unknown model sts9"),
+    "a protection that can never act": (
+        ("robot.yaml", ", overload_torque: 25", ""),
+        "robot.yaml: gripper: overload_torque 80 % is not below the torque limit of 50 %, so",
+    ),
     "a mass of zero": (
         ("arm.urdf", '<mass value="0.104"/>', '<mass value="0"/>'),
         "lower_arm_link: its mass in the URDF",

@@ -1,0 +1,148 @@
+"""A servo that presses without motion: when its drive is reduced, to what, what is reported, and what ends it."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from drivers.servos import sts
+from hal.joint import Joint
+from hal.servos.stall_watch import HOLDING, SETTLE_S, STALL_S, WARN_S, StallWatch
+from hal.types import JointLimits
+
+PERIOD_S = 0.05
+JAW = Joint("jaw", 6, sts.STS3215, JointLimits(-1.5, 1.5, 4.0, 12.0, 120.0), zero_counts=2048, torque_limit=0.5)
+FULL_AHEAD = 120.0
+OPEN, SHUT = 2048, 2700
+
+
+@dataclass
+class Jaw:
+    """A jaw that meets something at ``blocked`` counts, and whose servo pulls by how far ahead its goal is."""
+
+    joint: Joint = JAW
+    at: int = OPEN
+    blocked: int = SHUT
+    stiffness: float = 1.0 / FULL_AHEAD
+    loads: list[float] = field(default_factory=list)
+    goals: list[int | None] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.watch = StallWatch([self.joint], {"jaw": FULL_AHEAD})
+        self._goal = self.at
+
+    def run(self, command: int, seconds: float, measured: bool = True) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            limit = self.joint.torque_limit
+            load = max(-limit, min(limit, (self._goal - self.at) * self.stiffness))
+            goal = self.watch.goal(self.joint, command, self.at if measured else None, load, PERIOD_S)
+            self._goal = command if goal is None else goal
+            self.loads.append(load)
+            self.goals.append(goal)
+            self.at = (
+                min(self.at + 100, self._goal, self.blocked) if self._goal > self.at else max(self.at - 100, self._goal)
+            )
+
+
+def test_a_jaw_that_presses_is_left_its_holding_share_after_the_time() -> None:
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, 4 * PERIOD_S + STALL_S)
+    assert not jaw.watch.stalls and jaw.goals[-1] is None
+    jaw.run(SHUT, 2 * PERIOD_S)
+    assert jaw.watch.stalls["jaw"].warns
+    assert jaw.loads[-1] == pytest.approx(HOLDING * 0.5, abs=0.01)
+    jaw.run(SHUT, 600.0)
+    assert jaw.loads[-1] == pytest.approx(HOLDING * 0.5, abs=0.02)
+    assert jaw.at == 2400
+
+
+def test_fingers_that_hold_something_are_no_failure_for_ever_and_a_jammed_joint_is() -> None:
+    grip, jam = Jaw(blocked=2400), Jaw(blocked=OPEN)
+    for jaw in (grip, jam):
+        jaw.run(SHUT, STALL_S + 1.0)
+        assert jaw.watch.stalls["jaw"].warns
+        jaw.run(SHUT, WARN_S)
+    assert not grip.watch.stalls["jaw"].warns and "grips something" in grip.watch.stalls["jaw"].text
+    assert jam.watch.stalls["jaw"].warns and "jammed or blocked" in jam.watch.stalls["jaw"].text
+
+
+def test_what_the_log_says(caplog: pytest.LogCaptureFixture) -> None:
+    Jaw(blocked=OPEN).run(SHUT, STALL_S + 1.0)
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert record.message == (
+        "jaw: servo 6 has pressed with its torque limit of 50% for 1 s without motion, and holds with 18% until its "
+        "next motion: the joint has not moved at all, it is jammed or blocked. Move it the other way, and look at it"
+    )
+
+
+def test_the_next_motion_has_the_whole_limit() -> None:
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, STALL_S + 1.0)
+    jaw.run(OPEN, PERIOD_S)
+    assert not jaw.watch.stalls and jaw.goals[-1] is None
+    jaw.run(SHUT, STALL_S)  # and presses again until its time has come
+    assert max(jaw.loads[-5:]) == 0.5
+
+
+def test_a_joint_that_comes_free_goes_on_with_the_whole_limit() -> None:
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, STALL_S + 1.0)
+    jaw.blocked = SHUT
+    jaw.run(SHUT, 5.0)
+    assert not jaw.watch.stalls and jaw.at == SHUT
+
+
+def test_fingers_that_give_way_are_followed() -> None:
+    """The drive stays the holding share, and nothing begins anew."""
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, STALL_S + 1.0)
+    for _ in range(20):
+        jaw.blocked = jaw.at = jaw.at - 10
+        jaw.run(SHUT, 0.1)
+    assert jaw.watch.stalls and max(jaw.loads[-20:]) < 0.25
+
+
+@pytest.mark.parametrize("stiffness", [3.0 / FULL_AHEAD, 0.8 / FULL_AHEAD])
+def test_a_servo_of_another_stiffness_is_brought_to_the_share_by_its_drive(stiffness: float) -> None:
+    jaw = Jaw(blocked=2400, stiffness=stiffness)
+    jaw.run(SHUT, STALL_S + SETTLE_S + 4.0)
+    assert 0.7 * HOLDING * 0.5 < jaw.loads[-1] < 1.2 * HOLDING * 0.5
+
+
+@pytest.mark.parametrize(
+    ("joint", "blocked", "command"),
+    [
+        (JAW, SHUT, SHUT),  # it arrives
+        (JAW, 2048, 2048 + 40),  # it pulls with less than it may
+        (replace(JAW, torque_limit=1.0), 2400, SHUT),  # its servo protects itself
+    ],
+)
+def test_who_is_left_alone(joint: Joint, blocked: int, command: int) -> None:
+    jaw = Jaw(joint, blocked=blocked)
+    jaw.run(command, 30.0)
+    assert set(jaw.goals) == {None} and not jaw.watch.stalls
+
+
+def test_a_joint_that_moves_slowly_at_full_drive_is_left_alone() -> None:
+    watch = StallWatch([JAW], {"jaw": FULL_AHEAD})
+    for cycle in range(400):
+        assert watch.goal(JAW, SHUT, OPEN + 2 * cycle, 0.5, PERIOD_S) is None
+
+
+def test_an_unknown_drive_is_no_pressing_and_a_missing_measurement_keeps_the_goal() -> None:
+    watch = StallWatch([JAW], {"jaw": FULL_AHEAD})
+    for _ in range(200):
+        assert watch.goal(JAW, SHUT, OPEN, math.nan, PERIOD_S) is None
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, STALL_S + 1.0)
+    held = jaw.goals[-1]
+    jaw.run(SHUT, 1.0, measured=False)
+    assert jaw.goals[-1] == held is not None
+
+
+def test_an_activation_begins_anew() -> None:
+    jaw = Jaw(blocked=2400)
+    jaw.run(SHUT, STALL_S + 1.0)
+    jaw.watch.restart()
+    assert not jaw.watch.stalls and jaw.watch.goal(JAW, SHUT, 2400, 0.5, PERIOD_S) is None

@@ -1,0 +1,60 @@
+"""A gripper that is jammed does not press for ever, and says so; a cube that is held is no failure."""
+
+import pytest
+
+from controller.diagnostics import Level, statuses
+from hal.types import JointState
+from servoloop.simulation.faulty_stack import FaultyStack
+from sim_backend.faults.text import parse
+from tests.faults.rig import files_of
+
+PRESSES_S = 2.5
+
+
+class Rig(FaultyStack):
+    """An arm whose hand's drive, alarms and diagnostics are kept."""
+
+    def __init__(self, arm: str) -> None:
+        super().__init__(files=files_of(arm))
+        self.state: JointState | None = None
+        self.on_state = self._keep
+
+    def _keep(self, state: JointState) -> None:
+        self.state = state
+
+    def hand_load(self) -> float:
+        assert self.state is not None
+        return abs(self.state.health[self.hand.joints[0]].load)
+
+    def hand_status(self) -> tuple[Level, str]:
+        joint = self.hand.joints[0]
+        (found,) = [one for one in statuses(self.loop, "", {joint: "1"}, self.state) if joint in one.name]
+        return found.level, found.message
+
+
+@pytest.mark.parametrize(
+    ("arm", "servo", "command", "holds"),
+    [("so101", 6, 1.0, 0.2), ("robot_arm_dynamixel", 7, 0.05, 0.27)],
+)
+def test_a_jammed_hand_holds_with_less_and_is_named_and_its_next_motion_has_the_whole_limit(
+    arm: str, servo: int, command: float, holds: float
+) -> None:
+    rig = Rig(arm)
+    rig.up()
+    rig.player.play([parse(f"jammed id={servo} for=4s")], rig.world.time_s)
+    rig.hand.submit([command])
+    rig.run(0.5)
+    full = rig.hand_load()
+    assert full > 0.45 and rig.hand_status()[0] == Level.OK
+    rig.run(PRESSES_S)
+    assert rig.hand_load() < holds
+    level, text = rig.hand_status()
+    assert level == Level.WARN and f"servo {servo} has pressed with its torque limit" in text and "jammed" in text
+    assert rig.state is not None and not rig.state.faults
+    rig.hand.submit([0.5 * command])
+    rig.run(0.5)
+    assert rig.hand_load() == pytest.approx(full, abs=0.01)
+    rig.run(1.5)  # the gears turn again
+    position = rig.state.position[rig.loop.hardware.joints.index(rig.hand.joints[0])]
+    assert position == pytest.approx(0.5 * command, abs=0.02)
+    assert rig.hand_status() == (Level.OK, "ok")
