@@ -28,6 +28,8 @@ TRIES = 3
 """How often the lock is written (RAM), or closed after interrupts, and a servo with a new ID is looked for: none of it
 wears.
 """
+HOLDS = "the servo holds torque, switch it off first; what it holds falls then, so support the arm"
+"""Why no setting is written."""
 OPEN, CLOSED = 0, 1
 """What the lock holds."""
 SILENCES = 8
@@ -157,7 +159,7 @@ class Eeprom:
             return
         torque_is_on = partial(self.bus.torque_is_on, self.servo_id)
         if self._ask(torque_is_on, register, "is not written, for the servo's torque cannot be read"):
-            raise EepromError(self.servo_id, register, "is not written: the servo holds torque, switch it off first")
+            raise EepromError(self.servo_id, register, f"is not written: {HOLDS}")
         self._touched = True  # before it is: the reply to the write may be what gets lost
         if self.lock is not None:
             self._turn(self.lock, OPEN)

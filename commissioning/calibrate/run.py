@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -13,15 +12,14 @@ from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
 from commissioning.calibrate.store import store
 from commissioning.calibrate.verify import check
+from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
-from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
+from hal.servos.limp_arm import falls, release_question, servo_name
 
-LIMP = "The arm goes limp now and falls: hold it. Switch its torque off?"
 STORE = "Store this calibration?"
 TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
 LET_GO = "The arm holds itself: let it go"
@@ -140,15 +138,10 @@ def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
     """See that all are there, of the right model, and limp. Raises ServoError, CalibrationError."""
     for joint in joints:
         bus.identify(joint.servo_id, joint.model)
-    on = [joint for joint in joints if _drives(bus, joint)]
+    on = [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]
     if not on:
         return
-    if not asker.confirm(LIMP):
-        raise CalibrationError(f"{', '.join(joint.name for joint in on)} under torque: nothing was changed")
+    if not asker.confirm(release_question(on)):
+        raise CalibrationError(f"{falls(on)}: nothing was changed")
     if failed := bus.torque_off([joint.servo_id for joint in joints]):
         raise CalibrationError("torque may still be on: " + "; ".join(map(str, failed)))
-
-
-def _drives(bus: Bus, joint: Joint) -> bool:
-    """Whether the servo does anything with its motor, damping too."""
-    return retry(partial(bus.read, joint.servo_id, series_of(joint.model).torque_enable)) != 0

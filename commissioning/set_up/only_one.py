@@ -52,7 +52,8 @@ def require_fit(bus: Bus, servo_id: int, place: Place, places: Sequence[Place]) 
     _require_voltage(bus, servo_id, place, voltage_v)
     if drives(bus, servo_id, place.model):
         raise NotYet(
-            f"servo {servo_id} holds torque, and nothing is written under torque: switch its supply off and on"
+            f"servo {servo_id} holds torque, and nothing is written under torque: switch its supply off and on. What "
+            "it holds falls then"
         )
     return voltage_v
 

@@ -5,6 +5,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from typing import Final
 
+from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm, StoppedError
 from commissioning.tune.errors import TuneError
 from commissioning.tune.figures import Figures, Trace, figures
@@ -17,6 +18,7 @@ from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError
 from hal.joint import Joint
+from hal.servos.limp_arm import falls, servo_name
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
@@ -75,7 +77,8 @@ class Tuner:
             self.joints = [_looked_at(buses[one.bus], one) for one in joints]
             self.gains = read_gains(buses[self.joint.bus], self.joint)
             """Those with which the joint is driven, by name."""
-            self.torque_was_on = any(buses[one.bus].torque_is_on(one.servo_id) for one in joints)
+            self.held = [servo_name(one) for one in joints if drives(buses[one.bus], one.servo_id, one.model)]
+            """The servos that held torque."""
             self.position = _position(buses[self.joint.bus], self.joint)
             """Where the joint stands, rad or m."""
 
@@ -92,9 +95,19 @@ class Tuner:
                 stack.enter_context(closing(bus))
             yield buses
 
+    def releases(self, writes: bool) -> str:
+        """State what becomes of the servos that hold torque, if they are released; empty if they are not.
+
+        Args:
+            writes: Whether gains are to be written, for which the arm is limp.
+        """
+        if not self.held or not (writes or self._ending.relax):
+            return ""
+        return f"Here {falls(self.held)}, which this does."
+
     def check_write(self, wanted: bool) -> None:
         """Raise TuneError where gains could not be written later: the arm must be able to be limp somewhere."""
-        if wanted and self.torque_was_on and not self._ending.park:
+        if wanted and self.held and not self._ending.park:
             raise TuneError(
                 "the arm is under torque, and its robot file has no park pose: gains are written to a limp arm, and "
                 "nobody knows where it may be let go. Lay it down, switch its torque off, and run this again"

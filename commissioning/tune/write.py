@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from calibration.eeprom import EepromError, update
+from calibration.eeprom import HOLDS, EepromError, update
 from commissioning.tune.gains import gains_of
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
@@ -46,7 +46,7 @@ def _set(bus: Bus, joint: Joint, register: Register, value: int) -> int | None:
     if old == value:
         return None
     if bus.torque_is_on(joint.servo_id):
-        raise EepromError(joint.servo_id, register, "is not written: the servo holds torque, switch it off first")
+        raise EepromError(joint.servo_id, register, f"is not written: {HOLDS}")
     retry(partial(bus.write, joint.servo_id, register, value))
     if (now := retry(held)) != value:
         raise EepromError(joint.servo_id, register, f"stays {now}, not {value}: the servo does not take it")

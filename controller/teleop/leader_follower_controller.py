@@ -1,6 +1,6 @@
 """The leader-follower controller: each joint of a follower arm goes where the same joint of a leader arm is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, Final
@@ -15,6 +15,8 @@ from hal.types import FloatArray, JointLimits, JointState
 
 LEAP_RAD_S: Final = 20.0
 """No hand turns a joint as fast; an encoder that errs does."""
+FAR_OUTSIDE: Final = 0.05
+"""Share of a joint's range beyond its limits beyond which a calibration is wrong: both arms have stops at them."""
 FULL_SPEED_S: Final = 1.0
 """So long after it has joined, the follower may go as fast as it can: there is still a little way to make up for."""
 SMOOTHED_S: Final = 0.04
@@ -42,6 +44,14 @@ class FollowedJoint:
     """How far its servo lags; None: it is taken to follow at once."""
 
 
+def _beyond(one: FollowedJoint, wanted: float) -> str:
+    """Why a leader's joint that is far outside the limits is wrong. The text stays while the joint is out there."""
+    return (
+        f"{one.leader} takes {one.joint} to {wanted:.3f}, outside its limits {one.limits.lower:.3f} to "
+        f"{one.limits.upper:.3f}: one of the arms is calibrated wrongly. End teleoperation and run servoloop calibrate"
+    )
+
+
 class LeaderFollowerController:
     """The follower joins its leader slowly, and follows as long as it may and all of the leader is measured.
 
@@ -63,6 +73,10 @@ class LeaderFollowerController:
         self.reason = ""
         """Why it holds although it may move."""
         self.joints = tuple(joints)
+        self.wanted: FloatArray = np.full(len(joints), np.nan)
+        """Where the leader takes the follower's joints, also beyond their limits (n,); NaN if it is not measured."""
+        self.beyond: Mapping[str, str] = {}
+        """What is wrong with a leader that is far outside the follower's limits, by the follower's joint."""
         self._leader = indices([one.leader for one in joints], hardware_joints)
         self._limits = tuple(one.limits for one in joints)
         self._lower = np.array([one.limits.lower for one in joints])
@@ -94,10 +108,13 @@ class LeaderFollowerController:
         leader = state.position[self._leader]
         reason = self._unfit(state, leader, period_s)
         last, self._last = self._last, None if reason else leader
+        self.wanted = np.full(len(leader), np.nan) if reason else self._offset + self._gain * leader
+        if not reason:
+            self._look_for_limits()
         if reason or not self.allowed:
             self._hold(reason)
             return
-        target = np.clip(self._offset + self._gain * leader, self._lower, self._upper)
+        target = np.clip(self.wanted, self._lower, self._upper)
         if last is not None:
             velocity = self._gain * (leader - last) / period_s
             self._velocity += (velocity - self._velocity) * min(1.0, period_s / SMOOTHED_S)
@@ -105,6 +122,18 @@ class LeaderFollowerController:
             self._join(target, period_s)
         else:
             self._follow(target, period_s)
+
+    def _look_for_limits(self) -> None:
+        """Note which joints the leader takes far outside their limits."""
+        slack = FAR_OUTSIDE * (self._upper - self._lower)
+        far = (self.wanted < self._lower - slack) | (self.wanted > self._upper + slack)
+        if not far.any() and not self.beyond:
+            return
+        places = np.flatnonzero(far).tolist()
+        self.beyond = {
+            self.joints[i].joint: self.beyond.get(self.joints[i].joint) or _beyond(self.joints[i], self.wanted[i])
+            for i in places
+        }
 
     def _unfit(self, state: JointState, leader: FloatArray, period_s: float) -> str:
         """Why the leader cannot be followed in this cycle; empty where it can."""

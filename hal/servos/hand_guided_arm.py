@@ -8,10 +8,8 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import DriverError, ServoError
 from hal.compensation.gravity_compensation import GravityCompensation
-from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.lifecycle import LifecycleState, require
-from hal.servos.servo_hardware import ServoHardware
+from hal.servos.limp_arm import LimpArm
 from hal.servos.servo_setup import ServoSetup
 
 SOFT_SHARE: Final = 0.7
@@ -19,7 +17,7 @@ SOFT_SHARE: Final = 0.7
 hand can overcome a servo that does not answer, and does not give way."""
 
 
-class HandGuidedArm(ServoHardware):
+class HandGuidedArm(LimpArm):
     """All joints of an arm. A soft one has less than the joints' own torque limits, until they are restored."""
 
     def __init__(
@@ -36,17 +34,6 @@ class HandGuidedArm(ServoHardware):
         held = [replace(joint, torque_limit=share * joint.torque_limit) for joint in joints]
         super().__init__(name, held, open_buses, clock, compensation)
         self._own = tuple(joints)
-
-    def driven(self) -> list[str]:
-        """The joints whose servos drive their motors. Raises DriverError."""
-        setup = ServoSetup(self._opened("look"))
-        return [joint.name for joint in self._own if setup.torque_is_on(joint)]
-
-    def let_go(self) -> None:
-        """Make the arm limp: it falls unless somebody holds it. Raises ActivationError where a servo may still hold."""
-        require(self.state, LifecycleState.INACTIVE, "let go")
-        if problems := ServoSetup(self._opened("let go")).torque_off(self._own):
-            raise ActivationError(f"the arm must be limp to be moved by hand: {'; '.join(problems)}")
 
     def restore_torque_limits(self) -> None:
         """Give all joints their own torque limits, between two cycles. Raises DriverError with all that have not."""

@@ -8,8 +8,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.servos.servo_hardware import ServoHardware
-from hal.servos.servo_setup import ServoSetup
+from hal.servos.limp_arm import LimpArm, falls
 from hal.types import JointState
 
 LEADER: Final = "leader"
@@ -20,7 +19,7 @@ def leader_joint(joint: str) -> str:
     return f"{LEADER}/{joint}"
 
 
-class LeaderArm(ServoHardware):
+class LeaderArm(LimpArm):
     """A leader takes no commands, and stays inactive: nothing here can switch its torque on.
 
     Its joints are called ``leader/NAME``, for a follower may have some of the same names.
@@ -33,14 +32,21 @@ class LeaderArm(ServoHardware):
         self.command_interfaces = ()
         self.asked_s = self.measured_s = 0.0
         """When it was asked, and when it was asked for what was measured last, on the clock."""
+        self._let_go = False
 
     def configure(self) -> None:
-        """Find all servos, and let go of them. Raises ActivationError where one may still hold."""
+        """Find all servos. Torque stays as it is.
+
+        Raises ActivationError if a leader that was limp comes back with torque: it may be another arm.
+        """
         super().configure()
-        problems = ServoSetup(self._opened("let go")).torque_off(self._joints)
-        if problems:
+        if self._let_go and (servos := self.held()):
             self.cleanup()
-            raise ActivationError(f"the leader must be limp to be moved by hand: {'; '.join(problems)}")
+            raise ActivationError(f"the leader was limp before it was lost. Now {falls(servos)}: restart teleoperation")
+
+    def let_go(self) -> None:
+        super().let_go()
+        self._let_go = True
 
     def activate(self) -> None:
         """Raises ActivationError: a leader is never driven."""

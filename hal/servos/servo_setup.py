@@ -91,6 +91,11 @@ class ServoSetup:
         """Whether the servo drives its motor."""
         return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))
 
+    def drives(self, joint: Joint) -> bool:
+        """Return whether the servo does anything with its motor; braking counts."""
+        register = series_of(joint.model).torque_enable
+        return self._ask(joint, lambda bus: retry(partial(bus.read, joint.servo_id, register))) != 0
+
     def forget_turns(self, joint: Joint) -> None:
         """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
         if joint.model in sts.MODELS.values():

@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
+from hal.servos.limp_arm import falls, servo_name
 from servoloop.bench_bus import Run, run_cycles, standing_still
 from servoloop.files import Files
 from servoloop.hardware import OpenPort, open_buses
@@ -40,10 +41,10 @@ def measure_buses(
 def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
     for joint in joints:
         bus.identify(joint.servo_id, joint.model)
-    if held := [joint.name for joint in joints if drives(bus, joint.servo_id, joint.model)]:
+    if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{', '.join(held)} is not limp: let the arm lie down and switch its torque off first, for it is let go "
-            "in the end where it is now"
+            f"{falls(held)}. At its end this command releases the arm where it is now: lay the arm down and switch its "
+            "torque off first"
         )
 
 

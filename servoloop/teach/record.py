@@ -12,12 +12,12 @@ from controller.teach.hand_path import inside, path_of
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
+from hal.servos.limp_arm import release_question
 from hal.types import FloatArray, JointState
 from servoloop.teach.arm import ARM, TeachArm
 from servoloop.teach.errors import TeachError
 from servoloop.teach.taught import Taught, beyond
 
-LIMP: Final = "The arm goes limp now and falls: hold it. Switch its torque off?"
 SOFT: Final = "Torque goes on softly, where the arm is: have a hand at it. In a second it gives way to you. Go on?"
 HANDS_S: Final = 2.0
 """So long hands may need to do what they were told."""
@@ -61,8 +61,8 @@ class Recording:
         """Have somebody hold the arm, where that is needed; ``confirm`` raises where they do not. Raises errors."""
         if self._freedrive is not None:
             confirm(SOFT)
-        elif self._arm.hardware.driven():
-            confirm(LIMP)
+        elif servos := self._arm.hardware.held():
+            confirm(release_question(servos))
 
     def begin(self) -> None:
         """Make the arm limp or soft. Raises errors."""

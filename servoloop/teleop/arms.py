@@ -13,6 +13,7 @@ from drivers.port.serial_port import SerialPort
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
 from hal.servos.leader_arm import LEADER, LeaderArm, leader_joint
+from hal.servos.limp_arm import release_question
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
@@ -48,6 +49,7 @@ class Teleop:
     controller: LeaderFollowerController
     setup: HardwareSetup
     latency: Latency
+    leader_arm: LeaderArm
 
     @property
     def leader(self) -> Component:
@@ -92,7 +94,17 @@ def build_teleop(
     loop = ControlLoop(components, manager, files.limits, clock, period_s, keep_alive=True, background_worker=worker)
     latency = Latency(clock, lambda: read.measured_s)
     loop.on_cycle = latency.on_cycle
-    return Teleop(loop, controller, replace(setup, hardware=components), latency)
+    return Teleop(loop, controller, replace(setup, hardware=components), latency, read)
+
+
+def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
+    """Make the leader limp. ``confirm`` is asked first if its servos hold torque: it may be the follower's port.
+
+    Raises what ``confirm`` raises, DriverError, and ActivationError if a servo may still hold torque.
+    """
+    if servos := both.leader_arm.held():
+        confirm(f"The leader must be limp. {release_question(servos)}")
+    both.leader_arm.let_go()
 
 
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:

@@ -1,53 +1,98 @@
 """What a person sees while they lead: what the follower does and why, both arms' joints, faults by name."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from types import TracebackType
+from typing import Self
 
-import numpy as np
-from rich.console import Group
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
 from controller.teleop.leader_follower_controller import Phase
+from hal.servos.leader_arm import leader_joint
 from servoloop.handling.live_table import LiveTable
 from servoloop.teleop.arms import Teleop
+from servoloop.teleop.attendance import HINT
+from servoloop.teleop.dead_man import Keys
 
 STYLES = {Phase.HOLDING: "yellow", Phase.JOINING: "cyan", Phase.FOLLOWING: "green"}
 
 
 class Screen(LiveTable):
-    """Shows both arms."""
+    """The person at the terminal: answers questions, then holds the key and sees both arms."""
 
     summary = ""
     """Of the whole, for its end."""
 
-    def show(self, both: Teleop) -> None:
+    def __init__(
+        self,
+        console: Console,
+        keys: Callable[[], AbstractContextManager[Keys]],
+        confirm: Callable[[str], None],
+        hint: str = HINT,
+    ) -> None:
+        """``keys``: the context in which the terminal's keys are read."""
+        super().__init__(console)
+        self.console, self.confirm, self.hint = console, confirm, hint
+        self._open_keys = keys
+        self._keys: Keys | None = None
+        self._entered = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._keys = self._entered.enter_context(self._open_keys())
+        return super().__enter__()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self._entered.close()
+
+    def allowed(self, now_s: float) -> bool:
+        """Whether the follower may move now."""
+        return self._keys is not None and self._keys.allowed(now_s)
+
+    def ended(self) -> bool:
+        """Whether the person wants it to end."""
+        return self._keys is not None and self._keys.ended()
+
+    def commands(self) -> Sequence[str]:
+        """The command keys that were pressed since the last call."""
+        return () if self._keys is None else self._keys.commands()
+
+    def show(self, both: Teleop, notes: Sequence[str] = ()) -> None:
         """Show how it stands now."""
         self.summary = f"{both.loop.figures.summary}; {both.latency.summary}"
         phase = both.controller.phase
-        self.draw(said(both), lambda: Group(Text(phase, style=STYLES[phase]), _table(both)))
+        self.draw("; ".join([said(both), *notes]), lambda: Group(Text(phase, style=STYLES[phase]), _table(both)))
 
 
 def said(both: Teleop) -> str:
     """What the follower does, and what is wrong, in one line."""
     controller, state = both.controller, both.latency.state
     faults = [fault.text for fault in state.faults.values() if fault.text != controller.reason] if state else []
-    reasons = [reason for reason in (controller.reason, *dict.fromkeys(faults)) if reason]
+    reasons = [reason for reason in (controller.reason, *dict.fromkeys(faults), *controller.beyond.values()) if reason]
     return "; ".join([controller.phase, *reasons])
 
 
 def _table(both: Teleop) -> Table:
+    """Where both arms are; the error is from where the leader is, also outside the follower's limits."""
     table = Table("joint", "leader", "follower", "error")
-    state, command = both.latency.state, both.loop.command
-    if state is None:
-        return table
-    where = dict(zip(both.loop.hardware.joints, state.position.tolist(), strict=True))
-    for name, leader, told in _rows(both, command.tolist()):
-        error = told - where[name]
-        style = "red" if name in state.faults or leader in state.faults else ""
-        table.add_row(name, f"{where[leader]:+.3f}", f"{where[name]:+.3f}", f"{error:+.3f}", style=style)
+    for joint, leader, follower, error in rows(both):
+        state, red = both.latency.state, joint in both.controller.beyond
+        red |= state is not None and (joint in state.faults or leader_joint(joint) in state.faults)
+        table.add_row(joint, *(f"{value:+.3f}" for value in (leader, follower, error)), style="red" if red else "")
     return table
 
 
-def _rows(both: Teleop, command: Sequence[float]) -> list[tuple[str, str, float]]:
-    told = dict(zip(both.loop.hardware.command_interfaces, command, strict=True))
-    return [(one.joint, one.leader, told.get(f"{one.joint}/position", np.nan)) for one in both.controller.joints]
+def rows(both: Teleop) -> list[tuple[str, float, float, float]]:
+    """Each joint with the leader's position, the follower's, and how far the follower is from where it is led."""
+    state, controller = both.latency.state, both.controller
+    if state is None:
+        return []
+    where = dict(zip(both.loop.hardware.joints, state.position.tolist(), strict=True))
+    return [
+        (one.joint, where[one.leader], where[one.joint], wanted - where[one.joint])
+        for one, wanted in zip(controller.joints, controller.wanted.tolist(), strict=True)
+    ]

@@ -1,7 +1,7 @@
 """Options of the verbs that open an arm's port to have it moved by hand, and their keys."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -13,7 +13,7 @@ from servoloop.ports import parse_ports
 
 if TYPE_CHECKING:
     from servoloop.teleop.arms import Side
-    from servoloop.teleop.dead_man import Permission
+    from servoloop.teleop.dead_man import Keys
 
 SLOWEST_HZ, FASTEST_HZ = 20, 200
 RATE_HZ: Final = 50
@@ -45,8 +45,8 @@ def require_keys(hands_free: bool) -> None:
 
 
 @contextmanager
-def permission_of(hands_free: bool) -> "Iterator[Permission]":
-    """The permission to move: a key of this terminal that is held, or always."""
+def permission_of(hands_free: bool, commands: Collection[str] = ()) -> "Iterator[Keys]":
+    """The permission to move: a key of this terminal that is held, or always. ``commands``: keys that are none."""
     from servoloop.handling.keys import raw_keys
     from servoloop.teleop.dead_man import DeadMansKey, HandsFree
 
@@ -54,4 +54,4 @@ def permission_of(hands_free: bool) -> "Iterator[Permission]":
         yield HandsFree()
     else:
         with raw_keys():
-            yield DeadMansKey()
+            yield DeadMansKey(commands)

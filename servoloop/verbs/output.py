@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
+from drivers.errors import DriverError
+
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
@@ -22,6 +24,12 @@ def _plain(value: Any) -> Any:
 
 
 def confirm(question: str, yes: bool) -> None:
-    """Ask unless ``yes``; without an answer nothing is done and the exit status is 1."""
-    if not yes:
+    """Ask unless ``yes``; without a yes nothing is done, and the exit status is 1."""
+    if yes:
+        return
+    try:
         typer.confirm(question, abort=True, err=True)
+    except typer.Abort as error:
+        if isinstance(error.__context__, EOFError):
+            raise DriverError("the question has no answer, so nothing was done: answer it at a terminal") from None
+        raise

@@ -84,7 +84,7 @@ def write(
     with servo_at(port, servo_id, baud) as servo:
         if switch:
             on = value_to_write(servo, name, value)
-            does = "holds where it stands, under torque" if on else "lets go, and what it held falls"
+            does = "holds where it stands, under torque" if on else "lets go, and what it holds falls"
             confirm(f"servo {servo_id} {does}: go on?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:

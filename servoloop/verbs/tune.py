@@ -141,6 +141,7 @@ def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | Non
 
     tuner.check_write(bool(values or apply))
     others = [joint.name for joint in tuner.joints if joint.name != tuner.joint.name]
+    end = " ".join(filter(None, (end, tuner.releases(bool(values or apply)))))
     text = said(tuner.joint, plan_for(tuner.joint, tuner.position, at), others, end)
     if not values and not apply:
         return text

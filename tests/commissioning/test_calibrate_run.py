@@ -8,11 +8,12 @@ import pytest
 
 from commissioning.calibrate.flow import Task
 from commissioning.calibrate.result import CalibrationError
-from commissioning.calibrate.run import HOLD, LET_GO, LIMP, STORE, TRY, Difference, calibrate
+from commissioning.calibrate.run import HOLD, LET_GO, STORE, TRY, Difference, calibrate
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.robot_file.calibration_file import calibration_path
+from hal.servos.limp_arm import release_question
 from servoloop.files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 
@@ -81,8 +82,9 @@ def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
 def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
-    with pytest.raises(CalibrationError, match="joint2 under torque: nothing was changed"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(LIMP,)), arm.clock)
+    owner = Owner(arm, no=(release_question(["joint2 (servo 2)"]),))
+    with pytest.raises(CalibrationError, match=r"^joint2 \(servo 2\) holds torque, .* nothing was changed"):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert torque(arm) == [2]
 
 

@@ -1,7 +1,7 @@
 """Two virtual arms on simulated time: a leader in somebody's hand, and its follower."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,9 @@ from hal.types import FloatArray, JointState
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import Files
 from servoloop.simulation.virtual_lines import VirtualLines
-from servoloop.teleop.arms import Side, build_teleop
+from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
+from servoloop.teleop.attendance import HINT, Attendance
+from servoloop.teleop.screen import said
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.wire.port import VirtualPort
@@ -47,6 +49,29 @@ class Lines(VirtualLines):
             self.port.unplug()
 
 
+class Watcher:
+    """A person at the keys who sees what is shown."""
+
+    hint = HINT
+
+    def __init__(self) -> None:
+        self.held, self.typed = True, list[str]()
+        self.shown: list[str] = []
+
+    def allowed(self, now_s: float) -> bool:
+        return self.held
+
+    def ended(self) -> bool:
+        return False
+
+    def commands(self) -> list[str]:
+        typed, self.typed = self.typed, []
+        return typed
+
+    def show(self, both: Teleop, notes: Sequence[str]) -> None:
+        self.shown.append("; ".join([said(both), *notes]))
+
+
 class Rig:
     """Both arms, configured and active. ``move`` says where the hand takes the leader's joints."""
 
@@ -65,6 +90,9 @@ class Rig:
         self.times_s: list[float] = []
         self.commands: list[FloatArray] = []
         self.states: list[JointState] = []
+        self.asked: list[str] = []
+        self.person, self.ended = Watcher(), False
+        self.attendance = Attendance(self.teleop, self.person, self.end)
         count = self.loop.on_cycle
 
         def on_cycle(state: JointState) -> None:
@@ -75,12 +103,24 @@ class Rig:
 
         self.loop.on_cycle = on_cycle
         configure_all(self.loop.hardware)
+        release_leader(self.teleop, self.asked.append)
         self.loop.activate(keep_inactive=["leader"])
 
     def run(self, seconds: float) -> None:
         """Cycles for so long; both worlds go on."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s)
+
+    def end(self) -> None:
+        """The person's thread ends it."""
+        self.ended = True
+
+    def attend(self, seconds: float) -> str:
+        """Cycles for so long, with the person at the keys; the last line that was shown."""
+        for _ in range(round(seconds / 0.1)):
+            self.run(0.1)
+            self.attendance.look(self.clock.now())
+        return self.person.shown[-1]
 
     def follow(self) -> "Rig":
         """Let the follower join and follow."""

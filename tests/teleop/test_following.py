@@ -1,5 +1,7 @@
 """A leader in somebody's hand and its follower, on virtual servos and simulated time."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,11 @@ from controller.teleop.ramp_in import SHARE
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
-from servoloop.teleop.screen import said
+from servoloop.teleop.arms import release_leader
+from servoloop.teleop.attendance import HINT
+from servoloop.teleop.errors import TeleopError
+from servoloop.teleop.screen import rows, said
+from sim_backend.wire.line import ServoLine
 from tests.teleop.rig import FOLLOWER, REST, Rig, delay_s, sine
 
 PAN = "shoulder_pan"
@@ -40,6 +46,47 @@ def test_the_leader_never_gets_torque_and_the_follower_keeps_its_own() -> None:
     memories = [servo.memory for line in rig.leader.lines.values() for servo in line.servos]
     assert len(memories) == 6 and not any(memory.get(sts.torque_enable) for memory in memories)
     assert all(servo.memory.get(sts.torque_enable) for line in rig.follower.lines.values() for servo in line.servos)
+
+
+def hold(line: ServoLine[Any], *servo_ids: int) -> None:
+    """Give servos torque, as a former program may have left them."""
+    for servo_id in servo_ids:
+        line.servo(servo_id).memory.put(sts.torque_enable, 1)
+
+
+def torque(line: ServoLine[Any]) -> list[int]:
+    return [servo.servo_id for servo in line.servos if servo.memory.get(sts.torque_enable)]
+
+
+def test_a_leader_that_holds_torque_is_released_only_after_a_yes() -> None:
+    rig = Rig()
+    (line,) = rig.leader.lines.values()
+    assert rig.asked == []
+    hold(line, 2, 3)
+
+    def no(question: str) -> None:
+        rig.asked.append(question)
+        raise TeleopError("no")
+
+    with pytest.raises(TeleopError, match="no"):
+        release_leader(rig.teleop, no)
+    assert torque(line) == [2, 3]
+    (asked,) = rig.asked
+    assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) hold torque, and what they hold falls" in asked
+    release_leader(rig.teleop, rig.asked.append)
+    assert torque(line) == []
+
+
+def test_a_leader_that_comes_back_with_torque_is_not_released_and_the_person_is_told() -> None:
+    rig = Rig().follow()
+    (line,) = rig.leader.lines.values()
+    rig.leader.unplug()
+    rig.attend(0.5)
+    hold(line, 3)
+    rig.leader.plugged = True
+    shown = rig.attend(2.5)
+    assert torque(line) == [3] and rig.controller.phase is Phase.HOLDING
+    assert "leader/elbow_flex (servo 3) holds torque, and what it holds falls" in shown
 
 
 def test_the_follower_joins_slowly_from_wherever_it_stands() -> None:
@@ -121,6 +168,64 @@ def test_a_leader_beyond_the_limits_takes_the_follower_to_them_and_no_further() 
     rig.run(4.0)
     upper = FOLLOWER.limits[PAN].upper
     assert commands(rig)[:, rig.joint(PAN)].max() == pytest.approx(upper, abs=1e-9)
+
+
+def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_from_where_it_is() -> None:
+    rig = Rig(leader={**REST, "wrist_flex": -2.958}).follow()
+    rig.run(3.0)
+    shown = said(rig.teleop)
+    assert "leader/wrist_flex takes wrist_flex to -2.958, outside its limits -1.658 to 1.658" in shown
+    assert "calibrated wrongly" in shown and "shoulder_pan" not in shown
+    (row,) = [row for row in rows(rig.teleop) if row[0] == "wrist_flex"]
+    _, leader, follower, error = row
+    assert leader == pytest.approx(-2.958, abs=0.01) and follower == pytest.approx(-1.658, abs=0.02)
+    assert error == pytest.approx(leader - follower, abs=0.002)
+    assert "calibrated" in rig.attend(0.2)
+    rig.hand = lambda time_s: {**REST, "wrist_flex": -1.70}  # a stop of the leader's may be a little outside
+    rig.run(0.5)
+    assert said(rig.teleop) == Phase.FOLLOWING
+
+
+def test_a_leader_far_outside_is_named_before_anything_moves() -> None:
+    rig = Rig(leader={**REST, "elbow_flex": -2.4})
+    rig.person.held = False
+    assert "leader/elbow_flex takes elbow_flex to -2.40" in rig.attend(0.2)
+    assert np.ptp(commands(rig), axis=0).max() == 0.0
+
+
+def test_a_jammed_servo_of_the_follower_is_activated_again_by_a_key_where_it_stands() -> None:
+    rig = Rig().follow()
+    (line,) = rig.follower.lines.values()
+    line.servo(3).power_cycle()
+    shown = rig.attend(1.0)
+    assert "servo 3 has lost its torque" in shown and HINT in shown
+    rig.person.held, rig.person.typed = False, ["a"]
+    cycle = len(rig.states)
+    shown = rig.attend(1.5)
+    assert torque(line) == [1, 2, 3, 4, 5, 6] and "servo 3" not in shown and HINT not in shown
+    assert rig.controller.phase is Phase.HOLDING
+    moved = np.ptp(np.array([state.position for state in rig.states[cycle:]]), axis=0)[:6]
+    assert np.delete(moved, 2).max() < 0.02, "the others have held"
+    rig.person.held = True
+    rig.hand = lambda time_s: {**REST, PAN: 0.2}
+    rig.attend(3.0)
+    assert rig.states[-1].position[rig.joint(PAN)] == pytest.approx(0.2, abs=0.02)
+
+
+def test_an_activation_that_fails_is_shown_and_can_be_tried_again() -> None:
+    rig = Rig().follow()
+    (line,) = rig.follower.lines.values()
+    line.servo(3).power_cycle()
+    rig.attend(1.0)
+    line.faults.silence(2)
+    rig.person.held, rig.person.typed = False, ["a"]
+    shown = rig.attend(2.0)
+    assert "servo 2" in shown and HINT in shown
+    assert set(torque(line)) >= {1, 4, 5, 6}
+    line.faults.restore(2)
+    rig.person.typed = ["a"]
+    rig.attend(2.0)
+    assert torque(line) == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_leap_of_the_leader_is_not_followed() -> None:

@@ -43,6 +43,15 @@ def test_q_ends_and_the_key_is_let_go_with_it(key: DeadMansKey) -> None:
     assert HandsFree().allowed(0.0) and not HandsFree().ended()
 
 
+def test_a_command_key_is_no_key_that_is_held(key: DeadMansKey) -> None:
+    with_commands = DeadMansKey("a")
+    with_commands.press("x", 1.0)
+    with_commands.press("a", 1.1)
+    assert not with_commands.allowed(1.1) and with_commands.commands() == ["a"] and not with_commands.commands()
+    key.press("a", 1.0)
+    assert key.allowed(1.0) and not key.commands()
+
+
 def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
     trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
     pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))

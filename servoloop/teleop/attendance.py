@@ -1,0 +1,111 @@
+"""The person's part of teleoperation: the keys, a leader that is lost, and a follower servo that has released."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final, Protocol
+
+from controller.manager.requests import Request
+from controller.manager.switch import SwitchRequest
+from drivers.errors import DriverError
+from hal.components.component import Component
+from hal.errors import HalError
+from hal.lifecycle import LifecycleState
+from hal.servos.leader_arm import LEADER
+from servoloop.teleop.arms import NAME, Teleop
+from servoloop.teleop.dead_man import Keys
+
+AGAIN_S: Final = 1.0
+"""Time between two searches for a lost leader, in seconds."""
+REACTIVATE: Final = "a"
+"""The key that gives torque back to follower servos that have released."""
+HINT: Final = f"{REACTIVATE} activates them again where they stand"
+HANDS_FREE_HINT: Final = "end with Ctrl-C and start again: torque then comes back"
+
+
+class Person(Keys, Protocol):
+    """The person at the keys, who sees both arms."""
+
+    @property
+    def hint(self) -> str:
+        """How follower servos that have released get torque again."""
+        ...
+
+    def show(self, both: Teleop, notes: list[str]) -> None:
+        """Show both arms, and what else there is to know; called many times a second."""
+        ...
+
+
+class Attendance:
+    """Looks after both arms in the person's thread, beside the loop."""
+
+    def __init__(self, both: Teleop, person: Person, end: Callable[[], None]) -> None:
+        """``end``: ends the loop."""
+        self._both, self._person, self._end = both, person, end
+        self._looked_s = 0.0
+        self._leader: Request[None] | None = None
+        self._reactivation: Iterator[Request[Any]] | None = None
+        self._step: Request[Any] | None = None
+        self._problem = ""
+
+    def look(self, now_s: float) -> None:
+        """Do what the keys and the faults call for; never waits."""
+        both, person = self._both, self._person
+        both.controller.allowed = person.allowed(now_s)
+        if person.ended() or both.lost:
+            self._end()
+        if both.leader.error is not None and now_s - self._looked_s > AGAIN_S:
+            self._looked_s = now_s
+            self._leader = both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
+        if REACTIVATE in person.commands() and self._reactivation is None and self._limp():
+            self._reactivation, self._step, self._problem = self._reactivate(self._limp()), None, ""
+        self._go_on()
+        person.show(both, list(self._notes()))
+
+    def _limp(self) -> list[Component]:
+        """The follower's components with a servo that has released, or that are not active after a failed attempt."""
+        state = self._both.latency.state
+        limp = {joint for joint, fault in state.faults.items() if fault.kind == "no_torque"} if state else set()
+        return [
+            one
+            for one in self._both.loop.hardware.components
+            if one is not self._both.leader and (limp.intersection(one.hardware.joints) or not one.active)
+        ]
+
+    def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
+        """The steps, one after the other. The servos that hold torque go on holding it."""
+        loop = self._both.loop
+        for one in components:
+            yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)
+            yield loop.component_transitions.ask(one.name, LifecycleState.ACTIVE)
+        yield loop.requests.ask(lambda: loop.manager.switch(SwitchRequest(activate=(NAME,)), loop.command))
+
+    def _go_on(self) -> None:
+        """Take the next step of a reactivation when the step before it is done."""
+        if self._reactivation is None or (self._step is not None and not self._step.done):
+            return
+        try:
+            if self._step is not None:
+                self._step.result()
+            self._step = next(self._reactivation, None)
+        except (DriverError, HalError) as error:
+            self._step, self._problem = None, str(error)
+        if self._step is None:
+            self._reactivation = None
+
+    def _notes(self) -> Iterator[str]:
+        if self._both.leader.error is not None and (problem := _problem(self._leader)):
+            yield problem
+        if self._reactivation is not None:
+            yield "torque comes back"
+        elif self._limp():
+            yield from filter(None, (self._problem, self._person.hint))
+
+
+def _problem(request: Request[None] | None) -> str:
+    """Why a request failed; empty if it has not."""
+    if request is None or not request.done:
+        return ""
+    try:
+        request.result()
+    except (DriverError, HalError) as error:
+        return str(error)
+    return ""
