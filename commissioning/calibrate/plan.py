@@ -1,8 +1,9 @@
 """The calibration plan of an arm: for each joint which way is positive, and where its zero is found."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -35,19 +36,43 @@ class JointPlan(BaseModel):
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
 
 
+def _in_order(steps: Any) -> Any:
+    """Read a list of single entries as a mapping in this order. Raises ValueError for a mapping of several."""
+    if isinstance(steps, Mapping) and len(steps) > 1:
+        example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())
+        raise ValueError(
+            "is a mapping, whose order another program may have changed, and its order counts: write a list in the "
+            f"right order, such as [{example}]"
+        )
+    if not isinstance(steps, list):
+        return steps
+    if not all(isinstance(step, Mapping) and len(step) == 1 for step in steps):
+        raise ValueError("is a list of single entries, such as [{elbow_flex: -0.5}]")
+    found = dict[str, Any]()
+    for name, position in (entry for step in steps for entry in step.items()):
+        if name in found:
+            raise ValueError(f"names {name} twice")
+        found[name] = position
+    return found
+
+
 Drive = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
+Steps = Annotated[dict[str, Finite], BeforeValidator(_in_order)]
+"""Positions by joint, one after the other: in a file a list of single entries."""
+
+
 class AutoPlan(BaseModel):
-    """How an arm that calibrates itself keeps off its table. Positions as the URDF counts; the order counts too."""
+    """How an arm that calibrates itself keeps off its table. Positions as the URDF counts."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: dict[str, Finite] = {}
     """How the arm lies at the beginning, roughly: so that it also lies there limp."""
-    clear: dict[str, Finite] = {}
+    clear: Steps = {}
     """Where joints go one by one before any of them seeks its stops. Only those whose ``start`` is known."""
-    stops: dict[str, Finite] = {}
+    stops: Steps = {}
     """In this order joints seek their stops, and there each waits then. Those not named come last, and wait at 0."""
     drive: dict[str, Drive] = {}
     """Share of full drive: enough to lift what hangs on the joint, and no more; half unless said."""

@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 import yaml
@@ -38,15 +38,37 @@ class PointFile(BaseModel):
 
 
 class TaughtFile(BaseModel):
-    """The whole file."""
+    """The whole file. Nothing in it depends on the order of a mapping's keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    version: Literal[1] = 1
-    joints: dict[str, Literal["rad", "m"]]
-    """The joints with their units."""
+    version: Literal[2]
+    joints: list[str] = Field(min_length=1)
+    """The joints in the order of the positions and velocities of each point."""
+    units: dict[str, Literal["rad", "m"]]
+    """The unit of each joint's positions, by joint."""
     points: list[PointFile] = Field(min_length=1)
     """A path through points in time, or poses: points without."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_an_order(cls, content: Any) -> Any:
+        if isinstance(content, Mapping) and isinstance(content.get("joints"), Mapping):
+            raise ValueError(
+                "joints is a mapping, whose order another program may have changed, so it is not known which joint a "
+                "position belongs to: record the motion again"
+            )
+        return content
+
+    @model_validator(mode="after")
+    def _names_each_joint_once(self) -> Self:
+        if len(set(self.joints)) < len(self.joints):
+            raise ValueError(f"joints names a joint twice: {', '.join(self.joints)}")
+        if self.units.keys() != set(self.joints):
+            raise ValueError(
+                f"units has {', '.join(self.units) or 'no joint'}, and joints has {', '.join(self.joints)}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -70,6 +92,8 @@ class Taught:
     position: FloatArray
     path: HandPath | None = None
     """Through these positions; None: poses, with a stop at each."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """The unit of each joint's positions, of a file."""
 
     def of(self, joints: Sequence[str], source: str) -> "Taught":
         """The same with the joints in this order. Raises TeachError where they are others than those of ``source``."""
@@ -81,7 +105,7 @@ class Taught:
             raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
         order = [self.joints.index(name) for name in joints]
         path = self.path and HandPath(self.path.times_s, self.path.position[:, order], self.path.velocity[:, order])
-        return Taught(tuple(joints), self.position[:, order], path)
+        return replace(self, joints=tuple(joints), position=self.position[:, order], path=path)
 
     def check(self, limits: Sequence[JointLimits], source: str) -> None:
         """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
@@ -94,6 +118,20 @@ class Taught:
         ]
         if wrong:
             raise TeachError(f"{source}: {'; '.join(wrong)}")
+
+    def check_units(self, joints: Sequence[Joint], source: str) -> None:
+        """Check that the file has the units of these joints. Raises TeachError if not."""
+        wrong = [
+            f"{joint.name} is in {self.units[joint.name]}, and the arm's is in {_unit(joint)}"
+            for joint in joints
+            if self.units.get(joint.name, _unit(joint)) != _unit(joint)
+        ]
+        if wrong:
+            raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
+
+
+def _unit(joint: Joint) -> str:
+    return "rad" if joint.transmission == 1.0 else "m"
 
 
 def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[str]:
@@ -157,15 +195,15 @@ class TaughtMotions:
 def _taught(file: TaughtFile) -> Taught:
     position = np.array([point.positions for point in file.points])
     if file.points[0].at_s is None:
-        return Taught(tuple(file.joints), position)
+        return Taught(tuple(file.joints), position, units=file.units)
     times_s = np.array([point.at_s for point in file.points])
     velocity = np.array([point.velocities for point in file.points])
-    return Taught(tuple(file.joints), position, HandPath(times_s, position, velocity))
+    return Taught(tuple(file.joints), position, HandPath(times_s, position, velocity), file.units)
 
 
 def _plain(taught: Taught, joints: Mapping[str, Joint]) -> dict[str, object]:
     """The file's content; times and places are rounded."""
-    units = {name: "rad" if joints[name].transmission == 1.0 else "m" for name in taught.joints}
+    units = {name: _unit(joints[name]) for name in taught.joints}
     rows: list[dict[str, object]] = [{"positions": row} for row in np.round(taught.position, DIGITS).tolist()]
     if taught.path is not None:
         times_s = np.round(taught.path.times_s, DIGITS).tolist()
@@ -174,4 +212,4 @@ def _plain(taught: Taught, joints: Mapping[str, Joint]) -> dict[str, object]:
             {"at_s": time_s, **row, "velocities": velocity}
             for time_s, row, velocity in zip(times_s, rows, velocities, strict=True)
         ]
-    return {"version": 1, "joints": units, "points": rows}
+    return {"version": 2, "joints": list(taught.joints), "units": units, "points": rows}

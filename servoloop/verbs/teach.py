@@ -91,6 +91,7 @@ def play(
     side, motions = side_of(arm, port), TaughtMotions(find_arm(arm).folder)
     joints = side.files.robot.joints
     taught = motions.get(name).of([joint.name for joint in joints], name)
+    taught.check_units(joints, str(motions.path(name)))
     taught.check([joint.limits for joint in joints], str(motions.path(name)))
     raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from controller.teach.hand_path import HandPath
@@ -39,7 +40,7 @@ def test_what_is_kept_comes_back(motions: TaughtMotions, taught: Taught) -> None
     if back.path is not None:
         assert back.path.duration_s == 1.5 and not back.path.velocity.any()
     text = motions.path("wave").read_text()
-    assert text.startswith("version: 1\njoints: {shoulder_pan: rad,") and "0.12346" in text
+    assert text.startswith("version: 2\njoints: [shoulder_pan, ") and "0.12346" in text
 
 
 def test_the_one_before_stays_beside_a_new_one_and_goes_with_it(motions: TaughtMotions) -> None:
@@ -65,7 +66,7 @@ def test_an_unknown_name_and_a_bad_one_are_errors_that_help(motions: TaughtMotio
 @pytest.mark.parametrize(
     ("points", "said"),
     [
-        ("[]", r":2: points"),
+        ("[]", r":4: points"),
         ("[{positions: [0.0, 1.0]}]", "points.0 needs 1 positions"),
         ("[{positions: [.nan]}]", "positions.0"),
         ("[{at_s: 0.0, positions: [0.0], velocities: [0.0]}]", "two points or more"),
@@ -83,16 +84,55 @@ def test_an_unknown_name_and_a_bad_one_are_errors_that_help(motions: TaughtMotio
     ],
 )
 def test_a_file_with_a_mistake_is_refused_with_its_place(motions: TaughtMotions, points: str, said: str) -> None:
-    motions.path("wave").write_text(f"joints: {{wrist: rad}}\npoints: {points}\n")
+    motions.path("wave").write_text(f"version: 2\njoints: [wrist]\nunits: {{wrist: rad}}\npoints: {points}\n")
     with pytest.raises(TeachError, match=said) as refused:
         motions.get("wave")
     assert str(motions.path("wave")) in str(refused.value)
 
 
 def test_another_version_is_refused(motions: TaughtMotions) -> None:
-    motions.path("wave").write_text("version: 2\njoints: {wrist: rad}\npoints: [{positions: [0.0]}]\n")
+    motions.path("wave").write_text("version: 3\njoints: [wrist]\nunits: {wrist: rad}\npoints: [{positions: [0.0]}]\n")
     with pytest.raises(TeachError, match="version"):
         motions.get("wave")
+
+
+@pytest.mark.parametrize("head", ["version: 1\n", "", "version: 2\n"])
+def test_joints_in_a_mapping_are_refused_as_without_an_order(motions: TaughtMotions, head: str) -> None:
+    motions.path("wave").write_text(f"{head}joints: {{wrist: rad, arm: rad}}\npoints: [{{positions: [0.0, 1.0]}}]\n")
+    with pytest.raises(TeachError, match=r"wave.yaml.*order another program may have changed.*record the motion"):
+        motions.get("wave")
+
+
+@pytest.mark.parametrize("taught", [POSES, PATH])
+def test_a_file_means_the_same_when_another_program_has_sorted_its_keys(motions: TaughtMotions, taught: Taught) -> None:
+    motions.save("wave", taught, JOINTS)
+    content = yaml.safe_load(motions.path("wave").read_text())
+    motions.path("wave").write_text(yaml.safe_dump(content, sort_keys=True))
+    back = motions.get("wave").of(NAMES, "wave")
+    assert back.joints == NAMES and back.position == pytest.approx(taught.position, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("joints: [wrist, wrist]\nunits: {wrist: rad}", "names a joint twice"),
+        ("joints: [wrist]\nunits: {}", "units has no joint"),
+        ("joints: [wrist]\nunits: {arm: rad}", "units has arm, and joints has wrist"),
+    ],
+)
+def test_each_joint_has_one_name_and_one_unit(motions: TaughtMotions, head: str, said: str) -> None:
+    motions.path("wave").write_text(f"version: 2\n{head}\npoints: [{{positions: [0.0]}}]\n")
+    with pytest.raises(TeachError, match=said):
+        motions.get("wave")
+
+
+def test_another_unit_than_the_arms_is_refused(motions: TaughtMotions) -> None:
+    motions.save("wave", POSES, JOINTS)
+    motions.get("wave").check_units(SO101.robot.joints, "wave")
+    text = motions.path("wave").read_text()
+    motions.path("wave").write_text(text.replace("gripper: rad", "gripper: m"))
+    with pytest.raises(TeachError, match="gripper is in m, and the arm's is in rad"):
+        motions.get("wave").check_units(SO101.robot.joints, "wave")
 
 
 def test_joints_are_brought_into_the_arms_order_and_others_are_refused_by_name() -> None:

@@ -1,0 +1,68 @@
+"""The files of an arm mean the same when another program has saved them with their keys sorted."""
+
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+import yaml
+
+from hal.errors import ArmFileError
+from servoloop.arms.folder import ARMS, find_arm, read_arm_files
+from servoloop.arms.pick_place import load_pick_place
+from servoloop.files import CONFIG, URDF
+from servoloop.handling.poses import Poses
+from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
+from sim_backend.faults.servos import Silent
+
+
+def sort_keys(folder: Path) -> None:
+    """Save every YAML file below the folder again with its keys sorted."""
+    for path in folder.rglob("*.yaml"):
+        path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()), sort_keys=True))
+
+
+@pytest.fixture(scope="module")
+def resaved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All arms that ship, their files saved with sorted keys."""
+    home = tmp_path_factory.mktemp("home")
+    copytree(CONFIG, home / "config")
+    copytree(URDF.parent, home / "urdf")
+    sort_keys(home / "config")
+    return home / "config" / "arms"
+
+
+@pytest.mark.parametrize("name", sorted(path.parent.name for path in ARMS.glob("*/arm.yaml")))
+def test_an_arm_is_the_same_with_sorted_keys(resaved: Path, name: str) -> None:
+    before, after = find_arm(name), find_arm(str(resaved / name))
+    auto, auto_after = before.file.calibration.auto, after.file.calibration.auto
+    assert after.file.calibration == before.file.calibration
+    assert [*auto.clear.items()] == [*auto_after.clear.items()] and [*auto.stops.items()] == [*auto_after.stops.items()]
+    files, sorted_files = read_arm_files(before), read_arm_files(after)
+    assert [one.name for one in files.robot.joints] == [one.name for one in sorted_files.robot.joints]
+    assert files.robot.file == sorted_files.robot.file and files.limits == sorted_files.limits
+    specs = [{one.name: one for one in each.controllers.controllers} for each in (files, sorted_files)]
+    assert specs[0] == specs[1]
+    if before.pick_place.exists():
+        assert load_pick_place(before.pick_place) == load_pick_place(after.pick_place)
+
+
+def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path: Path) -> None:
+    text = (ARMS / "so101" / "arm.yaml").read_text()
+    ordered = "stops: [{elbow_flex: -1.65}, {wrist_flex: 0.0}, {shoulder_lift: 0.0}]"
+    assert ordered in text
+    mapping = "stops: {elbow_flex: -1.65, shoulder_lift: 0.0, wrist_flex: 0.0}"
+    (tmp_path / "arm.yaml").write_text(text.replace(ordered, mapping))
+    with pytest.raises(ArmFileError, match=r"arm.yaml:\d+: calibration.auto.stops: is a mapping, .* write a list"):
+        find_arm(str(tmp_path))
+
+
+def test_poses_and_schedules_are_the_same_with_sorted_keys(tmp_path: Path) -> None:
+    pose = {"wrist": 0.1, "elbow": -0.2, "base": 0.3}
+    Poses(tmp_path).save("over", pose)
+    schedule = Schedule(
+        arm="so101", seed=3, job=("B", "A"), faults=(Silent(at_s=2.0, servo_id=3), Silent(at_s=1.0, servo_id=1))
+    )
+    (tmp_path / "schedule.yaml").write_text(schedule_text(schedule))
+    sort_keys(tmp_path)
+    assert Poses(tmp_path).get("over") == pose
+    assert read_schedule(tmp_path / "schedule.yaml") == schedule
