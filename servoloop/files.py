@@ -48,6 +48,8 @@ class Files:
     """The simulated world."""
     arm: str = "robot_arm"
     """The arm's name, under which the running stack can be found."""
+    folder: Path | None = None
+    """The arm's own folder, where its poses are kept; None for files that belong to no arm."""
 
     @property
     def robot_path(self) -> Path:

@@ -51,7 +51,7 @@ class StackRecording:
         sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
         if self._path is not None:
             sinks.append(RecordingFile(self._path, messages))
-        sinks += _live_feed(files.arm, messages)
+        sinks += _live_feed(files, messages)
         sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
         recorder = Recorder(sampler, self._taps, sinks, scene)
 
@@ -67,11 +67,11 @@ class StackRecording:
             recorder.close(failed())
 
 
-def _live_feed(arm: str, messages: Messages) -> list[Sink]:
+def _live_feed(files: Files, messages: Messages) -> list[Sink]:
     """The feed of those who look on; an arm without one works as well."""
     try:
         make_live_folder()
-        return [LiveFeed(socket_path(arm, os.getpid()), messages)]
+        return [LiveFeed(socket_path(files.arm, os.getpid()), messages, files.folder)]
     except LiveError as error:
         LOG.warning("%s", error)
         return []

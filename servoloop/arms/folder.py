@@ -119,8 +119,8 @@ def read_arm_files(
 ) -> Files:
     """Read and check an arm's files; single files count more than the arm's. Raises as read_files does.
 
-    With another URDF it is that one which names the robot file, unless it is said.
+    With another URDF it is that one which names the robot file, unless it is said, and whose folder has the poses.
     """
     own = None if urdf else arm.robot
     files = read_files(urdf or arm.urdf, controllers or arm.controllers, robot or own, arm.scene)
-    return replace(files, arm=arm.name)
+    return replace(files, arm=arm.name, folder=urdf.resolve().parent if urdf else arm.folder)

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from pathlib import Path
 from time import monotonic
 from typing import Final, Self
 
@@ -47,9 +48,10 @@ class LiveRobot:
     """A robot whose stack runs on this machine; a thread reads its feed."""
 
     def __init__(self, arm: str | None = None) -> None:
-        """``arm``: which one, where several run. Raises LiveError where none does."""
+        """``arm``: the name or folder, where several run. Raises LiveError where none does."""
         found = find_stack(arm)
         self.arm = found.arm
+        self._folder = found.folder
         self._state = RobotState()
         self._heard_s = -np.inf
         self._complete = threading.Event()
@@ -66,6 +68,13 @@ class LiveRobot:
     def curves(self) -> Curves:
         """The last minute."""
         return self._state.curves()
+
+    @property
+    def folder(self) -> Path:
+        """The arm's own folder. Raises HandlingError if the stack has not said it."""
+        if self._folder is None:
+            raise HandlingError(f"the stack of {self.arm} does not tell its arm's folder: its poses are not known")
+        return self._folder
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 from hal.errors import ArmFileError
 from hal.types import JointLimits
-from servoloop.arms.folder import Arm, find_arm
+from servoloop.arms.folder import read_arm
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.arms.pick_place_check import HAND
 from servoloop.handling.poses import PoseError, Poses, check
@@ -30,29 +31,28 @@ class Offer:
 NOTHING: Final = Offer()
 
 
-def offer(name: str, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]) -> Offer:
-    """The offer of a running arm of this name with these active controllers and their joints."""
+def offer(folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]) -> Offer:
+    """The offer of a running arm with this folder, with these active controllers and their joints."""
     joints = tuple(joint for some in driven.values() for joint in some)
+    if folder is None:
+        return Offer(joints, refused=("no poses: the stack does not tell its arm's folder",))
+    hand = _hand(folder, driven)
     try:
-        arm = find_arm(name)
-    except ArmFileError as error:  # a stack of files that belong to no arm
-        return Offer(joints, refused=(f"no poses: {error}",))
-    try:
-        poses = Poses(arm.folder).all()
+        poses = Poses(folder).all()
     except PoseError as error:
-        return Offer(joints, _hand(arm, driven), refused=(f"no poses: {error}",))
+        return Offer(joints, hand, refused=(f"no poses: {error}",))
     wrong = {pose: why for pose, at in poses.items() if (why := _wrong(at, joints, limits))}
     fitting = {pose: at for pose, at in poses.items() if pose not in wrong}
-    return Offer(joints, _hand(arm, driven), fitting, tuple(f"not {pose}: {why}" for pose, why in wrong.items()))
+    return Offer(joints, hand, fitting, tuple(f"not {pose}: {why}" for pose, why in wrong.items()))
 
 
-def _hand(arm: Arm, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
+def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
     joints = driven.get(HAND, ())
     if len(joints) != 1:
         return {}
     try:
-        said = load_pick_place(arm.pick_place)
-    except ArmFileError:  # an arm that does not pick and place
+        said = load_pick_place(read_arm(folder).pick_place)
+    except ArmFileError:  # a robot description without an arm's files, or an arm that does not pick and place
         return {}
     return {OPEN: {joints[0]: said.hand_open_m}, CLOSE: {joints[0]: said.hand_closed_m}}
 

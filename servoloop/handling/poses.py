@@ -32,18 +32,18 @@ class Poses:
 
     def __init__(self, folder: Path) -> None:
         """``folder``: the arm's."""
-        self._path = folder / FILE
+        self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
         """All poses by name."""
-        return load(self._path, PosesFile, PoseError).poses if self._path.exists() else {}
+        return load(self.path, PosesFile, PoseError).poses if self.path.exists() else {}
 
     def get(self, name: str) -> dict[str, float]:
         """One pose."""
         poses = self.all()
         if name not in poses:
             known = ", ".join(poses) or "none yet"
-            raise PoseError(f"there is no pose {name} in {self._path}, but: {known}")
+            raise PoseError(f"there is no pose {name} in {self.path}, but: {known}")
         return poses[name]
 
     def save(self, name: str, pose: Mapping[str, float]) -> None:
@@ -57,9 +57,9 @@ class Poses:
 
     def _write(self, poses: Mapping[str, Mapping[str, float]]) -> None:
         try:
-            write_whole(self._path, yaml.safe_dump({"poses": dict(poses)}, sort_keys=False))
+            write_whole(self.path, yaml.safe_dump({"poses": dict(poses)}, sort_keys=False))
         except OSError as error:
-            raise PoseError(f"cannot write {self._path}: {error.strerror}") from error
+            raise PoseError(f"cannot write {self.path}: {error.strerror}") from error
 
 
 def check(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> None:

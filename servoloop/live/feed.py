@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from servoloop.live.errors import LiveError
+from servoloop.live.folder import FOLDER
 from servoloop.live.robot_state import GOAL, RESULT
 from servoloop.live.viewer import Viewer
 from servoloop.recorder.bus_tap import Transfer
@@ -24,8 +25,8 @@ class LiveFeed:
     One that reads too slowly loses whole cycles, which it can count; nobody waits for it.
     """
 
-    def __init__(self, path: Path, messages: Messages) -> None:
-        """``path``: of the socket. Raises LiveError where there cannot be one."""
+    def __init__(self, path: Path, messages: Messages, folder: Path | None = None) -> None:
+        """``path``: of the socket; ``folder``: the arm's own. Raises LiveError where there cannot be a socket."""
         self._path, self._messages = path, messages
         self._encode = typestore().serialize_cdr
         self._viewers: list[Viewer] = []
@@ -37,6 +38,9 @@ class LiveFeed:
         try:
             new = path.with_suffix(".new")  # under its name only when it listens: one that does not is taken for dead
             new.unlink(missing_ok=True)
+            path.with_suffix(FOLDER).unlink(missing_ok=True)
+            if folder is not None:
+                path.with_suffix(FOLDER).symlink_to(folder)
             self._server.bind(str(new))
             self._server.listen(WAITING)
             new.rename(path)
@@ -70,6 +74,7 @@ class LiveFeed:
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
         """End. Who looks on is told by the end of the stream."""
         self._path.unlink(missing_ok=True)
+        self._path.with_suffix(FOLDER).unlink(missing_ok=True)
         self._server.close()
         self._send(self._viewers, self._messages.of_transfers(transfers))
         for viewer in self._viewers:

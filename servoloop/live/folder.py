@@ -11,6 +11,8 @@ from typing import Final, NamedTuple
 from servoloop.live.errors import LiveError
 
 SUFFIX: Final = ".sock"
+FOLDER: Final = ".folder"
+"""Of the link beside the socket, which leads to the arm's own folder."""
 _NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -20,6 +22,13 @@ class RunningStack(NamedTuple):
     arm: str
     pid: int
     socket: Path
+    folder: Path | None = None
+    """The arm's own folder; None if the stack has not said it."""
+
+    @property
+    def called(self) -> str:
+        """The stack, for messages."""
+        return f"{self.arm} (process {self.pid}{f', {self.folder}' if self.folder else ''})"
 
 
 def live_folder() -> Path:
@@ -52,17 +61,26 @@ def running_stacks() -> list[RunningStack]:
 
 
 def find_stack(arm: str | None = None) -> RunningStack:
-    """The stack that runs, of this arm where one is named. Raises LiveError, which says what to do."""
+    """The stack that runs: of the arm with this name, or in the folder of this path. Raises LiveError with advice."""
     running = running_stacks()
-    found = [stack for stack in running if arm in (None, stack.arm)]
+    found = [stack for stack in running if arm is None or _is_of(stack, arm)]
     if len(found) == 1:
         return found[0]
     if not running:
         raise LiveError("no stack is running: start one with `servoloop up`, with virtual servos if no --port is given")
-    names = ", ".join(f"{stack.arm} (process {stack.pid})" for stack in running)
+    names = ", ".join(stack.called for stack in running)
     if not found:
         raise LiveError(f"no stack of {arm} is running, but of {names}")
-    raise LiveError(f"several stacks are running: {names}; name one with --arm, or end the others")
+    raise LiveError(
+        f"several stacks are running: {names}; name one with --arm (its name or its folder), or end the others"
+    )
+
+
+def _is_of(stack: RunningStack, arm: str) -> bool:
+    """Whether the stack is of this arm. A path is a folder, and never a name: two arms may have folders of one name."""
+    if "/" in arm:
+        return stack.folder is not None and stack.folder == Path(arm).resolve()
+    return arm == stack.arm
 
 
 def _answering() -> Iterator[RunningStack]:
@@ -76,5 +94,14 @@ def _answering() -> Iterator[RunningStack]:
                 probe.connect(str(path))
             except OSError:
                 path.unlink(missing_ok=True)  # of a program that was killed
+                path.with_suffix(FOLDER).unlink(missing_ok=True)
                 continue
-        yield RunningStack(parts["arm"], int(parts["pid"]), path)
+        yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path))
+
+
+def _folder_of(path: Path) -> Path | None:
+    """The arm's folder to which the link beside a socket leads."""
+    try:
+        return path.with_suffix(FOLDER).readlink()
+    except OSError:
+        return None

@@ -20,9 +20,10 @@ class LiveSource:
     """The newest state of a running stack; its thread reads the stack's feed."""
 
     def __init__(self, arm: str | None, clock: Clock) -> None:
-        """``arm``: its name, None for the only one that runs. Raises LiveError where none runs."""
+        """``arm``: its name or folder, None for the only one that runs. Raises LiveError where none runs."""
         self._clock, self._heard_s = clock, clock.now()
-        self.arm = find_stack(arm).arm
+        found = find_stack(arm)
+        self.arm, self.folder = found.arm, found.folder
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
         self.watched = Watched()
@@ -49,6 +50,11 @@ class LiveSource:
         """So long ago the stack has given a cycle."""
         return self._clock.now() - self._heard_s
 
+    @property
+    def _same_arm(self) -> str:
+        """What finds this arm again: its folder, because another arm's may have the same name."""
+        return self.arm if self.folder is None else str(self.folder)
+
     def close(self) -> None:
         """End."""
         self._ended.set()
@@ -59,7 +65,7 @@ class LiveSource:
     def _read(self) -> None:
         while not self._ended.is_set():
             try:
-                self._stream = open_live(find_stack(self.arm))
+                self._stream = open_live(find_stack(self._same_arm))
             except LiveError:
                 self._ended.wait(AGAIN_S)
                 continue

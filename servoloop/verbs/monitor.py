@@ -19,7 +19,7 @@ def monitor(
     recording: Annotated[
         Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, where there are several.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
 ) -> None:
     """Show the arm in this terminal: a running stack, or a recording. For a machine without a screen, over ssh.
 

@@ -1,5 +1,6 @@
 """``servoloop pose``: poses of a running arm, with names."""
 
+from pathlib import Path
 from time import sleep
 from typing import Annotated, Final
 
@@ -7,7 +8,7 @@ import typer
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import OWN, find_arm
-from servoloop.handling.poses import Poses, check
+from servoloop.handling.poses import FILE, Poses, check
 from servoloop.ros import require_ros
 from servoloop.verbs.ros_options import NetworkOption, set_network
 
@@ -15,7 +16,7 @@ app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved
 
 TICK_S: Final = 0.05
 Name = Annotated[str, typer.Argument(help="The pose's name.")]
-RunningArm = Annotated[str | None, typer.Option("--arm", help="Which running arm, where there are several.")]
+RunningArm = Annotated[str | None, typer.Option("--arm", help="Which running arm, of several: its name or folder.")]
 AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
 
 
@@ -32,8 +33,9 @@ def save(name: Name, arm: RunningArm = None) -> None:
         now = robot.snapshot
     if now.faults:
         raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
-    Poses(find_arm(robot.arm).folder).save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
-    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}")
+    poses = Poses(robot.folder)
+    poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
+    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}, kept in {poses.path}")
 
 
 @app.command()
@@ -51,7 +53,7 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
     require_ros()
     set_network(network)
     with Signals() as signals, LiveRobot(arm) as robot:
-        pose = Poses(find_arm(robot.arm).folder).get(name)
+        pose = Poses(robot.folder).get(name)
         robot.wait()
         check(pose, robot.limits)
         with client_node("servoloop_pose") as (node, executor):
@@ -70,7 +72,7 @@ def list_(arm: AnArm = OWN) -> None:
 
     Example: `servoloop pose list --arm so101`
     """
-    for name, pose in Poses(find_arm(arm).folder).all().items():
+    for name, pose in _poses(arm).all().items():
         typer.echo(f"{name}: " + ", ".join(f"{joint} {at:+.4f}" for joint, at in pose.items()))
 
 
@@ -80,5 +82,11 @@ def remove(name: Name, arm: AnArm = OWN) -> None:
 
     Example: `servoloop pose remove over_the_box`
     """
-    Poses(find_arm(arm).folder).remove(name)
+    _poses(arm).remove(name)
     typer.echo(f"{name} is forgotten")
+
+
+def _poses(arm: str) -> Poses:
+    """The poses of an arm that is named, or of a folder that has poses, such as a robot description's."""
+    folder = Path(arm)
+    return Poses(folder if "/" in arm and (folder / FILE).is_file() else find_arm(arm).folder)

@@ -125,7 +125,7 @@ class Mover:
                 if active is None or active.values != seen:
                     client.connect()
                     seen = active.values if active else None
-                self._renew(offer(self._source.arm, client.driven, self._robot.limits))
+                self._renew(offer(self._source.folder, client.driven, self._robot.limits))
             self._handling.step(client)
             spin()
             turn += 1

@@ -27,10 +27,11 @@ def runtime_folder(monkeypatch: MonkeyPatch) -> Iterator[Path]:
 class LiveRig(Rig):
     """A stack that is up, and its feed; ``play`` gives its cycles to the feed."""
 
-    def __init__(self, arm: str = "robot_arm", pid: int = 1) -> None:
+    def __init__(self, arm: str = "robot_arm", pid: int = 1, folder: Path | None = None) -> None:
+        """``folder``: the arm's own, if the stack tells it."""
         super().__init__()
         make_live_folder()
-        self.feed = LiveFeed(socket_path(arm, pid), self.messages)
+        self.feed = LiveFeed(socket_path(arm, pid), self.messages, folder)
 
     def play(self, seconds: float) -> int:
         """Run so long; the number of cycles."""

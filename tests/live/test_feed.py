@@ -8,12 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servoloop.arms.folder import ARMS, find_arm, read_arm_files
+from servoloop.files import URDF
 from servoloop.live import viewer
 from servoloop.live.errors import LiveError
-from servoloop.live.folder import RunningStack, find_stack, live_folder, make_live_folder, running_stacks, socket_path
+from servoloop.live.folder import (
+    FOLDER,
+    RunningStack,
+    find_stack,
+    live_folder,
+    make_live_folder,
+    running_stacks,
+    socket_path,
+)
 from servoloop.live.stream import open_live, open_recording
 from servoloop.recorder.bus_tap import Transfer
+from servoloop.stack_recording import StackRecording
 from tests.live.rig import LiveRig, Onlooker, runtime_folder
+from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 
 
@@ -141,6 +153,45 @@ def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
     assert not list(live_folder().iterdir())
     with pytest.raises(LiveError, match="has just ended"):
         open_live(found[0])
+
+
+def test_two_arms_whose_folders_have_one_name_are_told_apart_by_the_folder(tmp_path: Path) -> None:
+    folders = [tmp_path / "left" / "so101", tmp_path / "right" / "so101"]
+    for folder in folders:
+        folder.mkdir(parents=True)
+    rigs = [LiveRig("so101", pid, folder) for pid, folder in enumerate(folders, 1)]
+    with pytest.raises(LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* its folder"):
+        find_stack("so101")
+    for pid, folder in enumerate(folders, 1):
+        found = find_stack(str(folder))
+        assert (found.pid, found.folder) == (pid, folder)
+    with pytest.raises(LiveError, match=r"no stack of \./so101 is running"):
+        find_stack("./so101")
+    for rig in rigs:
+        rig.feed.close((), failed=False)
+    assert not list(live_folder().iterdir())
+
+
+def test_the_folder_of_a_killed_stack_is_cleared_away() -> None:
+    make_live_folder()
+    socket_path("koch", 7).with_suffix(FOLDER).symlink_to("/nowhere")
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(socket_path("koch", 7)))
+    assert running_stacks() == [] and not list(live_folder().iterdir())
+
+
+def test_a_stack_tells_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm of one's own has the name of one that ships, and its folder is not that of the other."""
+    own = tmp_path / "robot_arm"
+    own.mkdir()
+    (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
+    monkeypatch.chdir(tmp_path)
+    files, rig = read_arm_files(find_arm("./robot_arm")), Rig()
+    with StackRecording(None).of(rig.stack.loop, files, 0.0, lambda: False):
+        found = find_stack("robot_arm")
+        assert found.folder == own and find_stack("./robot_arm") == found
+    described = read_arm_files(find_arm(), urdf=URDF)
+    assert described.folder == URDF.parent, "files that belong to no arm have the poses of no arm"
 
 
 def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(

@@ -1,5 +1,7 @@
 """A running stack as a source: it ends and comes back, and one that gives no cycles is not called live."""
 
+from pathlib import Path
+
 import pytest
 
 from servoloop.live import live_source
@@ -27,6 +29,26 @@ def test_a_stack_that_ends_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> Non
         assert source.watched is not before
         source.close()
         again.feed.close((), failed=False)
+
+
+def test_the_stack_of_another_arm_with_the_same_name_is_not_taken_for_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(live_source, "AGAIN_S", 0.01)
+    with runtime_folder(monkeypatch):
+        rig = LiveRig(folder=tmp_path / "mine")
+        source = LiveSource(None, SimulatedClock())
+        assert source.folder == tmp_path / "mine"
+        eventually(lambda: rig.play(0.05) and source.connected)
+        rig.feed.close((), failed=False)
+        eventually(lambda: not source.connected)
+        other = LiveRig(pid=2, folder=tmp_path / "other")
+        again = LiveRig(pid=3, folder=tmp_path / "mine")
+        eventually(lambda: other.play(0.05) and again.play(0.05) and source.connected)
+        assert again.feed.eager and not other.feed.eager
+        source.close()
+        for one in (other, again):
+            one.feed.close((), failed=False)
 
 
 def test_a_stack_that_gives_no_cycles_is_not_called_live(monkeypatch: pytest.MonkeyPatch) -> None:
