@@ -49,7 +49,7 @@ def pytest_configure(config: pytest.Config) -> None:
         line.rig.step()
         line.servo(1).firmware.step(0.001, 0.0, 0.0)
         one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
-        drive(one, one, one, none, none, none, one, one, 0.0, one, one, one)
+        drive(one, one, one, one, none, none, none, one, one, 0.0, one, one, one)
         model = mujoco.MjModel.from_xml_string(PICTURED)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)

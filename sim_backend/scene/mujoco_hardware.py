@@ -1,7 +1,8 @@
 """The arm in MuJoCo as a hardware component, without servos and without a wire.
 
 Each joint follows the line between two commands by a stiff spring with damping, as strong as the servo
-that the robot file names. For what a servo and its bus do to a command, take the virtual bus.
+that the robot file names. The arm's own weight is compensated, as the stack compensates it on servos. For what a servo
+and its bus do to a command, take the virtual bus.
 """
 
 from collections.abc import Sequence
@@ -30,6 +31,7 @@ def drive(
     position: FloatArray,
     velocity: FloatArray,
     effort: FloatArray,
+    weight: FloatArray,
     position_at: IntArray,
     velocity_at: IntArray,
     effort_at: IntArray,
@@ -40,10 +42,14 @@ def drive(
     strongest: FloatArray,
     damping: FloatArray,
 ) -> None:
-    """Springs pull joints to where they are to be after ``share`` of the way from ``begin`` to ``end``."""
+    """Springs pull joints to where they are to be after ``share`` of the way from ``begin`` to ``end``.
+
+    ``weight``: the efforts that gravity and motion ask of each degree of freedom, which the drives add.
+    """
     for i in range(len(begin)):
         error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
-        pull = min(max(stiffness[i] * error, -strongest[i]), strongest[i])
+        wanted = stiffness[i] * error + weight[velocity_at[i]]
+        pull = min(max(wanted, -strongest[i]), strongest[i])
         effort[effort_at[i]] = pull - damping[i] * velocity[velocity_at[i]]
 
 
@@ -65,7 +71,8 @@ class MujocoHardware:
         self._stiffness = self._full * STIFFNESS / ratio
         self._damping = self._full / ratio / np.array([j.model.no_load_speed_rad_s for j in joints])
         arrays = world.arrays
-        self._arrays = (arrays.position, arrays.velocity, arrays.effort)
+        self._weight: FloatArray = world.data.qfrc_bias
+        self._arrays = (arrays.position, arrays.velocity, arrays.effort, self._weight)
         self._at: tuple[IntArray, IntArray, IntArray] = (
             np.array(arrays.position_at)[self._order],
             np.array(arrays.velocity_at)[self._order],
@@ -127,7 +134,8 @@ class MujocoHardware:
         if not self._driven:
             return np.zeros(len(self.joints))
         error = self._target() - self._measured()
-        drive = np.clip(self._stiffness * error, -self._strength, self._strength)
+        wanted = self._stiffness * error + self._weight[self._at[1]]
+        drive = np.clip(wanted, -self._strength, self._strength)
         effort: FloatArray = drive - self._damping * self._world.velocity()[self._order]
         return effort
 
