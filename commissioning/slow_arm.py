@@ -10,6 +10,7 @@ import numpy as np
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from hal.confirm import confirmed_positions
 from hal.gate import SafetyGate
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -85,12 +86,15 @@ class SlowArm:
         try:
             self._hardware.activate()
             self._state = self._hardware.read()
+            names, step = self._hardware.joints, [joint.limits.velocity * self.period_s for joint in self.joints]
+            self.command = confirmed_positions(
+                self._state, self._hardware.read, names, range(len(names)), np.array(step)
+            )
         except BaseException:
             if self._hardware.state is LifecycleState.ACTIVE:
                 self._hardware.deactivate(relax=True)
             self._hardware.cleanup()
             raise
-        self.command = self._state.position.copy()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,8 @@
 """The fixed-rate loop: read → controllers → safety gate → write."""
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from drivers.clock import Clock
 from hal.components.component import Component
 from hal.components.component_lifecycle import activate_all, deactivate_all
 from hal.components.component_set import ComponentSet
+from hal.confirm import confirmed_positions
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
 from hal.types import FloatArray, JointLimits, JointState, far_outside
@@ -24,9 +26,6 @@ REMEMBERED: Final = 0.95
 """The share of the longest time behind the reading that is left after one more cycle."""
 LEAST_RESERVE: Final = 0.1
 """The share of the period that reading leaves to the other steps, however short they have been."""
-
-CONFIRMING_READS: Final = 5
-"""Number of readings among which two in a row must agree before a component's joints are commanded from there."""
 
 
 class ControlLoop:
@@ -102,10 +101,16 @@ class ControlLoop:
         Raises:
             ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
         """
-        own = component.commands
-        measured = self._confirmed(component, state)
-        limits = self.limits[own]
+        own, first = component.commands, component.joints.start
+        limits, held = self.limits[own], self._is_position[own]
         names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
+        measured = confirmed_positions(
+            replace(state, position=state.position[component.joints]),
+            lambda: self.hardware.measure(component),
+            names,
+            [index - first for index in self._joint[own]],
+            np.where(held, self._velocity[own] * self.period_s, np.nan),
+        )
         known = [i for i in range(len(names)) if np.isfinite(measured[i])]
         problems = {names[i]: problem for i in known if (problem := far_outside(float(measured[i]), limits[i]))}
         if problems:
@@ -114,35 +119,10 @@ class ControlLoop:
                 f"not activated: {stands}. Move the joint by hand, or correct its limits, zero or initial value"
             )
         command = self.command.copy()
-        command[own] = np.where(self._is_position[own], measured, 0.0)
+        command[own] = np.where(held, measured, 0.0)
         self.previous_command = self.previous_command.copy()
         self.previous_command[own] = command[own]
         self.command = command
-
-    def _confirmed(self, component: Component, state: JointState) -> FloatArray:
-        """The positions (k,) of a component's commanded joints that two readings in a row agree on.
-
-        They agree if they differ by no more than the gate lets a command move in one period.
-        """
-        own = component.commands
-        held, index = self._is_position[own], self._joint[own]
-        names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
-        step = self._velocity[own] * self.period_s
-        measured = _measured_now(state, names, index)
-        for _ in range(CONFIRMING_READS):
-            before, part = measured, self.hardware.measure(component)
-            measured = _measured_now(part, names, [i - component.joints.start for i in index])
-            doubtful = held & ~(np.abs(measured - before) <= step)
-            if not doubtful.any():
-                return measured
-        missing = [names[i] for i in np.flatnonzero(doubtful & ~np.isfinite(measured))]
-        if missing:
-            raise ActivationError(f"{', '.join(missing)} has not been measured, torque is off again: try once more")
-        i = int(np.argmax(doubtful))
-        raise ActivationError(
-            f"{names[i]} is measured at {before[i]:.4f} and then at {measured[i]:.4f}, torque is off again: "
-            "hold the arm still, and check the cable"
-        )
 
     @property
     def within_limits(self) -> FloatArray:
@@ -215,9 +195,3 @@ class ControlLoop:
             name = self.hardware.command_interfaces[index].removesuffix("/position")
             LOG.info("safety gate: %s: %s", name, reasons[index])
         self._gated = reasons
-
-
-def _measured_now(state: JointState, names: Sequence[str], index: Sequence[int]) -> FloatArray:
-    """Positions (k,) of these joints, at ``index`` in the state; NaN if the state only has an older one."""
-    old = [name in state.faults and state.faults[name].kind != "no_torque" for name in names]
-    return np.where(old, np.nan, state.position[list(index)])

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final
 
 from drivers.bus.bus import Bus
+from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
@@ -81,7 +82,8 @@ def who_answers(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
     """The states of all who do. Raises DriverError where nobody does."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
-        states |= {i: r for i, r in bus.read_states(servo_ids).items() if isinstance(r, ServoState)}
+        missing = [i for i in servo_ids if i not in states]
+        states |= {i: r for i, r in confirmed_states(bus.read_states, missing).items() if isinstance(r, ServoState)}
         if len(states) == len(servo_ids):
             return states
     if not states:

@@ -5,6 +5,7 @@ from functools import partial
 from commissioning.errors import CommissioningError
 from commissioning.scan.find import FoundServo
 from commissioning.scan.identify import surely
+from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 
 
@@ -16,7 +17,7 @@ def hold_where_it_stands(servo: FoundServo) -> None:
     servo_id, series, bus = servo.servo_id, servo.series, servo.bus
     if wrong := series.config_error(servo.model, servo.read):
         raise CommissioningError(f"servo {servo_id}: {wrong}")
-    state = bus.read_states([servo_id])[servo_id]
+    state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if not isinstance(state, ServoState):
         raise CommissioningError(f"{state.text}: its torque stays off")
     limits = bus.position_limits(servo_id)

@@ -6,8 +6,9 @@ from typing import Final
 
 from commissioning.provision import drives, persistent_registers
 from commissioning.set_up.place import FACTORY_ID, Place, SetUpError
-from commissioning.who import CLOSER_LOOKS, Answer, who_answers, who_answers_elsewhere
+from commissioning.who import Answer, who_answers, who_answers_elsewhere
 from drivers.bus.bus import Bus
+from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
 from drivers.servos.catalog import known_as
@@ -64,12 +65,11 @@ def voltage(bus: Bus, servo_id: int) -> float:
 
 
 def state_of(bus: Bus, servo_id: int) -> ServoState:
-    """The servo's state, asked for more than once where an answer is lost. Raises NotYet."""
-    for _ in range(CLOSER_LOOKS):
-        state = bus.read_states([servo_id])[servo_id]
-        if isinstance(state, ServoState):
-            return state
-    raise NotYet(f"servo {servo_id} does not answer any more: is its plug loose?")
+    """The servo's state, whose position two readings in a row agree on. Raises NotYet."""
+    state = confirmed_states(bus.read_states, [servo_id])[servo_id]
+    if isinstance(state, ServoState):
+        return state
+    raise NotYet(f"{state.text}: is its plug loose?")
 
 
 def _require_model(bus: Bus, servo_id: int, place: Place) -> None:

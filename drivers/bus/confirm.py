@@ -1,0 +1,46 @@
+"""Confirmed positions: two readings in a row that agree, because false data can have a right checksum."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from drivers.bus.types import Reading, ServoFault, ServoState
+
+READINGS: Final = 8
+"""Number of readings among which two in a row must agree."""
+AGREE_COUNTS: Final = 16
+"""Largest difference at which two readings agree: a servo that is at rest, or turned slowly by hand."""
+
+
+def confirmed_states(
+    read: Callable[[Sequence[int]], Mapping[int, Reading]], servo_ids: Sequence[int]
+) -> dict[int, Reading]:
+    """Read states until two in a row agree on the position.
+
+    Args:
+        read: Reads the states of servos by ID, such as ``Bus.read_states``.
+        servo_ids: The servos.
+
+    Returns:
+        For each servo its newest state, or the fault of one that gave none or whose readings never agreed.
+    """
+    last: dict[int, Reading] = dict(read(servo_ids))
+    found: dict[int, Reading] = {}
+    for _ in range(READINGS - 1):
+        missing = [servo_id for servo_id in servo_ids if servo_id not in found]
+        if not missing:
+            return found
+        before, last = last, dict(read(missing))
+        found |= {servo_id: last[servo_id] for servo_id in missing if _agree(before[servo_id], last[servo_id])}
+    return {i: found[i] if i in found else _unconfirmed(i, last[i]) for i in servo_ids}
+
+
+def _agree(one: Reading, other: Reading) -> bool:
+    if not isinstance(one, ServoState) or not isinstance(other, ServoState):
+        return False
+    return abs(one.position_counts - other.position_counts) <= AGREE_COUNTS
+
+
+def _unconfirmed(servo_id: int, reading: Reading) -> Reading:
+    if isinstance(reading, ServoState):
+        return ServoFault("corrupt", f"servo {servo_id} reports positions that differ from one reading to the next")
+    return reading

@@ -1,0 +1,53 @@
+"""Which states are confirmed: those of which two readings in a row agree on the position."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import pytest
+
+from drivers.bus.confirm import AGREE_COUNTS, READINGS, confirmed_states
+from drivers.bus.types import Reading, ServoFault, ServoState, fault
+
+SILENT = fault(1, "silent")
+
+
+def state(counts: int) -> ServoState:
+    return ServoState(counts, 0, 0.0, 7.4, 30.0)
+
+
+def confirmed(*readings: int | None) -> tuple[Reading, int]:
+    """What becomes of one servo's readings (None: it is silent), and how many were taken."""
+    taken = 0
+
+    def answers() -> Iterator[Reading]:
+        yield from (SILENT if counts is None else state(counts) for counts in readings)
+
+    coming = answers()
+
+    def read(servo_ids: Sequence[int]) -> Mapping[int, Reading]:
+        nonlocal taken
+        taken += 1
+        return {i: next(coming) for i in servo_ids}
+
+    return confirmed_states(read, [1])[1], taken
+
+
+@pytest.mark.parametrize(
+    ("readings", "counts"),
+    [
+        ((2000, 2000), 2000),
+        ((2000, 2000 + AGREE_COUNTS), 2000 + AGREE_COUNTS),
+        ((3000, 2000, 2001), 2001),
+        ((2000, 3000, 2000, 2000), 2000),
+        ((2000, None, 2000, 2003), 2003),
+    ],
+)
+def test_the_newer_of_two_readings_that_agree_counts(readings: tuple[int | None, ...], counts: int) -> None:
+    found, taken = confirmed(*readings)
+    assert found == state(counts) and taken == len(readings)
+
+
+def test_without_two_that_agree_there_is_a_fault() -> None:
+    found, taken = confirmed(*([2000, 3000] * READINGS))
+    assert isinstance(found, ServoFault) and "positions that differ" in found.text
+    assert taken == READINGS
+    assert confirmed(*[None] * READINGS)[0] == SILENT
