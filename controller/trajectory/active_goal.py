@@ -1,5 +1,6 @@
 """The goal under way, and the cycle in which it is looked at."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,17 +10,15 @@ from controller.fault_timeout import FaultTimeout
 from controller.motion import Kinematics
 from controller.trajectory.goal import GoalHandle
 from controller.trajectory.goal_planner import Plan
-from controller.trajectory.goal_result import GoalResult
+from controller.trajectory.goal_result import GoalResult, path_violated
 from controller.trajectory.parameters import TrajectoryParameters
+from controller.trajectory.rest import HELD_S, LONGEST_REST_S, RESTS_S, Rest
 from controller.trajectory.sampler import TrajectorySampler
-from controller.trajectory.tolerances import Tolerances
+from controller.trajectory.tolerances import Tolerances, excess
 from hal.types import FloatArray, JointState
 
-LONGEST_REST_S: Final = 0.5
-"""So long after its stop a goal ends at the latest, whether the joints rest or swing."""
-
-RESTS_S: Final = 0.09
-"""For so long joints that rest stay where they are; less is where a joint turns round. Two cycles at 20 Hz."""
+NEAR: Final = 3.0
+"""A joint that is further from its reference than so many times what counts as no motion may still come nearer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +28,11 @@ class Cycle:
     state: JointState
     reference: Kinematics
     measured: FloatArray
+    velocity: FloatArray
+    """As measured."""
     error: FloatArray
+    error_before: FloatArray
+    """The error of the cycle before."""
     step_s: float
     period_s: float
     parameters: TrajectoryParameters
@@ -54,28 +57,40 @@ class ActiveGoal:
     """Seconds for which the goal can still be made to wait."""
     ending: GoalResult | None = None
     """How the goal ends once the joints rest."""
-    stood_s: float = 0.0
-    """Seconds since their reference stands."""
-    rests_at: FloatArray | None = None
-    """Where they have been measured (n,) for ``rested_s``."""
-    rested_s: float = 0.0
+    rest: Rest | None = None
+    """The rest of joints that are within the goal tolerance; None before."""
+    near_s: float = 0.0
+    """Seconds for which they have been within it."""
 
-    @property
-    def gives_way(self) -> bool:
-        """Its joints are on their way back from where something held one of them."""
-        return self.ending is not None and self.ending.give_way
+    def settles(self, now: Cycle, still: FloatArray) -> bool:
+        """Whether joints within the goal tolerance rest, or have had their time to; ``still`` (n,) is no motion.
 
-    def rests(self, now: Cycle, still: FloatArray, stands: bool) -> bool:
-        """Whether the joints rest, whose reference ``stands`` or not: none leaves its place by ``still`` (n,)."""
-        self.rested_s += now.step_s
-        if self.rests_at is None or (np.abs(now.measured - self.rests_at) > still).any():
-            self.rests_at, self.rested_s = now.measured, 0.0
-        self.stood_s += now.step_s if stands else 0.0
-        return stands and (self.rested_s >= RESTS_S or self.stood_s > LONGEST_REST_S)
+        The next plan begins where they are measured now. Joints that follow exactly rest when their reference does.
+        """
+        self.rest = self.rest or Rest(still)
+        self.rest.look(now.measured, now.step_s)
+        self.near_s += now.step_s
+        near = np.abs(now.error) <= NEAR * still
+        follows = np.maximum(np.abs(now.error), np.abs(now.error_before)) <= still
+        rests = self.rest.for_at_least(np.where(near, RESTS_S, HELD_S)) | follows
+        return bool(rests.all()) or self.near_s > LONGEST_REST_S
+
+    def off_path(self, joints: Sequence[str], now: Cycle) -> GoalResult | None:
+        """Return the result if a joint is further off the path than its servo lags; None if none is.
+
+        A servo that drives with all it has falls behind a fast path, but its joint moves along. A blocked joint does
+        not, and its tolerance is that of rest.
+        """
+        wanted, moves, lag_time_s = now.reference.velocity, now.velocity, self.tolerances.lag_time_s
+        along = np.where(wanted * moves > 0.0, np.minimum(np.abs(wanted), np.abs(moves)), 0.0)
+        lags = {name: v * lag_time_s.get(name, 0.0) for name, v in zip(joints, along.tolist(), strict=True)}
+        allowed = {name: at_rest and at_rest + lags[name] for name, at_rest in self.tolerances.path.items()}
+        off = excess(joints, now.error, allowed, now.state.faults)
+        return path_violated(off) if off else None
 
 
 def commands_timed_out(sampler: TrajectorySampler, parameters: TrajectoryParameters) -> bool:
-    """As upstream: for so long after the last point nothing new has come. What is measured is held then."""
+    """As upstream: for so long after the last point nothing new has come."""
     allowed_s, path = parameters.cmd_timeout, sampler.path
     if path is None or not sampler.on_goal or allowed_s <= parameters.constraints.goal_time:
         return False

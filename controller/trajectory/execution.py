@@ -13,20 +13,20 @@ from controller.trajectory.active_goal import ActiveGoal, Cycle, commands_timed_
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.goal_planner import Plan
 from controller.trajectory.goal_result import (
+    CANCELED,
     PREEMPTED_BY_TOPIC,
     TIMED_OUT,
     ErrorCode,
     GoalResult,
     cannot_begin,
-    path_violated,
     result_at_end,
 )
+from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances, excess, resolve
 
 LOG = logging.getLogger("servoloop.controller")
 
-CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 LATE_S: Final = 0.001
 """From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
 RECALL_S: Final = 0.05
@@ -41,6 +41,7 @@ class Execution:
         self._name = name
         self._joints = tuple(joints)
         self._sampler = sampler
+        self._relief = Relief(name, joints, sampler)
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
@@ -66,6 +67,7 @@ class Execution:
         text = f"{DEACTIVATED} {reason}".rstrip()
         if self.active:
             self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
+        self._relief.due = False
         self._cancels.clear()
         while self._inbox:
             self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
@@ -74,19 +76,22 @@ class Execution:
         """Cancels, new goals, and the one under way."""
         self._take_cancels(now)
         self._take_goals(now)
+        if self._relief.due:
+            self._relief.step(now)
         if self.active:
             self._go_on(self.active, now)
         if now.parameters.cmd_timeout and commands_timed_out(self._sampler, now.parameters):
             if self.active:
                 self._finish(self.active, TIMED_OUT, now)
-            self._sampler.hold(now.measured)
+            else:
+                self._halt(now)
 
     def _take_cancels(self, now: Cycle) -> None:
         while self._cancels:
             handle = self._cancels.popleft()
             if self.active and self.active.handle is handle and now.parameters.constraints.decelerate_on_cancel:
-                self.active.ending = CANCELED
-                self._sampler.stop(now.reference, now.parameters, along=True)
+                if not self.active.ending:
+                    self._finish(self.active, CANCELED, now)
                 continue
             if self.active and self.active.handle is handle:
                 self._halt(now)
@@ -104,16 +109,21 @@ class Execution:
         """A client may plan from where the joints are when it hears of its goal's end: that is told once they rest."""
         if fault:
             LOG.error("%s: a goal ends before its joints are seen to rest: %s", self._name, fault)
-        if fault or active.rests(now, self._sampler.still, self._sampler.stands):
+        if fault or self._relief.done:
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
         """The goal under way has ended, its path has not."""
         self.active = None
         if now.parameters.constraints.decelerate_on_cancel:
-            self._sampler.stop(now.reference, now.parameters)
+            self._brake(now)
         else:
             self._sampler.hold(now.measured)
+
+    def _brake(self, now: Cycle) -> None:
+        """Come to rest on the path, and press against nothing there."""
+        self._sampler.stop(now.reference, now.parameters, along=True)
+        self._relief.begin()
 
     def _take_goals(self, now: Cycle) -> None:
         while self._inbox:
@@ -154,7 +164,7 @@ class Execution:
         if stretched(path):
             how_much = f"from {path.asked_s:.2f} s to {path.duration_s:.2f} s"
             LOG.warning("%s: the limits stretch the motion %s", self._name, how_much)
-        active.begun = True
+        active.begun, self._relief.due = True, False
         self._sampler.follow(path, now.reference)
 
     def _go_on(self, active: ActiveGoal, now: Cycle) -> None:
@@ -167,18 +177,20 @@ class Execution:
             self._wait(active, now)
         elif active.recall_s > 0.0 and self._recalled(active, now):
             self._sampler.stop(now.reference, now.parameters, along=True)
-        elif self._sampler.path is not None and (found := self._result(active.tolerances, self._sampler.path, now)):
+        elif self._sampler.path is not None and (found := self._result(active, self._sampler.path, now)):
             self._finish(active, found, now)
 
-    def _result(self, tolerances: Tolerances, path: Path, now: Cycle) -> GoalResult | None:
+    def _result(self, active: ActiveGoal, path: Path, now: Cycle) -> GoalResult | None:
         """The goal's result, or None while the goal goes on, or waits."""
         if now.waits:
             return None
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
-            return result_at_end(self._joints, tolerances, path, after_end_s, now.error)
-        off = excess(self._joints, now.error, tolerances.path, now.state.faults)
-        return path_violated(off) if off else None
+            found = result_at_end(self._joints, active.tolerances, path, after_end_s, now.error)
+            return found if found is None or found.stop or active.settles(now, self._sampler.still) else None
+        if excess(self._joints, now.error, active.tolerances.path, now.state.faults):
+            return active.off_path(self._joints, now)
+        return None
 
     @staticmethod
     def _lasting_fault(active: ActiveGoal, now: Cycle) -> str | None:
@@ -210,9 +222,9 @@ class Execution:
     def _finish(self, active: ActiveGoal, result: GoalResult, now: Cycle) -> None:
         if result.status is GoalStatus.ABORTED:
             LOG.error("%s: %s", self._name, result.text)
-        if result.give_way and now.parameters.constraints.decelerate_on_cancel:
+        if result.at_rest and (now.parameters.constraints.decelerate_on_cancel or self._sampler.stands):
             active.ending = result
-            self._sampler.give_way(now.reference, now.error, now.parameters)
+            self._brake(now)
             return
         self._end(active, result)
         if result.stop:

@@ -29,18 +29,19 @@ class ErrorCode:
 class GoalResult:
     """The end of a goal. ``stop``: the joints are still on their way, or not where they should be.
 
-    ``give_way``: something holds one of them, and pressing on would break it.
+    ``at_rest``: the client is told once they rest and press against nothing.
     """
 
     status: GoalStatus
     error_code: int
     text: str
     stop: bool = True
-    give_way: bool = False
+    at_rest: bool = False
 
 
+CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "", at_rest=True)
 TIMED_OUT: Final = GoalResult(
-    GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, "Aborted due to command timeout", stop=False
+    GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, "Aborted due to command timeout", at_rest=True
 )
 
 
@@ -56,8 +57,7 @@ def result_at_end(
         return GoalResult(GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, _success(path), stop=False)
     if 0.0 < tolerances.goal_time_s < after_end_s:
         text = f"Aborted due to goal_time_tolerance exceeding by {after_end_s:f} seconds: {off}"
-        # It stands already: the last point goes on being held.
-        return GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text, stop=False)
+        return GoalResult(GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, text, at_rest=True)
     return None
 
 
@@ -72,7 +72,7 @@ def cannot_begin(controller: str, error: Exception) -> GoalResult:
 def path_violated(off: str) -> GoalResult:
     """The result of a goal whose joints are too far from its path; ``off`` says which, and by how much."""
     text = f"Aborted due to path tolerance violation: {off}"
-    return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text, give_way=True)
+    return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text, at_rest=True)
 
 
 def _success(path: Path) -> str:

@@ -160,7 +160,11 @@ class JointTrajectoryController:
             step_s = standstill.step(state.faults, step_s, self.command, measured, parameters)
         reference = sampler.advance(step_s)
         error = shorter_way(reference.position - measured, self._planner.endless)
-        now = Cycle(state, reference, measured, error, step_s, period_s, parameters, self._tolerances, standstill.waits)
+        before = error if self.tracking is None else self.tracking.error
+        waits, tolerances = standstill.waits, self._tolerances
+        now = Cycle(
+            state, reference, measured, velocity, error, before, step_s, period_s, parameters, tolerances, waits
+        )
         self._execution.cycle(now)
         if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap
             self._lead_s = parameters.command_lead

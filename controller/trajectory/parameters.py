@@ -28,6 +28,8 @@ class JointConstraints(BaseModel):
 
     trajectory: NotNegative = 0.0
     goal: NotNegative = 0.0
+    lag_time: NotNegative = 0.0
+    """Ours, in s: a joint that moves may be further off its path than ``trajectory`` by its speed times this."""
     max_deceleration_on_cancel: NotNegative = 0.0
     """rad/s² or m/s²; 0 is the joint's own limit, which is never exceeded."""
 
@@ -99,6 +101,7 @@ class TrajectoryParameters(Parameters):
             {name: c.trajectory for name, c in by_joint.items()},
             {name: c.goal for name, c in by_joint.items()},
             self.constraints.goal_time,
+            {name: c.lag_time for name, c in by_joint.items()},
         )
 
     def allowed(self) -> Allowed:

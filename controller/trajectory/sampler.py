@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, MotionError, Path, motion_to, plan_stop
+from controller.motion import Kinematics, Path, plan_stop
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
 from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
@@ -54,7 +54,7 @@ class TrajectorySampler:
         self.elapsed_s = 0.0
         self.path: Path | None = None
         self.rate = 1.0
-        self._limits = tuple(limits)
+        self.limits = tuple(limits)
         self._lag_s, self._braking, self._inertia_s2 = NO_LAG if lags is None else lags
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) / 2.0 for limit in limits])
         """Joints (n,) that move by no more are at rest: two counts of an encoder."""
@@ -86,12 +86,12 @@ class TrajectorySampler:
         ``lead_s``: a lag that is the same for all joints, instead of what is known of each.
         """
         if lead_s is not None:
-            return self.reference(period_s + lead_s).position
+            return self.inside(self.reference(period_s + lead_s).position)
         to = self.reference(period_s)
         brakes_from = np.maximum(np.abs(to.velocity) - self._braking * (period_s / 4.0), 0.0)
         behind = np.sign(to.velocity) * brakes_from**2 / (2.0 * self._braking)
         lag = self._lag_s * to.velocity + behind + self._inertia_s2 * to.acceleration
-        return self._inside(to.position + lag) if lag.any() else to.position
+        return self.inside(to.position + lag)
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
         """Set out on another path, which begins at ``reference``."""
@@ -102,31 +102,23 @@ class TrajectorySampler:
 
     def hold(self, position: FloatArray) -> None:
         """Stay there, or rather at the nearest place within the limits."""
-        state = Kinematics.at_rest(self._inside(position))
-        self.follow(plan_stop(state, self._limits), state, on_goal=False)
+        state = Kinematics.at_rest(self.inside(position))
+        self.follow(plan_stop(state, self.limits), state, on_goal=False)
 
-    def _inside(self, position: FloatArray) -> FloatArray:
-        lower, upper = [limit.lower for limit in self._limits], [limit.upper for limit in self._limits]
+    def inside(self, position: FloatArray) -> FloatArray:
+        """The nearest position (n,) within the limits."""
+        lower, upper = [limit.lower for limit in self.limits], [limit.upper for limit in self.limits]
         inside: FloatArray = np.clip(position, lower, upper)
         return inside
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
         """Come to rest within the limits, and stay there; ``along`` the goal's path, if that leaves room."""
-        gentle = gentle_limits(self._limits, parameters)
+        gentle = gentle_limits(self.limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:
-            self.follow(on_path or stop_path(reference, self._limits, gentle), reference, on_goal=False)
+            self.follow(on_path or stop_path(reference, self.limits, gentle), reference, on_goal=False)
         self.on_goal = False  # the path itself may end sooner than any stop on it
-
-    def give_way(self, reference: Kinematics, error: FloatArray, parameters: TrajectoryParameters) -> None:
-        """Go back by the ``error`` to where the joints are, within the limits: one that is held is not pressed on."""
-        try:
-            back = motion_to(reference, Kinematics.at_rest(self._inside(reference.position - error)), self._limits, 0.0)
-        except MotionError:
-            self.stop(reference, parameters)
-        else:
-            self.follow(back, reference, on_goal=False)
 
     @property
     def stands(self) -> bool:

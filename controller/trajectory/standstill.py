@@ -48,8 +48,6 @@ class Standstill(Unmeasured):
                 restart(sampler, sent, parameters.command_lead or 0.0)
             else:
                 sampler.hold(sent)  # stopped is stopped
-        elif waited and not self.waits and self._execution.active and self._execution.active.gives_way:
-            sampler.give_way(Kinematics.at_rest(sent), ahead, parameters)
         return step_s
 
 

@@ -21,6 +21,8 @@ class Tolerances:
     goal: Mapping[str, float] = field(default_factory=dict)
     goal_time_s: float = 0.0
     """How long after the end the goal tolerance may stay violated; 0: for ever."""
+    lag_time_s: Mapping[str, float] = field(default_factory=dict)
+    """Time by which a moving joint may lag behind its path, on top of the controller's path tolerance."""
 
 
 def resolve(asked: Tolerances, default: Tolerances, joints: Sequence[str]) -> Tolerances:
@@ -33,6 +35,7 @@ def resolve(asked: Tolerances, default: Tolerances, joints: Sequence[str]) -> To
         {name: _resolved(asked.path.get(name, 0.0), default.path.get(name, 0.0)) for name in joints},
         {name: _resolved(asked.goal.get(name, 0.0), default.goal.get(name, 0.0)) for name in joints},
         _resolved(asked.goal_time_s, default.goal_time_s),
+        {name: default.lag_time_s.get(name, 0.0) for name in joints if not asked.path.get(name)},
     )
 
 

@@ -49,6 +49,28 @@ def plan(curve: Curve, limits: Sequence[JointLimits], scale: float = 1.0) -> lis
     ]
 
 
+def trapezoid(start: Sequence[float], end: Sequence[float], limits: Sequence[JointLimits]) -> list[GoalPoint]:
+    """A straight line at the limits all the way, as MoveIt's time parameterization makes it: its jerk is unlimited."""
+    first, way = np.array(start), np.array(end) - np.array(start)
+    share = np.maximum(np.abs(way), 1e-9)
+    velocity, acceleration = (
+        min(getattr(limit, kind) / far for limit, far in zip(limits, share.tolist(), strict=True))
+        for kind in ("velocity", "acceleration")
+    )
+    ramp_s = min(velocity / acceleration, acceleration**-0.5)
+    duration_s = 1.0 / (acceleration * ramp_s) + ramp_s
+    points = []
+    for time_s in np.append(np.arange(0.0, duration_s, 5 * STEP_S), duration_s).tolist():
+        since_s, left_s = min(time_s, ramp_s), min(duration_s - time_s, ramp_s)
+        cruise_s = time_s - since_s - (ramp_s - left_s)
+        ramps = since_s**2 + ramp_s**2 - left_s**2
+        along = acceleration * (ramps / 2.0 + ramp_s * cruise_s)
+        speed = acceleration * min(since_s, left_s)
+        push = acceleration * ((time_s < ramp_s) - (duration_s - time_s < ramp_s))
+        points.append(GoalPoint(tuple(first + way * along), time_s, tuple(way * speed), tuple(way * push)))
+    return points
+
+
 def _sampled(curve: Curve, share: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, velocities and accelerations (n, m) with a smooth speed along the curve, at rest at both ends."""
     fine = np.linspace(0.0, 1.0, 4001)

@@ -377,7 +377,7 @@ def test_outside_the_goal_tolerance_without_goal_time_it_stays_executing_until_c
     bench.cycle(100)
     assert not handle.done
     bench.arm.cancel(handle)
-    bench.cycle(3)
+    bench.cycles_until(lambda: handle.done, 60)
     assert outcome(handle) == (GoalStatus.CANCELED, 0, "")
 
 
@@ -467,7 +467,7 @@ def test_a_joint_that_is_not_measured_has_not_left_its_path() -> None:
     bench.cycle(FAULT_CYCLES - 1)
     assert not handle.done
     bench.hardware.faults = {}
-    bench.cycles_until(lambda: handle.done, 20)
+    bench.cycles_until(lambda: handle.done, 60)
     assert (handle.status, handle.error_code) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
 
 

@@ -1,0 +1,181 @@
+"""After a goal has ended the arm stops, travels nowhere, and presses against nothing."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from controller.action_goals import GoalStatus
+from controller.trajectory.goal import GoalHandle
+from controller.trajectory.goal_result import ErrorCode
+from hal.types import FloatArray, JointFault
+from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, arm_parameters, to
+from tests.controller.moveit_plans import off_line
+
+ELBOW = 1
+PRESSES_RAD = 0.02
+"""A joint of this bench that is further from its command presses against what holds it."""
+
+
+def measured(bench: Bench) -> FloatArray:
+    assert bench.arm.tracking is not None
+    return bench.arm.tracking.feedback_position
+
+
+def ended(bench: Bench, handle: GoalHandle, least_s: float = 2.0) -> FloatArray:
+    """The measured positions (k, 2) from now on, until the goal has ended, and then for some time."""
+    seen = []
+    bench.loop.on_cycle = lambda state: seen.append(state.position[:2].copy())
+    bench.cycles_until(lambda: handle.done)
+    bench.cycle(round(least_s / PERIOD_S))
+    return np.array(seen)
+
+
+def aborts(bench: Bench) -> None:
+    """Run until the goal's end is decided, though its client is not told yet."""
+    bench.cycles_until(lambda: (active := bench.arm._execution.active) is not None and active.ending is not None)
+
+
+@pytest.mark.parametrize("per_cycle", [0.06, 0.1, 0.14])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_that_lags_behind_its_path_brakes_on_it_and_never_comes_back(per_cycle: float, sign: float) -> None:
+    bench = Bench().up()
+    bench.send(to(0.9, 1.8, after_s=0.7))
+    bench.cycle(40)
+    whole, bench = bench.path()[:, :2], Bench().up()
+    bench.hardware.slow = {"elbow": per_cycle}
+    handle = bench.send(to(sign * 0.9, sign * 1.8, after_s=0.7, path={"elbow": 0.2}))
+    bench.cycle()
+    seen = ended(bench, handle) * sign
+    assert handle.error_code == ErrorCode.PATH_TOLERANCE_VIOLATED
+    commands = bench.path()[:, :2] * sign
+    assert (np.diff(commands, axis=0) >= -1e-9).all(), "the command comes back"
+    assert (np.diff(seen, axis=0) >= -1e-9).all(), "the arm comes back"
+    assert off_line(commands, whole) < 0.01
+    assert seen[-1] == pytest.approx(commands[-1])
+    velocity = np.diff(commands, axis=0) / PERIOD_S
+    assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
+
+
+def cancel(bench: Bench, handle: GoalHandle) -> None:
+    bench.cycle(25)
+    bench.arm.cancel(handle)
+
+
+def nothing(bench: Bench, handle: GoalHandle) -> None:
+    pass
+
+
+def falls_silent(bench: Bench, handle: GoalHandle) -> None:
+    bench.cycle(5)
+    bench.hardware.faults = {"shoulder": JointFault("silent", "shoulder: servo 1 does not answer")}
+    bench.cycles_until(lambda: handle.done)
+    bench.hardware.faults = {}
+
+
+ENDINGS: dict[str, tuple[dict[str, object], Callable[[Bench, GoalHandle], None], GoalStatus]] = {
+    "path tolerance": ({"constraints": {"elbow": {"trajectory": 0.1}}}, nothing, GoalStatus.ABORTED),
+    "goal time": ({"constraints": {"elbow": {"goal": 0.03}, "goal_time": 0.3}}, nothing, GoalStatus.ABORTED),
+    "cancel": ({"constraints": {"elbow": {"goal": 0.03}}}, cancel, GoalStatus.CANCELED),
+    "time-out": ({"cmd_timeout": 0.3, "constraints": {"elbow": {"goal": 0.03}}}, nothing, GoalStatus.ABORTED),
+    "time-out after a success": ({"cmd_timeout": 0.3}, nothing, GoalStatus.SUCCEEDED),
+    "a silent servo": ({}, falls_silent, GoalStatus.ABORTED),
+}
+
+
+@pytest.mark.parametrize(("said", "then", "status"), ENDINGS.values(), ids=ENDINGS)
+@pytest.mark.parametrize("held_at", [0.0, 0.3, 0.5])
+def test_whatever_ends_a_goal_a_joint_that_something_holds_does_not_press_on(
+    said: dict[str, object], then: Callable[[Bench, GoalHandle], None], status: GoalStatus, held_at: float
+) -> None:
+    bench = Bench(arm_parameters(**said)).up()
+    bench.hardware.objects = {"elbow": held_at}
+    handle = bench.send(to(0.4, 0.8))
+    then(bench, handle)
+    seen = ended(bench, handle, 4.0)
+    assert handle.status is status
+    assert status is not GoalStatus.ABORTED or handle.error_text
+    assert seen[-1][ELBOW] == pytest.approx(held_at) and (np.diff(seen[:, ELBOW]) >= -1e-9).all()
+    assert bench.path()[-1][ELBOW] == pytest.approx(held_at, abs=PRESSES_RAD)
+    after = bench.send(to(0.0, 0.0))
+    bench.cycles_until(lambda: after.done)
+    assert after.status is GoalStatus.SUCCEEDED
+
+
+def test_the_client_is_told_when_the_arm_rests_and_presses_no_more() -> None:
+    bench = Bench().up()
+    bench.hardware.objects = {"elbow": 0.3}
+    handle = bench.send(to(0.4, 0.8, goal={"elbow": 0.03}, goal_time_s=0.3))
+    bench.cycles_until(lambda: handle.done)
+    assert abs(bench.path()[-1][ELBOW] - 0.3) < PRESSES_RAD
+    at_rest = bench.path()[-1]
+    bench.cycle(10)
+    assert bench.path()[-1] == pytest.approx(at_rest)
+
+
+@pytest.mark.parametrize("offset", [-0.4, 0.4])
+def test_a_joint_whose_readings_are_wrong_is_not_driven_after_them(offset: float) -> None:
+    """It follows its command; what it says is that much beside, for good."""
+    bench = Bench().up()
+    handle = bench.send(to(1.0, 1.0, path={"elbow": 0.2}))
+    bench.cycle(10)
+    read = bench.hardware.read
+
+    def beside():  # type: ignore[no-untyped-def]
+        state = read()
+        state.position[ELBOW] += offset
+        return state
+
+    bench.hardware.read = beside  # type: ignore[method-assign]
+    aborts(bench)
+    bench.cycle(8)
+    rested = bench.path()[-1][ELBOW]
+    ended(bench, handle)
+    assert handle.error_code == ErrorCode.PATH_TOLERANCE_VIOLATED
+    assert abs(bench.path()[-1][ELBOW] - rested) < 0.08
+    assert bench.path()[-1] == pytest.approx(bench.path()[-2])
+
+
+def test_a_joint_that_sags_is_not_lowered_at_each_cancel() -> None:
+    bench = Bench().up()
+    read = bench.hardware.read
+
+    def sagging():  # type: ignore[no-untyped-def]
+        state = read()
+        state.position[ELBOW] -= 0.05
+        return state
+
+    bench.hardware.read = sagging  # type: ignore[method-assign]
+    for _ in range(5):
+        before = bench.loop.command[ELBOW]
+        handle = bench.send(to(0.0, float(before), after_s=2.0))
+        bench.cycle(5)
+        bench.arm.cancel(handle)
+        ended(bench, handle)
+        assert abs(bench.loop.command[ELBOW] - before) < 0.04
+
+
+def test_a_joint_that_comes_free_while_it_is_relieved_stops() -> None:
+    bench = Bench().up()
+    bench.hardware.objects = {"elbow": 0.3}
+    handle = bench.send(to(0.0, 0.9, goal={"elbow": 0.03}, goal_time_s=0.3))
+    aborts(bench)
+    highest = bench.path()[-1][ELBOW]
+    bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.8)
+    bench.hardware.objects = {}
+    seen = ended(bench, handle)
+    assert bench.path()[-1][ELBOW] == pytest.approx(seen[-1][ELBOW])
+    assert 0.5 < bench.path()[-1][ELBOW] < highest
+
+
+def test_a_new_goal_ends_the_relief() -> None:
+    bench = Bench().up()
+    bench.hardware.objects = {"elbow": 0.3}
+    bench.send(to(0.0, 0.9, goal={"elbow": 0.03}, goal_time_s=0.3))
+    aborts(bench)
+    bench.cycle(8)
+    second = bench.send(to(0.5, 0.0))
+    bench.cycles_until(lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+    assert bench.path()[-1][:2] == pytest.approx((0.5, 0.0))
+    assert np.abs(np.diff(bench.path()[:, :2], axis=0)).max() <= ARM_LIMITS.velocity * PERIOD_S
