@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
-from hal.types import FloatArray, JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 _ROUNDING = 1e-6
 """The rounding of positions (rad, m) and times (s)."""
@@ -131,18 +131,25 @@ def segment(
 def _check_positions(
     trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
 ) -> None:
-    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it.
-
-    A joint that stands outside may come back in.
-    """
+    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it."""
+    lower, upper = swing_limits(start, limits)
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
-        lower, upper = min(limit.lower, start[index]), max(limit.upper, start[index])
         for reached in (swing.min, swing.max):
-            if not lower - _ROUNDING <= reached <= upper + _ROUNDING:
+            if not lower[index] <= reached <= upper[index]:
                 raise MotionError(
                     f"{names[index] if names else f'joint {index + 1}'} would swing to {reached:.4f}, outside its "
                     f"limits {limit.lower:.4f} to {limit.upper:.4f}: pass the points near it slower"
                 )
+
+
+def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
+    """Return the positions (n,) between which a path may be planned; the sampler holds commands within the limits.
+
+    A swing that an encoder hardly resolves is no reason to refuse a path. A joint that stands outside may come back in.
+    """
+    ends = [(limit.lower, limit.upper, AT_LIMIT * (limit.upper - limit.lower) + _ROUNDING) for limit in limits]
+    lower, upper, slack = np.array(ends).T
+    return np.minimum(lower - slack, start - _ROUNDING), np.maximum(upper + slack, start + _ROUNDING)
 
 
 def _task(start: Kinematics, limits: Sequence[JointLimits]) -> InputParameter:

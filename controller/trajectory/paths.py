@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, Path, motion_to, stretched
+from controller.motion import Kinematics, Motion, MotionError, Path, motion_to, stretched
 from controller.trajectory.smoothing import smooth_path
 from controller.trajectory.splines import SplinePath, spline
 from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, within
@@ -60,9 +60,8 @@ def spline_path(task: Task) -> tuple[Path, FloatArray]:
 def jerk_limited_path(task: Task) -> tuple[Path, FloatArray]:
     """A path by ruckig where it passes few points in the time asked for; where limits or close points would hold it
     up, whichever is the shorter; and when (m,) it passes each point. Raises MotionError."""
-    exact = None
-    if len(task.waypoints.times_s) <= FEW:
-        exact = ruckig_motion(task.start, task.waypoints, task.limits, task.names)
+    exact = _exact(task)
+    if exact is not None:
         passes_s = np.array([*exact.starts_s[1:], exact.duration_s])
         if not stretched(exact):
             return exact, passes_s
@@ -72,6 +71,16 @@ def jerk_limited_path(task: Task) -> tuple[Path, FloatArray]:
     later = _passes(smooth.spline) + sum(smooth.windows_s) / 2.0
     later[-1] = smooth.duration_s
     return smooth, later
+
+
+def _exact(task: Task) -> Motion | None:
+    """Return the path through few points by ruckig, or None if it would leave the position limits between them."""
+    if len(task.waypoints.times_s) > FEW:
+        return None
+    try:
+        return ruckig_motion(task.start, task.waypoints, task.limits, task.names)
+    except MotionError:
+        return None
 
 
 def _passes(path: SplinePath) -> FloatArray:

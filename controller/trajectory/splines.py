@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.motion import Kinematics, MotionError
+from controller.motion import Kinematics, MotionError, swing_limits
 from controller.trajectory.waypoints import BoolArray, Waypoints
 from hal.types import FloatArray, JointLimits
 
@@ -131,9 +131,7 @@ def _look(coefficients: FloatArray, spans_s: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _check_positions(positions: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]) -> None:
-    start = positions[0, 0]  # a joint that stands outside may come back in
-    lower = np.minimum([limit.lower for limit in limits], start) - _ROUNDING
-    upper = np.maximum([limit.upper for limit in limits], start) + _ROUNDING
+    lower, upper = swing_limits(positions[0, 0], limits)
     outside = (positions < lower) | (positions > upper)
     if not outside.any():
         return
