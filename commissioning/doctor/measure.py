@@ -77,4 +77,8 @@ def _servo(bus: Bus, joint: Joint, hearing: Hearing) -> ServoSnapshot:
     registers: Mapping[str, int] = {}
     if hearing.states:
         registers = read_table(bus, joint.servo_id, series_of(joint.model))
-    return ServoSnapshot(joint, hearing.heard, registers, tuple(hearing.states), bus.name)
+    turn = joint.model.counts_per_turn
+    states = [
+        one._replace(position_counts=one.position_counts % turn) if joint.extended else one for one in hearing.states
+    ]
+    return ServoSnapshot(joint, hearing.heard, registers, tuple(states), bus.name)

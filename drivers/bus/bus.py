@@ -16,13 +16,16 @@ from drivers.bus.late_replies import HELD_S, LateReplies
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
+from drivers.bus.turns import Turns
 from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError, ServoRefused
 from drivers.port import Port
 from drivers.port.line import Line
 from drivers.protocol import v2
-from drivers.servos.dynamixel import ALARMED
+from drivers.servos import x
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import ALARMED, X
 from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
@@ -55,6 +58,7 @@ class Bus:
         self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
+        self._turns = Turns()
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
@@ -106,7 +110,7 @@ class Bus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
         if goals:
-            self._line.tell(self._servos.goals(goals))
+            self._line.tell(self._servos.goals(self._turns.goals(goals)))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
@@ -122,6 +126,7 @@ class Bus:
 
     def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
         """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
+        readings = self._turns.readings(readings)
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
             if isinstance(reading, ServoState):
@@ -140,9 +145,16 @@ class Bus:
         """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
+        self._turns.identified(servo_id, model, self._is_extended(servo_id, model))
         self.check_settings(servo_id, model)
         if self._maps is not None:
             self._maps.set_up(servo_id, model)
+
+    def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
+        """Whether it is a Dynamixel X in extended position mode."""
+        if series_of(model) is not X:
+            return False
+        return self._read_surely(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
         """Raise ServoError unless it is set up to be driven, as a servo with this model's table is."""
@@ -151,13 +163,16 @@ class Bus:
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""
-        return self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
+        return self._turns.goal(servo_id, self._read_surely(servo_id, self._servos.series(servo_id).goal_position))
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
         """The lowest and the highest goal that the servo's settings let it take, in counts.
 
-        None where it has none: both 0 is a servo without such a setting, or a simulator's empty table.
+        None where it has none: both 0 is a servo without such a setting, or a simulator's empty table. In extended
+        position mode a servo does not look at them.
         """
+        if servo_id in self._turns:
+            return None
         registers = self._servos.series(servo_id).position_limits
         lowest, highest = (self._read_surely(servo_id, register) for register in registers)
         return (lowest, highest) if (lowest, highest) != (0, 0) else None

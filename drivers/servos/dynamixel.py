@@ -82,7 +82,7 @@ def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
 
 def _x_config_error(model: ServoModel, read: Read) -> str | None:
     mode = read(x.operating_mode)
-    if mode != x.POSITION_MODE:
+    if mode not in (x.POSITION_MODE, x.EXTENDED_POSITION_MODE):
         return f"is in operating mode {mode}: set it to {x.POSITION_MODE} (position)"
     drive = read(x.drive_mode)
     if drive & x.TIME_BASED_PROFILE:

@@ -87,6 +87,12 @@ BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_
 """By the value of ``baud_rate``; XL330 and XC330 lack the last."""
 
 POSITION_MODE: Final = 3
+EXTENDED_POSITION_MODE: Final = 4
+"""Goals and positions go on over turns; the position limits are not looked at."""
+LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
+"""In position mode a larger homing offset is ignored altogether."""
+LARGEST_HOMING_OFFSET: Final = 1_044_479
+LARGEST_EXTENDED_POSITION: Final = 1_048_575
 TIME_BASED_PROFILE: Final = 1 << 2
 """Bit of drive_mode: profile_velocity is a time in ms."""
 TORQUE_ON_BY_GOAL: Final = 1 << 3

@@ -19,6 +19,8 @@ class CalibratedJoint(BaseModel):
     zero_counts: int = Field(ge=-32767, le=32767)
     homing_offset: int | None = None
     """What the servo's register held when the rest was measured; None: it has none that counts."""
+    extended: bool = False
+    """Whether a Dynamixel X was in extended position mode then, in which alone every homing offset counts."""
     lower_counts: int
     """The ends of the travel, by count."""
     upper_counts: int

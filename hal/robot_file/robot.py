@@ -102,6 +102,7 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         bus=bus,
         position_p=file.position_p,
         homing_offset=file.homing_offset,
+        extended=file.extended,
         settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )

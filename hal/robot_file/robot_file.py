@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from drivers.servos.catalog import MODELS, Make, series_of
-from drivers.servos.dynamixel import PROTOCOL_2
+from drivers.servos.dynamixel import PROTOCOL_2, X
 from hal.errors import RobotFileError
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
 from hal.robot_file.protection import protection_problems
@@ -48,6 +48,8 @@ class JointFile(_Strict):
     """Not said: the middle of the servo's range."""
     homing_offset: int | None = Field(None, ge=-32767, le=32767)
     """What the servo's register must hold for ``zero_counts`` to be true; not said: it is not looked at."""
+    extended: bool = False
+    """Whether the servo, a Dynamixel X, must be in extended position mode."""
     metres_per_radian: Positive | None = None
     torque_limit: float = Field(1.0, gt=0, le=1)
     position_p: int | None = Field(None, ge=0, le=16383)
@@ -183,6 +185,8 @@ def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
     if wrong := homing_mistake(model, joint.homing_offset):
         problems.append(f"{name}: {wrong}")
+    if joint.extended and series_of(model) is not X:
+        problems.append(f"{name}: a {joint.model} has no extended position mode: take `extended` out")
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
@@ -233,7 +237,9 @@ def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> Ro
             continue
         if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):
             problems.append(f"{path}: {name}: {wrong}")
-        update = {"sign": found.sign, "zero_counts": found.zero_counts, "homing_offset": found.homing_offset}
+        if found.extended and series_of(MODELS[joint.model]) is not X:
+            problems.append(f"{path}: {name}: a {joint.model} has no extended position mode: take `extended` out")
+        update = found.model_dump(include={"sign", "zero_counts", "homing_offset", "extended"})
         joints[name] = joint.model_copy(update=update)
     if problems:
         raise RobotFileError("\n".join([*problems, "calibrate again, or take the calibration file away"]))

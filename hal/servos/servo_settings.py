@@ -13,7 +13,9 @@ from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.errors import ServoRefused
+from drivers.servos import x
 from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
@@ -78,6 +80,32 @@ def check_homing_offset(joint: Joint, bus: Bus) -> None:
             f"has homing_offset {held}, and {joint.name} was calibrated with {joint.homing_offset}: was the servo "
             "changed, or reset? Calibrate the arm again, or write the register back",
         )
+
+
+def check_mode(joint: Joint, bus: Bus) -> None:
+    """Raise ServoRefused where a Dynamixel X is not in the mode in which the joint's zero was found.
+
+    In position mode a homing offset may count that is ignored, and in extended position mode the other way round.
+    """
+    if series_of(joint.model) is not X:
+        return
+    held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
+    if wrong := mode_mistake(joint, held):
+        raise ServoRefused(joint.servo_id, wrong)
+
+
+def wanted_mode(joint: Joint) -> int:
+    """The operating mode in which the joint's Dynamixel X is driven."""
+    return x.EXTENDED_POSITION_MODE if joint.extended else x.POSITION_MODE
+
+
+def mode_mistake(joint: Joint, held: int) -> str | None:
+    """Why the joint's Dynamixel X must not be driven in the operating mode ``held``, if so."""
+    wanted = wanted_mode(joint)
+    if held == wanted:
+        return None
+    name = "extended position, as it was calibrated" if joint.extended else "position"
+    return f"is in operating mode {held}: set it to {wanted} ({name})"
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:

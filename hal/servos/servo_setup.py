@@ -17,7 +17,7 @@ from hal.joint import Joint
 from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
-from hal.servos.servo_settings import apply_settings, check_homing_offset, warn_of_other_gains
+from hal.servos.servo_settings import apply_settings, check_homing_offset, check_mode, warn_of_other_gains
 
 Result = TypeVar("Result")
 
@@ -146,6 +146,7 @@ def _failed(joints: Sequence[Joint], bus: Bus, step: Callable[[Joint, Bus], None
 
 def _identify(joint: Joint, bus: Bus) -> None:
     bus.identify(joint.servo_id, joint.model)
+    check_mode(joint, bus)
     check_homing_offset(joint, bus)
 
 

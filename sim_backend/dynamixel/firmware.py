@@ -4,8 +4,11 @@ From the e-manual: the profile; the position loop's structure (a PID on counts t
 the scale of its gains; the hardware error bits, and that a shutdown clears the torque switch until a
 reboot. Assumed:
 - one unit of the loop's output is one unit of goal_pwm, one turn of the loop a millisecond;
-- feedforward gains do nothing; only position mode drives the motor;
-- the position counts on beyond a turn, and goal_position is the present one after power-on.
+- feedforward gains do nothing; only position mode and extended position mode drive the motor;
+- goal_position is the present one after power-on.
+
+The position counts on beyond a turn. It begins within one turn at power-on, and in position mode whenever the torque
+goes on or the mode is set; in that mode a homing offset beyond 1024 counts is ignored.
 """
 
 from typing import Final
@@ -21,6 +24,8 @@ P_DIVISOR: Final = 128.0
 """By the e-manual."""
 _MEASURED_P_DIVISORS: Final = {x.XL330_M077.name: 256.0, x.XL330_M288.name: 256.0}
 """BAM's oscilloscope saw half the drive that the e-manual says of an XL330; the M077 has the same firmware."""
+
+_DRIVING: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE)
 
 
 class XFirmware(Protocol2Firmware):
@@ -39,19 +44,44 @@ class XFirmware(Protocol2Firmware):
 
     def __init__(self, memory: Memory, model: x.Model, motor: MotorConstants) -> None:
         self._p_divisor = _MEASURED_P_DIVISORS.get(model.name, P_DIVISOR)
+        self._turned = 0.0
+        """Counts of whole turns that the servo has forgotten."""
         super().__init__(memory, model, motor)
 
+    def restart(self) -> None:
+        self._forget_turns()
+        super().restart()
+
+    def forget_turns(self) -> None:
+        """Begin to count within the turn again, as position mode does when it is set."""
+        self._forget_turns()
+        self.load_settings()
+
+    def _forget_turns(self) -> None:
+        self._turned = self._count // self._turn * self._turn
+        self._place_seam()
+
+    def _place_seam(self) -> None:
+        added = self._memory.get(x.homing_offset)
+        if self._in_position_mode and abs(added) > x.LARGEST_OFFSET_OF_POSITION_MODE:
+            added = 0
+        self._offset = self._turned - added
+
+    @property
+    def _in_position_mode(self) -> bool:
+        return self._memory.get(x.operating_mode) == x.POSITION_MODE
+
     def _hold_here(self) -> None:
-        self._memory.put(x.goal_position, int(self._count) + self._memory.get(x.homing_offset))
+        self._forget_turns()
+        self._memory.put(x.goal_position, int(self._count - self._offset))
 
     def _shut_down(self) -> None:
         self._memory.put(x.torque_enable, 0)
 
     def load_settings(self) -> None:
-        get = self._memory.get
         self.protection.load(self._memory)
         self._punch = self._dead_above = self._dead_below = 0.0
-        self._offset = -float(get(x.homing_offset))
+        self._place_seam()
         self._multi_turn = True
         self.load_goal()
 
@@ -65,7 +95,10 @@ class XFirmware(Protocol2Firmware):
         profile.speed = get(x.profile_velocity) * x.VELOCITY_UNIT_COUNTS_S or UNLIMITED
         profile.acceleration = get(x.profile_acceleration) * x.ACCELERATION_UNIT_COUNTS_S2 or UNLIMITED
         self._limit = min(abs(get(x.goal_pwm)), get(x.pwm_limit)) / x.FULL_PWM
-        self._acting = get(x.torque_enable) == 1 and get(x.operating_mode) == x.POSITION_MODE
+        acting = get(x.torque_enable) == 1 and get(x.operating_mode) in _DRIVING
+        if acting and not self._acting and self._in_position_mode:
+            self._forget_turns()
+        self._acting = acting
         self._switch()
 
     def publish(self) -> None:

@@ -45,6 +45,10 @@ class XMemory(Protocol2Memory):
     def _bounds(self, register: Register) -> tuple[int, int, int]:
         if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:
             return self.get(x.min_position_limit), self.get(x.max_position_limit), DATA_LIMIT
+        if register == x.goal_position:
+            return -x.LARGEST_EXTENDED_POSITION, x.LARGEST_EXTENDED_POSITION, DATA_RANGE
+        if register == x.homing_offset:
+            return -x.LARGEST_HOMING_OFFSET, x.LARGEST_HOMING_OFFSET, DATA_RANGE
         if register == x.goal_pwm:
             return -self.get(x.pwm_limit), self.get(x.pwm_limit), DATA_LIMIT
         if register in self._pointers:

@@ -25,6 +25,13 @@ class VirtualXServo(Protocol2Servo):
         self.memory: XMemory = XMemory(own, servo_id, firmware)
         self.firmware: XFirmware = XFirmware(self.memory, own, motor)
 
+    def write(self, address: int, data: bytes) -> int:
+        mode = self.memory.get(x.operating_mode)
+        error = super().write(address, data)
+        if mode != self.memory.get(x.operating_mode) == x.POSITION_MODE:
+            self.firmware.forget_turns()
+        return error
+
     @property
     def reads_fast(self) -> bool:
         return reads_fast(x.MODELS[self.model.name], self.memory.get(x.firmware_version))

@@ -65,3 +65,16 @@ def test_an_adapter_that_cannot_make_the_rate() -> None:
 def test_a_long_return_delay_is_no_slow_adapter() -> None:
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.006))) == ["slow_round_trip"]
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.0025, delay_s=0.0005))) == []
+
+
+@pytest.mark.parametrize(("extended", "mode"), [(True, 4), (False, 3), (True, 3), (False, 4)])
+def test_a_dynamixel_is_to_be_in_the_mode_in_which_it_was_calibrated(extended: bool, mode: int) -> None:
+    joint = replace(DYNAMIXEL, extended=extended)
+    registers = {"model_number": joint.model.number, "operating_mode": mode, "drive_mode": 0}
+    if extended:  # in that mode it does not look at them
+        registers |= {"min_position_limit": 1000, "max_position_limit": 1100}
+    servo = ServoSnapshot(joint, "well", registers, (STATE,), "/dev/ttyUSB0")
+    found = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((joint,))))
+    right = 4 if extended else 3
+    command = f"servoloop register write --port /dev/ttyUSB0 --id {joint.servo_id} operating_mode {right}"
+    assert [(one.id, one.command) for one in found] == ([] if mode == right else [("wrong_mode", command)])

@@ -201,3 +201,30 @@ def test_servos_of_two_rated_voltages_have_a_supply_each() -> None:
     assert bus.servo(2).firmware.voltage_v == 5.0
     assert bus.servo(3).firmware.voltage_v < 12.0
     assert bus.servo(2).firmware.protection.status == 0
+
+
+def test_position_mode_ignores_a_large_homing_offset_and_extended_position_mode_adds_it() -> None:
+    bench = Bench()
+    assert bench.write(x.homing_offset, 1500) == 0
+    assert bench.read(x.present_position) == 2048
+    assert bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE) == 0
+    assert bench.read(x.present_position) == 3548
+    assert bench.write(x.operating_mode, x.POSITION_MODE) == 0
+    assert bench.write(x.homing_offset, -1024) == 0
+    assert bench.read(x.present_position) == 1024
+    assert bench.write(x.homing_offset, 1_044_480) == 4
+
+
+def test_turns_are_counted_and_forgotten_with_the_power_or_in_position_mode_with_the_torque() -> None:
+    bench = Bench()
+    assert bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE) == 0
+    assert bench.write(x.torque_enable, 1) == 0
+    assert bench.write(x.goal_position, 5000) == 0, "extended position mode looks at no position limits"
+    bench.run(3.0)
+    assert bench.read(x.present_position) == pytest.approx(5000, abs=10)
+    bench.write(x.torque_enable, 0)
+    bench.write(x.torque_enable, 1)
+    assert bench.read(x.present_position) == pytest.approx(5000, abs=10)
+    assert handler.reboot(bench.port, 1) == (sdk.COMM_SUCCESS, 0)
+    bench.run(REBOOT_S + 0.01)
+    assert bench.read(x.present_position) == pytest.approx(904, abs=10)

@@ -10,9 +10,11 @@ from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
 from drivers.servos.register import Register
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
+from hal.servos.servo_settings import mode_mistake, wanted_mode
 from hal.servos.servo_setup import check_reach
 
 WIDE_COUNTS: Final = 8
@@ -49,11 +51,14 @@ def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
 
     try:
         wrong, odd = series.config_error(joint.model, read), series.config_warning(read)
+        if not wrong and series is X:
+            wrong = mode_mistake(joint, registers["operating_mode"])
     except KeyError:  # one of them could not be read
         return
     if wrong:
         mode = "operating_mode" if "operating_mode" in registers else "control_mode"
-        value = {"operating_mode": 3 if series.make == "dynamixel" else 0, "control_mode": 2}[mode]
+        operating = wanted_mode(joint) if series is X else 0
+        value = {"operating_mode": operating, "control_mode": 2}[mode]
         command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
         yield finding("wrong_mode", place, "it answers and looks healthy, and does not go to its goals", f"it {wrong}",
                       command)  # fmt: skip
@@ -63,7 +68,7 @@ def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
 
 def _limits(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
-    if low is None or high is None or (low, high) == (0, 0):
+    if low is None or high is None or (low, high) == (0, 0) or servo.joint.extended:
         return
     try:
         check_reach(servo.joint, (low, high))

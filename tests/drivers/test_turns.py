@@ -1,0 +1,71 @@
+"""Servos in extended position mode: outside the bus their positions are places within one turn."""
+
+import pytest
+
+from drivers.bus.bus import Bus
+from drivers.bus.turns import Turns
+from drivers.bus.types import ServoGoal, ServoState, fault
+from drivers.servos import x
+from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.port import VirtualPort
+
+
+def at(counts: int) -> ServoState:
+    return ServoState(counts, 0, 0.0, 12.0, 30.0, ())
+
+
+@pytest.mark.parametrize(("counts", "place"), [(4095, 4095), (4096, 0), (-1, 4095), (-9000, 3288), (100, 100)])
+def test_whole_turns_are_taken_off_positions_and_added_to_goals(counts: int, place: int) -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True)
+    turns.identified(2, x.XL430_W250, extended=False)
+    silent = fault(3, "silent")
+    assert turns.readings({1: at(counts), 2: at(counts), 3: silent}) == {1: at(place), 2: at(counts), 3: silent}
+    goals = turns.goals({1: ServoGoal(place + 5, 40), 2: ServoGoal(7)})
+    assert goals == {1: ServoGoal(counts + 5, 40), 2: ServoGoal(7)}
+    assert turns.goal(1, counts) == place and turns.goal(2, counts) == counts
+    assert 1 in turns and 2 not in turns
+
+
+def test_a_servo_that_is_no_longer_in_extended_position_mode_is_read_as_it_says() -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True)
+    turns.readings({1: at(5000)})
+    turns.identified(1, x.XL430_W250, extended=False)
+    assert turns.readings({1: at(5000)}) == {1: at(5000)} and turns.goal(1, 5000) == 5000
+
+
+def test_a_servo_that_restarts_in_another_turn_goes_to_the_same_places() -> None:
+    clock, model = SimulatedClock(), x.XL430_W250
+    line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: model})
+    servo = line.servo(1)
+    servo.memory.save(x.operating_mode, x.EXTENDED_POSITION_MODE)
+    servo.memory.save(x.homing_offset, -2000)
+    servo.power_cycle()
+    bus = Bus(VirtualPort(line, clock), clock, {1: model})
+    bus.identify(1, model)
+    assert bus.position_limits(1) is None
+
+    def position() -> int:
+        reading = bus.read_states([1])[1]
+        assert isinstance(reading, ServoState)
+        return reading.position_counts
+
+    def go(counts: int) -> None:
+        bus.write_goals({1: ServoGoal(counts)})
+        assert bus.goal(1) == counts
+        clock.sleep_until(clock.now() + 3.0)
+        assert position() == pytest.approx(counts, abs=10)
+
+    assert position() == 48
+    bus.torque_on(1)
+    go(2500)
+    servo.power_cycle()
+    assert bus.read_states([1])[1].kind == "reset"  # type: ignore[union-attr]
+    assert position() == pytest.approx(2500, abs=10)
+    assert servo.memory.get(x.present_position) == pytest.approx(2500 - 4096, abs=10), "it counts from another turn now"
+    bus.torque_on(1)
+    go(3000)
+    go(60)
