@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from commissioning.calibrate.flow import as_joint, homing_offset
+from commissioning.calibrate.flow import as_joint
 from commissioning.calibrate.plan import JointPlan, Zero
-from commissioning.calibrate.result import SEAM_MARGIN_COUNTS, CalibrationError, JointCalibration, doubts, unit
+from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, unit
+from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, can_move_seam
 from commissioning.lerobot import LEROBOT_ZERO_COUNTS, LerobotFile, LerobotJoint, entry_of, range_mistakes
+from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 
@@ -76,7 +78,7 @@ class _Import:
     def mistakes(self) -> list[str]:
         """What cannot be right."""
         joint, theirs = self.joint, self.theirs
-        if homing_offset(joint) is None:
+        if series_of(joint.model).make != "feetech" or not can_move_seam(joint.model):
             return [f"a {joint.model.name} has no homing offset like the one that LeRobot's file names"]
         found = range_mistakes(theirs, joint.model.last_count)
         if theirs.id != joint.servo_id:

@@ -6,18 +6,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from commissioning.calibrate.seam import joint_counting
 from commissioning.provision import persistent_registers
 from commissioning.registers.tables import rates_of
-from drivers.servos import sts
+from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
+from hal.joint import Joint
 from hal.robot_file.robot import Robot
 from servoloop.files import Files
 from servoloop.ports import device_paths
 from servoloop.realtime import realtime_priority
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
 from sim_backend.control import ControlServer, Handler, control_path
+from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
 from sim_backend.faults.control import obey_faults
@@ -48,7 +51,7 @@ def couplings(robot: Robot) -> list[Coupling]:
             servo_id=joint.servo_id,
             joint=joint.name,
             sign=joint.sign,
-            zero_counts=joint.zero_counts + (joint.homing_offset or 0),
+            zero_counts=joint.zero_counts + (joint_counting(joint).seam(joint.model) or 0),
             transmission=joint.transmission,
             counts_per_turn=joint.model.counts_per_turn,
         )
@@ -76,15 +79,25 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
 
 
 def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any]:
-    models = {joint.servo_id: joint.model for joint in robot.joints if joint.bus == bus}
+    joints = [joint for joint in robot.joints if joint.bus == bus]
+    models = {joint.servo_id: joint.model for joint in joints}
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
-        return VirtualDynamixelBus.of(plant, models)
-    line = VirtualBus.of(plant, models, spread=spread)
-    for joint in robot.joints:
-        servo = line.servo(joint.servo_id) if joint.bus == bus and joint.homing_offset else None
-        if isinstance(servo, VirtualServo):
-            servo.memory.save(sts.homing_offset, joint.homing_offset or 0)
+        line: ServoLine[Any] = VirtualDynamixelBus.of(plant, models)
+    else:
+        line = VirtualBus.of(plant, models, spread=spread)
+    for joint in joints:
+        _count_as_calibrated(line.servo(joint.servo_id), joint)
     return line
+
+
+def _count_as_calibrated(servo: Any, joint: Joint) -> None:
+    """Have a virtual servo hold the homing offset and the mode with which its joint was calibrated."""
+    if joint.homing_offset and isinstance(servo, VirtualServo):
+        servo.memory.save(sts.homing_offset, joint.homing_offset)
+    if isinstance(servo, VirtualXServo):
+        servo.memory.save(x.homing_offset, joint.homing_offset or 0)
+        servo.memory.save(x.operating_mode, x.EXTENDED_POSITION_MODE if joint.extended else x.POSITION_MODE)
+        servo.power_cycle()
 
 
 def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:

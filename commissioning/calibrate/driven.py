@@ -149,7 +149,7 @@ class ByItself:
         return Found(
             travel,
             sign,
-            anchor_counts(plan, travel, sign),
+            anchor_counts(joint, plan, travel, sign),
             plan.anchor(joint.limits.lower, joint.limits.upper),
             offset,
         )

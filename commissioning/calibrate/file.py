@@ -28,13 +28,16 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
                 sign=1 if made.sign > 0 else -1,
                 zero_counts=made.zero_counts,
                 homing_offset=made.homing_offset,
+                extended=made.extended,
                 lower_counts=made.lower_counts,
                 upper_counts=made.upper_counts,
             )
             for name, (servo_id, made) in joints.items()
         }
     )
-    text = yaml.safe_dump(content.model_dump(), sort_keys=False, default_flow_style=None, width=120)
+    text = yaml.safe_dump(
+        content.model_dump(exclude_defaults=True), sort_keys=False, default_flow_style=None, width=120
+    )
     try:
         former_is_good = not (path.exists() and path.read_bytes().startswith(UNFINISHED.encode()))
         write_whole(path, (HEADER if in_servos else UNFINISHED) + text, keep=former_is_good)
@@ -43,3 +46,18 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
         failed.add_note(f"it was to hold:\n{text}")
         raise failed from error
     return path
+
+
+def set_aside(robot: Path) -> str:
+    """Take a calibration that proved wrong out of use, and the former one back; what has become of both, in words.
+
+    The servos keep the new homing offsets: the arm does not come up with a calibration that has others.
+    """
+    path = calibration_path(robot)
+    wrong, former = path.with_name(path.name + ".wrong"), path.with_name(path.name + ".1")
+    path.replace(wrong)
+    text = f"it is in {wrong} now, and not in use"
+    if former.exists():
+        former.replace(path)
+        text += f"; {path} is the former one again"
+    return text + ". Calibrate again"

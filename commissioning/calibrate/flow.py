@@ -2,34 +2,43 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import tau
+from statistics import median
 from typing import Final, Protocol
 
-from calibration.angles import Travel
+from calibration.angles import Travel, shortest
 from commissioning.calibrate.direction import last_way
+from commissioning.calibrate.hands import Hands
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import (
-    SWEPT_SHARE,
+    PLACE_RAD,
     CalibrationError,
     Found,
     JointCalibration,
     calibration_of,
-    unit,
+    cannot_move_seam,
+    fills_the_turn,
+    is_mirrored,
+    place_doubt,
+    pressed_counts,
+    turns_freely,
 )
-from commissioning.calibrate.sweep import Sweep, Swept
+from commissioning.calibrate.seam import Counting, counting_of
+from commissioning.calibrate.stops import Stops
+from commissioning.calibrate.sweep import Sweep
 from drivers.bus.bus import Bus
-from drivers.bus.retry import retry
-from drivers.servos.catalog import series_of
-from drivers.servos.register import Register
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15
-"""So far the servo must turn to show a direction."""
+"""Angle that the servo must turn to show a direction."""
 TREMBLE_RAD: Final = 0.05
 """A hand that turns round by less has not turned round."""
 TRIES: Final = 5
-"""So often the user is asked for the same thing."""
+"""Number of times that the user is asked for the same thing."""
+REPEATS: Final = 2
+"""Number of times that a joint whose travel contradicts what was shown is asked for again."""
+SEEN_TWICE: Final = 2
+"""Number of times that another servo must turn in the place of the joint's for their IDs to be exchanged."""
 
 
 class Guide(Protocol):
@@ -55,16 +64,6 @@ class Task:
     """What is known of all joints so far."""
 
 
-def homing_offset(joint: Joint) -> Register | None:
-    """The register that moves the seam of the joint's servo; None where it has none for that.
-
-    A Dynamixel's is added to what the encoder says within its turn: it moves no seam.
-    """
-    series = series_of(joint.model)
-    found = [one for one in series.registers if one.name == "homing_offset"]
-    return found[0] if found and series.make == "feetech" else None
-
-
 class ByHand:
     """One calibration by hand of the joints on one bus."""
 
@@ -74,70 +73,166 @@ class ByHand:
         self._plans = plans
         self._guide = guide
         self._sweep = Sweep(bus, joints)
+        self._counting: dict[str, Counting] = {}
 
     def run(self) -> dict[str, JointCalibration]:
         """Have everything done. Raises CalibrationError where the arm was not moved as asked."""
+        require_poses(self._joints, self._plans)
+        self._counting = {joint.name: counting_of(self._bus, joint) for joint in self._joints}
+        self._tell_fixed_seams()
         self._sweep_all()
-        found: dict[str, JointCalibration] = {}
+        made = {joint.name: self._measured(joint) for joint in self._joints}
         for joint in self._joints:
-            sign, plan = self._direction(joint), self._plans[joint.name]
-            anchor = (
-                self._pose(joint, plan) if plan.zero == "pose" else anchor_counts(plan, self._swept(joint).travel, sign)
-            )
-            position = plan.anchor(joint.limits.lower, joint.limits.upper)
-            register = homing_offset(joint)
-            offset = retry(partial(self._bus.read, joint.servo_id, register)) if register else None
-            found[joint.name] = calibration_of(joint, Found(self._swept(joint).travel, sign, anchor, position, offset))
-        return found
+            if not self._place_shows_direction(joint, made[joint.name]):
+                made[joint.name] = self._shown_again(joint, made[joint.name])
+        return made
+
+    # The sweep.
 
     def _sweep_all(self) -> None:
-        """Have every joint moved from stop to stop; those that were not are asked for once more, by name."""
+        """Have every joint moved from stop to stop; those that were not are asked for again, by name."""
+        free = [joint.name for joint in self._joints if turns_freely(joint)]
+        if free:
+            self._guide.say(f"{', '.join(free)}: turns freely, so it needs no sweep: a pose will show its zero")
+        left = tuple(joint for joint in self._joints if not turns_freely(joint))
         text = "Move every joint slowly from stop to stop, in any order"
-        left = self._joints
+        stops = Stops(self._sweep, left)
         for _ in range(TRIES):
-            self._have_done("sweep", text, left)
-            left = tuple(joint for joint in left if not self._is_swept(joint))
             if not left:
-                return
+                break
+            stops.begin()
+            self._have_done("sweep", text, left, stops.look)
+            left = tuple(joint for joint in left if stops.missing(joint))
             names = ", ".join(joint.name for joint in left)
-            text = f"Not yet from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops"
-        # What remains is said with the result: an arm may have other stops than its URDF.
-
-    def _is_swept(self, joint: Joint) -> bool:
-        range_ = joint.limits.upper - joint.limits.lower
-        swept = self._sweep.swept.get(joint.name)
-        return swept is not None and swept.travel.span * unit(joint) >= SWEPT_SHARE * range_
-
-    def _swept(self, joint: Joint) -> Swept:
-        swept = self._sweep.swept.get(joint.name)
-        if swept is None:
-            raise CalibrationError(
-                f"{joint.name}: servo {joint.servo_id} never answered ({self._sweep.missing.get(joint.name, '')}): "
-                "servoloop doctor finds out why"
+            seen = "; ".join(stops.seen(joint) for joint in left)
+            text = (
+                f"Not yet from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops ({seen})"
             )
-        return swept
+        # What remains is said with the result: an arm may have other stops than its URDF.
+        self._require_seams_outside()
 
-    def _direction(self, joint: Joint) -> int:
+    def _tell_fixed_seams(self) -> None:
+        """Tell before any work which joints' servos must be mounted with their seams outside the travel."""
+        for joint in self._joints:
+            if self._counting[joint.name].homing_offset is None:
+                self._guide.say(
+                    f"{joint.name}: a {joint.model.name} cannot move the place where it passes from its last count to "
+                    "its first. If the sweep crosses it, the horn has to be put on another way"
+                )
+
+    def _require_seams_outside(self) -> None:
+        """Raise CalibrationError with all joints whose servos pass their seams and cannot move them."""
+        stuck = [j for j in self._joints if self._counting[j.name].homing_offset is None and self._crosses(j)]
+        endless = [j for j in self._joints if self._plans[j.name].zero != "pose" and self._fills_the_turn(j)]
+        problems = [f"{joint.name}: {cannot_move_seam(joint)}" for joint in stuck]
+        problems += [
+            f"{joint.name} was turned through more than a turn of its servo ({joint.servo_id}): it has no stops, so "
+            "only a pose can show its zero. Give its plan in arm.yaml `zero: pose`"
+            for joint in endless
+        ]
+        if problems:
+            raise CalibrationError("\n".join(problems))
+
+    def _crosses(self, joint: Joint) -> bool:
+        travel, turn = self._swept(joint), joint.model.counts_per_turn
+        return travel.lower // turn != travel.upper // turn
+
+    def _fills_the_turn(self, joint: Joint) -> bool:
+        return fills_the_turn(joint, self._swept(joint))
+
+    def _swept(self, joint: Joint) -> Travel:
+        return self._sweep.of(joint).travel
+
+    # One joint.
+
+    def _measured(self, joint: Joint) -> JointCalibration:
+        """Direction and anchor of one joint; asked for again while its travel lies elsewhere than the URDF's."""
+        sign = self._direction(joint)
+        made = self._calibration(joint, sign, self._anchor(joint, sign))
+        if self._plans[joint.name].zero != "pose":
+            return made
+        for _ in range(REPEATS):
+            doubt = place_doubt(joint, made)
+            if not doubt:
+                break
+            self._guide.say(f"{joint.name}: {doubt}")
+            if is_mirrored(joint, made):
+                sign = self._direction(joint)
+            made = self._calibration(joint, sign, self._anchor(joint, sign))
+        return made
+
+    def _calibration(self, joint: Joint, sign: int, anchor: float) -> JointCalibration:
+        plan, counting = self._plans[joint.name], self._counting[joint.name]
+        position = plan.anchor(joint.limits.lower, joint.limits.upper)
+        found = Found(self._swept(joint), sign, anchor, position, counting.homing_offset, counting.extended)
+        return calibration_of(joint, found)
+
+    def _anchor(self, joint: Joint, sign: int) -> float:
+        """The continuous counts at the place that the joint's plan names."""
+        plan = self._plans[joint.name]
+        if plan.zero != "pose":
+            return anchor_counts(joint, plan, self._swept(joint), sign)
+        return self._pose_twice(joint, plan) if turns_freely(joint) else self._pose(joint, plan)
+
+    # The direction.
+
+    def _direction(self, joint: Joint, before: str = "") -> int:
         """Have the joint moved the way in which its position grows; the sign with which counts do."""
-        text = f"{joint.name}: {self._plans[joint.name].positive}"
+        positive = self._plans[joint.name].positive
+        text, others = f"{joint.name}: {before}{positive}", list[str]()
         per_rad = joint.model.counts_per_turn / tau
         for _ in range(TRIES):
-            way = last_way(self._shown(joint, text), round(TREMBLE_RAD * per_rad))
+            hands = Hands(self._sweep)
+            self._have_done("direction", text, (joint,), hands.look)
+            way = last_way(hands.counts(joint), round(TREMBLE_RAD * per_rad))
             if abs(way) >= SHOWN_RAD * per_rad:
                 return 1 if way > 0 else -1
-            text = f"{joint.name} hardly moved. {self._plans[joint.name].positive}, by the width of a hand or more"
+            other = hands.moved_instead(joint, SHOWN_RAD)
+            others += [other.name] if other else []
+            if other and others.count(other.name) == SEEN_TWICE:
+                raise CalibrationError(_exchanged(joint, other))
+            seen = f", but servo {other.servo_id} ({other.name}) turned" if other else ""
+            text = (
+                f"{joint.name} (servo {joint.servo_id}) hardly moved{seen}. {positive}, by the width of a hand or more"
+            )
         raise CalibrationError(f"{joint.name}: which way is positive was not shown: nothing was written")
 
-    def _shown(self, joint: Joint, text: str) -> list[int]:
-        """The continuous counts of the joint while the user shows its direction."""
-        counts = [self._swept(joint).counts]
-        self._have_done("direction", text, (joint,), lambda: counts.append(self._swept(joint).counts))
-        return counts
+    def _place_shows_direction(self, joint: Joint, made: JointCalibration) -> bool:
+        """Whether the travel would lie elsewhere if the joint's direction was the other one."""
+        plan, limits = self._plans[joint.name], joint.limits
+        if plan.zero != "pose" or turns_freely(joint) or place_doubt(joint, made):
+            return False
+        from_middle = plan.anchor(limits.lower, limits.upper) - 0.5 * (limits.lower + limits.upper)
+        return abs(from_middle) > PLACE_RAD * joint.transmission
 
-    def _pose(self, joint: Joint, plan: JointPlan) -> float:
+    def _shown_again(self, joint: Joint, made: JointCalibration) -> JointCalibration:
+        """Have a direction shown again that nothing else shows; of two that differ the third decides."""
+        if self._direction(joint, "once more, to be sure: ") == made.sign:
+            return made
+        self._guide.say(f"{joint.name} was shown one way, and then the other")
+        sign = self._direction(joint, "a third time, as it was shown both ways: ")
+        return made if sign == made.sign else self._calibration(joint, sign, self._anchor(joint, sign))
+
+    # The pose.
+
+    def _pose(self, joint: Joint, plan: JointPlan, before: str = "") -> float:
         """Have the joint brought into its marked pose; the counts there."""
-        self._have_done("pose", f"{joint.name}: {plan.pose}, and keep it there", (joint,))
-        return self._swept(joint).counts
+        hands = Hands(self._sweep)
+        text = f"{joint.name}: {before}{plan.pose}, and keep it there"
+        self._have_done("pose", text, (joint,), hands.look)
+        if other := hands.moved_instead(joint, SHOWN_RAD):
+            self._guide.say(f"{joint.name} hardly moved, but servo {other.servo_id} ({other.name}) turned")
+        return self._sweep.of(joint).counts
+
+    def _pose_twice(self, joint: Joint, plan: JointPlan) -> float:
+        """The pose of a joint that turns freely: no stop shows whether it is right, so it is shown twice."""
+        turn = joint.model.counts_per_turn
+        first = self._pose(joint, plan)
+        apart = [0, shortest(round(first), round(self._pose(joint, plan, "turn it away, and then back: ")), turn)]
+        if abs(apart[1]) > PLACE_RAD * turn / tau:
+            self._guide.say(f"{joint.name}: the two poses are {abs(apart[1]) * tau / turn:.3f} rad apart")
+            apart.append(shortest(round(first), round(self._pose(joint, plan, "a third time: ")), turn))
+        return first + median(apart)
 
     def _have_done(
         self, kind: str, text: str, joints: Sequence[Joint], after_look: Callable[[], object] = lambda: None
@@ -151,14 +246,39 @@ class ByHand:
         look()
 
 
-def anchor_counts(plan: JointPlan, travel: Travel, sign: int) -> float:
+def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> None:
+    """Raise CalibrationError with all joints that turn freely and have no pose for their zero."""
+    lost = [joint.name for joint in joints if turns_freely(joint) and plans[joint.name].zero != "pose"]
+    if lost:
+        raise CalibrationError(
+            f"{', '.join(lost)}: the range in the URDF is a whole turn, so no stop shows the zero: "
+            "give the plan in arm.yaml `zero: pose`"
+        )
+
+
+def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> float:
     """The continuous counts at the middle or at a stop of the travel."""
     if plan.zero == "middle":
         return 0.5 * (travel.lower + travel.upper)
+    pressed = pressed_counts(joint, travel)
     at_lower = (plan.zero == "lower_stop") == (sign > 0)
-    return travel.lower if at_lower else travel.upper
+    return travel.lower + pressed if at_lower else travel.upper - pressed
 
 
 def as_joint(joint: Joint, made: JointCalibration) -> Joint:
     """The joint as calibrated."""
-    return replace(joint, sign=made.sign, zero_counts=made.zero_counts, homing_offset=made.homing_offset)
+    return replace(
+        joint,
+        sign=made.sign,
+        zero_counts=made.zero_counts,
+        homing_offset=made.homing_offset,
+        extended=made.extended,
+    )
+
+
+def _exchanged(joint: Joint, other: Joint) -> str:
+    return (
+        f"{joint.name}: servo {joint.servo_id} did not move, and servo {other.servo_id} ({other.name}) did, twice. "
+        "The two servos have exchanged their IDs, or another joint was moved. Nothing was written. Give them the right "
+        "IDs with servoloop set-id, the first by way of a free ID, and calibrate again"
+    )

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Protocol
 
 from calibration.eeprom import Change
+from commissioning.calibrate.file import set_aside
 from commissioning.calibrate.flow import ByHand, Guide, as_joint
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.seam import joint_counting
 from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import check
+from commissioning.calibrate.verify import check, first_way
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
@@ -22,6 +24,8 @@ from hal.servos.limp_arm import falls, release_question, servo_name
 
 STORE = "Store this calibration?"
 TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
+REPEAT = "Measure {joints} once more?"
+MOVED = "Did each joint first move the way that was printed for it?"
 LET_GO = "The arm holds itself: let it go"
 HOLD = "The arm goes limp: hold it"
 UNTRIED = "the calibration is stored, and was not tried to the end"
@@ -53,11 +57,14 @@ class Difference:
     made: JointCalibration
     doubt: str
     """What is doubtful; empty where nothing is."""
+    uncertainty: float = 0.0
+    """Expected error of the stored zero, rad or m."""
 
     @property
     def zero_moved(self) -> float:
         """How far the zero has moved, rad or m; only with the sign unchanged it says anything."""
-        offset = (self.made.homing_offset or 0) - (self.before.homing_offset or 0)
+        model = self.before.model
+        offset = (self.made.counting.seam(model) or 0) - (joint_counting(self.before).seam(model) or 0)
         half = self.before.model.counts_per_turn // 2
         counts = (self.made.zero_counts + offset - self.before.zero_counts + half) % (2 * half) - half
         return counts * abs(self.before.units_per_count)
@@ -102,10 +109,15 @@ def calibrate(
     with closing(open_bus()) as bus:
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)
-    differences = tuple(
-        Difference(joint.name, joint.servo_id, joint, made[joint.name], doubts(joint, made[joint.name]))
-        for joint in joints
-    )
+        if measure is None:
+            made = repeated(bus, joints, plans, made, asker)
+    differences = tuple(_difference(joint, made[joint.name], plans[joint.name]) for joint in joints)
+    for one in differences:
+        if one.made.extended and not one.before.extended:
+            asker.say(
+                f"{one.joint}: its servo ({one.servo_id}) passes from its last count to its first within the joint's "
+                "range, so it will be set to extended position mode (4), with a homing offset"
+            )
     asker.show(differences)
     if not asker.confirm(STORE):
         return Outcome(differences, calibration_path(robot))
@@ -115,20 +127,51 @@ def calibrate(
     tried = asker.confirm(TRY)
     if tried:
         try:
-            _try(open_bus, calibrated, asker, clock, stopped)
+            _try(open_bus, calibrated, plans, asker, clock, stopped)
         except BaseException as error:
             error.add_note(UNTRIED)
             raise
+        if not asker.confirm(MOVED):
+            raise CalibrationError(f"a direction was shown the wrong way round: {set_aside(robot)}")
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 
+def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Difference:
+    doubt, off = doubts(joint, made), uncertainty(joint, made, plan.zero)
+    return Difference(joint.name, joint.servo_id, joint, made, doubt, off)
+
+
+def repeated(
+    bus: Bus,
+    joints: Sequence[Joint],
+    plans: Mapping[str, JointPlan],
+    made: dict[str, JointCalibration],
+    asker: Asker,
+) -> dict[str, JointCalibration]:
+    """Measure doubtful joints once more by hand if the user wants that; the calibrations of all joints."""
+    doubtful = [joint for joint in joints if doubts(joint, made[joint.name])]
+    for joint in doubtful:
+        asker.say(f"{joint.name}: {doubts(joint, made[joint.name])}")
+    if not doubtful or not asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
+        return made
+    return made | by_hand(asker)(bus, doubtful, plans)
+
+
 def _try(
-    open_bus: Callable[[], Bus], joints: Sequence[Joint], asker: Asker, clock: Clock, stopped: Callable[[], bool]
+    open_bus: Callable[[], Bus],
+    joints: Sequence[Joint],
+    plans: Mapping[str, JointPlan],
+    asker: Asker,
+    clock: Clock,
+    stopped: Callable[[], bool],
 ) -> None:
     """Move each joint a little under torque; whoever holds the arm is told when to let go and when to take it again."""
     with SlowArm(open_bus, joints, clock, stopped) as arm:
         asker.say(LET_GO)
         arm.rest(HANDS_S)
+        for index, joint in enumerate(arm.joints):
+            way = "this way" if first_way(arm, index) > 0.0 else "the other way than this"
+            asker.say(f"{joint.name}, first {way}, then back: {plans[joint.name].positive}")
         check(arm, asker.say)
         asker.say(HOLD)
         arm.rest(HANDS_S)

@@ -4,15 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from calibration.eeprom import Change, update
+from calibration.eeprom import Change
 from commissioning.calibrate.file import save
-from commissioning.calibrate.flow import homing_offset
 from commissioning.calibrate.result import CalibrationError, JointCalibration
+from commissioning.calibrate.seam import can_move_seam, write_counting
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
 from hal.joint import Joint
 
 RESTART_S: Final = 1.5
@@ -34,7 +35,7 @@ def store(
     changes: dict[str, tuple[Change, ...]] = {}
     try:
         for joint in joints:
-            changes[joint.name] = _write_offset(bus, joint, made[joint.name])
+            changes[joint.name] = write_counting(bus, joint, made[joint.name].counting)
         restart(bus, joints, clock)
         _check(bus, joints, made)
         save(robot, content)
@@ -51,25 +52,20 @@ def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str
     return f"the new calibration is {' and '.join(places)}{missing}"
 
 
-def _write_offset(bus: Bus, joint: Joint, made: JointCalibration) -> tuple[Change, ...]:
-    register = homing_offset(joint)
-    if register is None or made.homing_offset is None:
-        return ()
-    return update(bus, joint.servo_id, series_of(joint.model).lock, {register: made.homing_offset})
-
-
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     """Have limp servos forget the turns that they counted while the arm was moved.
 
     One that was turned over its seam would take its next goal for one that is a whole turn away.
     """
-    turned = [joint for joint in joints if homing_offset(joint) is not None]
+    turned = [joint for joint in joints if can_move_seam(joint.model)]
     for joint in turned:
         bus.reboot(joint.servo_id)
     if turned:
         clock.sleep_until(clock.now() + RESTART_S)
     for joint in turned:
         retry(lambda servo_id=joint.servo_id: bus.ping(servo_id))  # type: ignore[misc]
+        if series_of(joint.model) is X:
+            bus.identify(joint.servo_id, joint.model)  # the bus has to know the mode that it counts in
 
 
 def _check(bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration]) -> None:

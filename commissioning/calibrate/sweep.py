@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from calibration.angles import Travel, unwrap
+from commissioning.calibrate.result import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.bus.types import Reading, ServoState
 from hal.joint import Joint
@@ -51,6 +52,16 @@ class Sweep:
         self.missing = {}
         for joint in self.joints:
             self._take(joint, readings)
+
+    def of(self, joint: Joint) -> Swept:
+        """What is known of one joint. Raises CalibrationError where its servo has never answered."""
+        swept = self.swept.get(joint.name)
+        if swept is None:
+            raise CalibrationError(
+                f"{joint.name}: servo {joint.servo_id} never answered ({self.missing.get(joint.name, '')}): "
+                "servoloop doctor finds out why"
+            )
+        return swept
 
     def _take(self, joint: Joint, readings: Mapping[int, Reading]) -> None:
         reading = readings[joint.servo_id]

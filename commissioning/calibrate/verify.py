@@ -19,10 +19,16 @@ def check(arm: SlowArm, say: Callable[[str], None]) -> None:
         _there_and_back(arm, index)
 
 
+def first_way(arm: SlowArm, index: int) -> float:
+    """The way that the check moves a joint first, towards the middle of its limits, rad or m."""
+    joint = arm.joints[index]
+    middle = 0.5 * (joint.limits.lower + joint.limits.upper)
+    return WAY_RAD * joint.transmission * (1.0 if float(arm.command[index]) < middle else -1.0)
+
+
 def _there_and_back(arm: SlowArm, index: int) -> None:
     joint, start, before = arm.joints[index], float(arm.command[index]), arm.measured(index)
-    middle = 0.5 * (joint.limits.lower + joint.limits.upper)
-    way = WAY_RAD * joint.transmission * (1.0 if start < middle else -1.0)
+    way = first_way(arm, index)
     arm.go(index, start + way)
     moved = arm.measured(index) - before
     arm.go(index, start)

@@ -102,6 +102,7 @@ def _plain(outcome: "Outcome") -> dict[str, Any]:
                 "lower_counts": one.made.lower_counts,
                 "upper_counts": one.made.upper_counts,
                 "zero_moved": one.zero_moved,
+                "zero_uncertainty": one.uncertainty,
                 "doubt": one.doubt or None,
             }
             for one in outcome.differences

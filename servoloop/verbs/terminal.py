@@ -109,7 +109,9 @@ def _sweep_table(task: "Task") -> Table:
 
 def difference_table(differences: "Sequence[Difference]") -> Table:
     """Each joint's sign, zero and offset before and now, and its travel against the URDF's range."""
-    table = Table("joint", "servo", "sign", "zero", "homing offset", "zero moved", "travel", "in the URDF")
+    table = Table(
+        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "in the URDF"
+    )
     for one in differences:
         before, made = one.before, one.made
         prismatic = before.transmission != 1.0
@@ -121,6 +123,7 @@ def difference_table(differences: "Sequence[Difference]") -> Table:
             _changed(before.zero_counts, made.zero_counts),
             _changed(before.homing_offset, made.homing_offset),
             f"{one.zero_moved:+.4f} m" if prismatic else f"{degrees(one.zero_moved):+.2f}°",
+            f"±{one.uncertainty:.4f} m" if prismatic else f"±{one.uncertainty:.3f} rad",
             f"{travel:.4f} m" if prismatic else f"{travel:.3f} rad",
             f"{range_:.4f} m" if prismatic else f"{range_:.3f} rad",
         )

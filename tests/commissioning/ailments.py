@@ -300,6 +300,13 @@ def missed_stop(patient: Patient) -> None:
     _calibration(patient, lower_counts=1300)
 
 
+def wrong_pose(patient: Patient) -> None:
+    """A zero that was found in a pose ten degrees beside the marked one."""
+    assert patient.calibration is not None
+    zero = patient.calibration.joints[patient.robot.joints[ELBOW - 1].name].zero_counts
+    _calibration(patient, zero_counts=zero + 114)
+
+
 def over_the_seam(patient: Patient) -> None:
     _calibration(patient, lower_counts=-400, upper_counts=2300)
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import tau
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +71,8 @@ class UnalignedArm:
     def open_bus(self, joints: Sequence[Joint]) -> Bus:
         """The same line, opened by another program."""
         self.port = VirtualPort(self.line, self.clock)
-        return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints})
+        gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
+        return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints}, position_p=gains)
 
     @property
     def fastest_rad_s(self) -> float:
@@ -124,6 +127,14 @@ class UnalignedArm:
 
     def wait(self) -> None:
         self.clock.sleep_until(self.clock.now() + LOOK_S)
+
+
+def off_rad(arm: Any, joint: Joint, made: JointCalibration) -> float:
+    """The error of a calibrated zero, rad of the servo's shaft."""
+    turn = joint.model.counts_per_turn
+    true = arm.coupling(joint.name).zero_counts
+    off = (made.zero_counts + (made.counting.seam(joint.model) or 0) - true + turn // 2) % turn - turn // 2
+    return abs(off) * tau / turn
 
 
 @dataclass

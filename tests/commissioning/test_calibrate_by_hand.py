@@ -1,43 +1,68 @@
 """Calibration by hand of arms that nobody aligned: zeros and directions are found, wherever the seam lies."""
 
-from math import tau
+from typing import Any, cast
 
 import pytest
 
-from commissioning.calibrate.flow import ByHand
+from commissioning.calibrate.flow import ByHand, as_joint
 from commissioning.calibrate.result import doubts
-from drivers.servos.sts import torque_enable
-from servoloop.arms.folder import find_arm
-from tests.commissioning.arm import PLAN, Person, UnalignedArm
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
+from servoloop.arms.folder import arms, find_arm
+from tests.commissioning.arm import Person, UnalignedArm, off_rad
+from tests.commissioning.held import HeldArm
 from tests.drivers.fault_lines import CYCLES
 
-ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.01, 0.03
-ARMS = (
-    ("so101", 0.0),
-    ("so101", 1.0),
-    ("robot_arm", 1.0),
+ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.02, 0.025
+FIRST = (
+    (0, "so101", 0.0),
+    (0, "so101", 1.0),
+    (0, "robot_arm", 1.0),
     # The hand presses its trigger, whose gears are light, a little into the stop.
-    ("so101_leader", 1.0),
+    (0, "so101_leader", 1.0),
+    # Its wrist turns freely.
+    (0, "so100", 1.0),
+    # Its servos move their seams in extended position mode.
+    (0, "koch", 1.0),
 )
-SEEDS = [
-    pytest.param(0, marks=pytest.mark.slow),
-    *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, CYCLES // 500)),
-]
-"""In make soak twenty."""
+SEEDS = range(CYCLES // 1000) if CYCLES > 1000 else ()
+"""In make soak ten for every arm, with and without backlash (degrees)."""
+HELD_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, CYCLES // 100))]
+FURTHER = [(seed, arm.name, gap) for arm in arms() for gap in (0.0, 1.0) for seed in SEEDS]
 
 
-@pytest.mark.parametrize(("name", "backlash_deg"), ARMS)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    ("seed", "name", "backlash_deg"),
+    [
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in FIRST),
+        *(pytest.param(*one, marks=pytest.mark.soak) for one in FURTHER if one not in FIRST),
+    ],
+)
 def test_zeros_and_directions_are_found(seed: int, name: str, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg, name)
-    plans = PLAN.joints if name == "robot_arm" else find_arm(name).file.calibration.joints
+    plans = find_arm(name).file.calibration.joints
     found = ByHand(arm.bus, arm.joints, plans, Person(arm, plans)).run()
     allowed_rad = ZERO_WITH_BACKLASH_RAD if backlash_deg else ZERO_RAD
     for joint in arm.joints:
-        made, true = found[joint.name], arm.coupling(joint.name)
-        assert made.sign == true.sign, joint.name
-        off = (made.zero_counts + (made.homing_offset or 0) - true.zero_counts + 2048) % 4096 - 2048
-        assert abs(off) * tau / 4096 <= allowed_rad, joint.name
+        made = found[joint.name]
+        assert made.sign == arm.coupling(joint.name).sign, joint.name
+        assert off_rad(arm, joint, made) <= allowed_rad, joint.name
         assert 0 <= made.lower_counts < made.upper_counts <= 4095
         assert doubts(joint, made) == ""
-    assert not any(servo.memory.get(torque_enable) for servo in arm.line.servos)
+    torque = {joint.servo_id: series_of(joint.model).torque_enable for joint in arm.joints}
+    assert not any(servo.memory.get(torque[servo.servo_id]) for servo in arm.line.servos)
+
+
+@pytest.mark.parametrize("name", [arm.name for arm in arms()])
+@pytest.mark.parametrize("seed", HELD_SEEDS)
+def test_every_arm_is_calibrated_however_its_servos_are_mounted(seed: int, name: str) -> None:
+    arm = HeldArm(seed, name)
+    person = Person(cast(Any, arm), arm.plan.joints)
+    found = ByHand(cast(Any, arm.bus), arm.joints, arm.plan.joints, person).run()
+    for joint in arm.joints:
+        made = found[joint.name]
+        assert made.sign == arm.coupling(joint.name).sign, joint.name
+        assert off_rad(arm, joint, made) < 0.002 and doubts(joint, made) == "", joint.name
+        lowest, highest = as_joint(joint, made).counts_range()
+        assert 0 <= lowest < highest <= joint.model.last_count, "the robot file would be refused"
+        assert not made.extended or series_of(joint.model) is X

@@ -1,21 +1,25 @@
 """The whole calibration, as the command line and scripts call it."""
 
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
-from commissioning.calibrate.flow import Task
-from commissioning.calibrate.result import CalibrationError
-from commissioning.calibrate.run import HOLD, LET_GO, STORE, TRY, Difference, calibrate
+from commissioning.calibrate.flow import ByHand, Task
+from commissioning.calibrate.result import CalibrationError, doubts
+from commissioning.calibrate.run import HOLD, LET_GO, MOVED, REPEAT, STORE, TRY, Difference, calibrate, repeated
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
+from drivers.servos.catalog import series_of
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question
 from servoloop.files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
+from tests.commissioning.held import HeldArm
 
 SEED = 5
 
@@ -35,7 +39,9 @@ class Owner(Person):
     def say(self, text: str) -> None:
         super().say(text)
         if text == LET_GO:
-            assert torque(self.arm) == [joint.servo_id for joint in JOINTS], "it is let go when it holds itself"
+            assert torque(self.arm) == [joint.servo_id for joint in self.arm.joints], (
+                "it is let go when it holds itself"
+            )
             self.arm.hand.release()
         if text == HOLD:
             assert torque(self.arm), "it is taken before it is limp"
@@ -53,7 +59,8 @@ def robot(tmp_path: Path) -> Path:
 
 
 def torque(arm: UnalignedArm) -> list[int]:
-    return [servo.servo_id for servo in arm.line.servos if servo.memory.get(sts.torque_enable)]
+    registers = {joint.servo_id: series_of(joint.model).torque_enable for joint in arm.joints}
+    return [servo.servo_id for servo in arm.line.servos if servo.memory.get(registers[servo.servo_id])]
 
 
 @pytest.mark.slow
@@ -61,7 +68,7 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
-    assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY]
+    assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY, MOVED]
     assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
     assert torque(arm) == [] and arm.hand.holds(JOINTS[0].name)
     joints = read_files(robot=robot).robot.joints
@@ -153,3 +160,36 @@ def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked
     with pytest.raises(ServoRefused, match="servo 5"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert owner.asked == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("former", [True, False])
+def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot: Path, former: bool) -> None:
+    arm, path = UnalignedArm(SEED), calibration_path(robot)
+    if former:
+        path.write_text("joints: {}\n")
+    owner = Owner(arm, no=(MOVED,))
+    wrong = arm.as_mounted()
+    wrong["joint1"] = replace(wrong["joint1"], sign=-wrong["joint1"].sign)
+    again = (
+        "is the former one again. Calibrate again" if former else r"calibration.yaml.wrong now, and not in use\. Cal"
+    )
+    with pytest.raises(CalibrationError, match=again):
+        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
+    (said,) = [text for text in owner.heard if text.startswith("joint1, first ")]
+    assert said.endswith("way, then back: to the left") or said.endswith("than this, then back: to the left")
+    assert path.with_name(path.name + ".wrong").exists() and torque(arm) == []
+    assert (path.read_text() == "joints: {}\n") if former else not path.exists()
+
+
+def test_joints_that_are_doubtful_are_measured_once_more_if_their_owner_wants_that(robot: Path) -> None:
+    arm = HeldArm(SEED, "so101")
+    hands = Owner(cast(Any, arm), arm.plan.joints, no=(STORE,))
+    hands.skipped = {"elbow_flex"}
+    made = ByHand(cast(Any, arm), arm.joints, arm.plan.joints, hands).run()
+    hands.skipped = set()
+    again = repeated(cast(Any, arm), arm.joints, arm.plan.joints, made, hands)
+    assert hands.asked == [REPEAT.format(joints="elbow_flex")]
+    assert any(re.match("elbow_flex: was moved through .* of 3.380", text) for text in hands.heard)
+    assert doubts(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
+    assert repeated(cast(Any, arm), arm.joints, arm.plan.joints, again, hands) == again and len(hands.asked) == 1

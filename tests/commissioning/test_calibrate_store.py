@@ -1,6 +1,7 @@
 """Storing and verifying a calibration: file before servos, offsets behind their lock, and a slow move."""
 
 import errno
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +13,9 @@ from commissioning.calibrate.store import store
 from commissioning.calibrate.verify import check
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost, ServoError
-from drivers.servos import sts
+from drivers.servos import sts, x
 from hal.robot_file.calibration_file import calibration_path
+from servoloop.arms.folder import ARMS, find_arm, read_arm_files
 from servoloop.files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
 
@@ -139,3 +141,26 @@ def test_nothing_is_written_to_a_servo_under_torque(robot: Path) -> None:
     with pytest.raises(EepromError, match="switch it off first"):
         store(robot, arm.bus, JOINTS, made, arm.clock)
     assert not any(servo.memory.get(sts.homing_offset) for servo in arm.line.servos)
+
+
+def test_dynamixels_move_their_seams_in_extended_position_mode_and_come_up_in_any_turn(tmp_path: Path) -> None:
+    shutil.copytree(ARMS / "koch", tmp_path / "koch")
+    arm, robot = UnalignedArm(2, name="koch"), tmp_path / "koch" / "robot.yaml"
+    for servo in arm.line.servos:
+        servo.memory.save(x.homing_offset, 1500)  # which position mode ignores
+    made = arm.as_mounted()
+    crossing = [name for name, one in made.items() if one.extended]
+    assert crossing and crossing != list(made), "this arm has the seam of some of its servos within their travel"
+    changes = store(robot, arm.bus, arm.joints, made, arm.clock)
+    assert [name for name, done in changes.items() if "operating_mode 3 to 4" in map(str, done)] == crossing
+    joints = read_arm_files(find_arm(str(tmp_path / "koch"))).robot.joints
+    for servo in arm.line.servos:
+        servo.power_cycle()
+    arm.hand.release()
+    with SlowArm(lambda: arm.open_bus(joints), joints, arm.clock) as move:
+        assert move.state.position == pytest.approx(arm.world.position(), abs=0.02)
+        check(move, lambda text: None)
+    arm.line.servo(1).memory.save(x.operating_mode, 7 - arm.line.servo(1).memory.get(x.operating_mode))
+    refused = pytest.raises(DriverError, match=r"servo 1: is in operating mode (3: set it to 4 \(ext|4: set it to 3)")
+    with refused, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock):
+        pass

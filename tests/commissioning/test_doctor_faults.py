@@ -57,6 +57,7 @@ FIRST: list[Case] = [
     (ailments.far_outside, "outside_limits", "calibrate"),
     (ailments.full_turn, "travel_differs", "calibrate"),
     (ailments.missed_stop, "travel_differs", "calibrate"),
+    (ailments.wrong_pose, "travel_differs", "calibrate"),
     (ailments.over_the_seam, "seam_in_range", "calibrate"),
     (ailments.nobody_calibrated, "not_calibrated", "calibrate"),
     (ailments.denied, "port_denied", ""),

@@ -1,0 +1,153 @@
+"""Mistakes of hands during a calibration: each is noticed before anything is stored, and what was seen is named."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import pytest
+
+from commissioning.calibrate.flow import ByHand, Task
+from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from hal.joint import Joint
+from tests.commissioning.arm import Person, off_rad
+from tests.commissioning.held import HeldArm
+
+SEED = 3
+
+
+@dataclass
+class Clumsy(Person):
+    """Somebody who makes mistakes with some joints, always or the first time only."""
+
+    share: Mapping[str, float] = field(default_factory=dict)
+    """Share of the travel through which a joint is swept, from its lower stop on."""
+    wrong_ways: dict[str, int] = field(default_factory=dict)
+    """Number of times that a joint's direction is shown the wrong way round."""
+    wrong_poses: dict[str, list[float]] = field(default_factory=dict)
+    """How far a joint is held from its marked pose, one time after the other."""
+    instead: Mapping[str, str] = field(default_factory=dict)
+    """The joint that is moved in the place of another one."""
+    tasks: list[Task] = field(default_factory=list)
+
+    def until_done(self, task: Task, look: object) -> None:
+        self.tasks.append(task)
+        super().until_done(task, look)  # type: ignore[arg-type]
+
+    def move(self, kind: str, joints: Sequence[str], look: object) -> None:
+        super().move(kind, [self.instead.get(name, name) for name in joints], look)  # type: ignore[arg-type]
+
+    def _ways(self, kind: str, joint: Joint) -> list[float]:
+        ways = super()._ways(kind, joint)
+        if kind == "sweep" and joint.name in self.share:
+            lower, upper = joint.limits.lower, joint.limits.upper
+            return [ways[0], lower + self.share[joint.name] * (upper - lower), ways[2]]
+        if kind == "direction" and self.wrong_ways.get(joint.name, 0) > 0:
+            self.wrong_ways[joint.name] -= 1
+            return [ways[1], ways[1] - 0.6 * joint.transmission]
+        if kind == "pose" and self.wrong_poses.get(joint.name):
+            return [ways[0] + self.wrong_poses[joint.name].pop(0)]
+        return ways
+
+    def asked(self, kind: str, joint: str) -> list[str]:
+        return [task.text for task in self.tasks if task.kind == kind and joint in task.joints]
+
+
+def calibrated(arm: HeldArm, hands: Clumsy, *names: str) -> tuple[dict[str, Joint], Mapping[str, JointCalibration]]:
+    """Calibrate these joints, each held still by the others' hands."""
+    joints = [joint for joint in arm.joints if joint.name in names]
+    found = ByHand(cast(Any, arm.bus), joints, hands.plans, hands).run()
+    return {joint.name: joint for joint in joints}, found
+
+
+def clumsy(name: str, **mistakes: object) -> tuple[HeldArm, Clumsy]:
+    arm = HeldArm(SEED, name)
+    return arm, Clumsy(cast(Any, arm), arm.plan.joints, **cast(Any, mistakes))
+
+
+@pytest.mark.parametrize("share", [0.975, 0.85])
+def test_a_sweep_that_is_too_short_is_asked_for_again_with_what_was_seen(share: float) -> None:
+    arm, hands = clumsy("so101", share={"elbow_flex": share})
+    joints, found = calibrated(arm, hands, "elbow_flex")
+    sweeps = hands.asked("sweep", "elbow_flex")
+    assert len(sweeps) == 2, "the same ends twice are stops"
+    assert sweeps[1].startswith("Not yet from stop to stop: elbow_flex. Move it to both stops (elbow_flex: ")
+    assert "of 3.380 in the URDF" in sweeps[1]
+    joint, made = joints["elbow_flex"], found["elbow_flex"]
+    assert "Was a stop missed" in doubts(joint, made)
+    assert uncertainty(joint, made, "middle") > off_rad(arm, joint, made) > 0.02
+
+
+def test_a_sweep_that_is_repeated_to_both_stops_is_believed() -> None:
+    class Learning(Clumsy):
+        def until_done(self, task: Task, look: object) -> None:
+            super().until_done(task, look)
+            self.share = {}
+
+    arm, hands = clumsy("so101")
+    learning = Learning(cast(Any, arm), hands.plans, share={"elbow_flex": 0.9})
+    joints, found = calibrated(arm, learning, "elbow_flex")
+    assert len(learning.asked("sweep", "elbow_flex")) == 2
+    assert doubts(joints["elbow_flex"], found["elbow_flex"]) == ""
+    assert off_rad(arm, joints["elbow_flex"], found["elbow_flex"]) < 0.01
+
+
+def test_a_direction_that_nothing_else_shows_is_asked_for_twice_and_the_third_time_decides() -> None:
+    arm, hands = clumsy("so101", wrong_ways={"shoulder_pan": 1})
+    _, found = calibrated(arm, hands, "shoulder_pan")
+    shown = hands.asked("direction", "shoulder_pan")
+    assert [text.split(": ")[1].split(",")[0] for text in shown[1:]] == ["once more", "a third time"]
+    assert found["shoulder_pan"].sign == arm.coupling("shoulder_pan").sign
+    assert "shoulder_pan was shown one way, and then the other" in hands.heard
+
+
+@pytest.mark.parametrize(("times", "asked"), [(1, 2), (9, 3)])
+def test_a_direction_that_the_stops_contradict_is_asked_for_again(times: int, asked: int) -> None:
+    arm, hands = clumsy("so100", wrong_ways={"elbow_flex": times})
+    joints, found = calibrated(arm, hands, "elbow_flex")
+    joint, made = joints["elbow_flex"], found["elbow_flex"]
+    (first, *_) = [text for text in hands.heard if "its stops are at" in text]
+    assert "was its direction shown the wrong way round" in first
+    assert len(hands.asked("direction", "elbow_flex")) >= asked
+    right = made.sign == arm.coupling("elbow_flex").sign
+    assert right == (times == 1) == (doubts(joint, made) == "")
+
+
+@pytest.mark.parametrize("off", [0.1745, -0.45])
+def test_a_pose_that_the_stops_contradict_is_asked_for_again(off: float) -> None:
+    arm, hands = clumsy("so101", wrong_poses={"wrist_roll": [off]})
+    joints, found = calibrated(arm, hands, "wrist_roll")
+    assert len(hands.asked("pose", "wrist_roll")) == 2
+    off_by = f"is its zero off by {abs(off):.2f}"[:-1]
+    assert any("wrist_roll: its stops are at" in text and off_by in text for text in hands.heard)
+    assert off_rad(arm, joints["wrist_roll"], found["wrist_roll"]) < 0.02
+
+
+@pytest.mark.parametrize(("name", "joint_name", "off"), [("so101", "wrist_roll", 0.1745), ("koch", "wrist_flex", 0.2)])
+def test_a_pose_that_stays_wrong_is_doubtful_and_its_uncertainty_says_so(
+    name: str, joint_name: str, off: float
+) -> None:
+    arm, hands = clumsy(name, wrong_poses={joint_name: [off] * 9})
+    joints, found = calibrated(arm, hands, joint_name)
+    joint, made = joints[joint_name], found[joint_name]
+    assert "its stops are at" in doubts(joint, made)
+    assert uncertainty(joint, made, "pose") == pytest.approx(off, abs=0.03)
+
+
+def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() -> None:
+    arm, hands = clumsy("so100", wrong_poses={"wrist_roll": [0.5]})
+    joints, found = calibrated(arm, hands, "wrist_roll")
+    joint, made = joints["wrist_roll"], found["wrist_roll"]
+    assert hands.asked("sweep", "wrist_roll") == [] and len(hands.asked("pose", "wrist_roll")) == 3
+    assert any("the two poses are 0.5" in text for text in hands.heard)
+    assert off_rad(arm, joint, made) < 0.02
+    assert abs(made.zero_counts - 2048) <= 1 and (made.lower_counts, made.upper_counts) == (0, 4095)
+    assert uncertainty(joint, made, "pose") == 0.05
+
+
+def test_servos_that_have_exchanged_their_ids_are_named() -> None:
+    arm, hands = clumsy("so101", instead={"shoulder_pan": "elbow_flex", "elbow_flex": "shoulder_pan"})
+    exchanged = r"shoulder_pan: servo 1 did not move, and servo 3 \(elbow_flex\) did, twice"
+    with pytest.raises(CalibrationError, match=exchanged):
+        calibrated(arm, hands, "shoulder_pan", "elbow_flex")
+    again = hands.asked("direction", "shoulder_pan")[1]
+    assert again.startswith("shoulder_pan (servo 1) hardly moved, but servo 3 (elbow_flex) turned. ")
