@@ -15,7 +15,7 @@ from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.robot import Robot
-from servoloop.files import Files
+from servoloop.files import ServoFiles
 from servoloop.ports import device_paths
 from servoloop.realtime import realtime_priority
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
@@ -34,6 +34,7 @@ from sim_backend.mechanics.spread import NOMINAL, Spread
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.hand import Hand, obey
 from sim_backend.scene.picture import Recorder
+from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
 from sim_backend.scene.world_feed import WorldFeed, feed_path
 from sim_backend.sts.servo import VirtualServo
@@ -128,7 +129,7 @@ def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
 
 
 def emulate(
-    files: Files,
+    files: ServoFiles,
     link: Path,
     pictures: Path | None,
     build: Build,
@@ -141,9 +142,10 @@ def emulate(
 
     ``eeprom``: a file that keeps what the servos save. ``faults``: what is to go wrong, in times since the emulator
     was ready. Raises PortBusy where a path is taken, EepromError where the file does not fit, FaultError where
-    something cannot go wrong with these servos.
+    something cannot go wrong with these servos, ArmFileError where the scene does not have their joints.
     """
     ways = build.mounted(couplings(files.robot))
+    require_scene(files.scene, [one.joint for one in ways])
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
     if build.practice_seed is not None:
         world.clear_table()

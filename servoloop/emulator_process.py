@@ -1,44 +1,50 @@
-"""The emulator of ``servoloop up`` without a port: a process of its own."""
+"""Virtual servos for a verb that is started without a port: ``servoloop emulate`` as a child process."""
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from servoloop.files import ServoFiles
 from servoloop.ports import device_paths
 from servoloop.processes import LOOK_S, Interrupted, end, end_with_parent
 from sim_backend.scene.world_feed import feed_path
 
-START_S: Final = 30.0
+START_S: Final = 60.0
 END_S: Final = 10.0
 """It draws no pictures."""
 
 
-@contextmanager
-def emulator_process(
-    link: Path, *arguments: str, buses: Iterable[str] = ("",), signals: Callable[[], int] = lambda: 0
-) -> Iterator[None]:
-    """Start an emulator process; it ends with this process, however this one ends.
+def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:
+    """The arguments of ``servoloop`` by which a child process serves exactly the arm of these files."""
+    return ("emulate", str(link), *files.servo_options)
 
-    ``buses``: the names of those that it serves. ``signals``: how many there were; one ends the wait for the emulator
-    with Interrupted, two kill the emulator.
+
+@contextmanager
+def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) -> Iterator[dict[str, str]]:
+    """Serve the arm's servos from a child process, which ends with this process; yields the devices by bus.
+
+    ``signals``: number of signals so far. One ends the wait for the emulator with Interrupted, two kill the emulator.
     """
-    command = [sys.executable, "-m", "servoloop", "emulate", str(link), *arguments]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C is for the stack: it still needs its arm to stop it
-        preexec_fn=end_with_parent,
-    )
-    try:
-        _wait_for(link, list(device_paths(link, buses).values()), process, signals)
-        yield
-    finally:
-        end(process, END_S, lambda: signals() > 1)
+    with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
+        link = Path(folder) / "bus"
+        places = device_paths(link, files.robot.file.lines())
+        process = subprocess.Popen(
+            [sys.executable, "-m", "servoloop", *emulate_arguments(link, files)],
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C is for the stack: it still needs its arm to stop it
+            preexec_fn=end_with_parent,
+        )
+        try:
+            _wait_for(link, list(places.values()), process, signals)
+            yield {name: str(path) for name, path in places.items()}
+        finally:
+            end(process, END_S, lambda: signals() > 1)
 
 
 def _wait_for(

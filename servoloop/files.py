@@ -3,7 +3,7 @@
 import logging
 import tempfile
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from commissioning.whole_file import cannot_write, write_whole
@@ -29,9 +29,9 @@ OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
 ROBOT = "robot_arm.yaml"
 
 
-@dataclass(frozen=True, slots=True)
-class Files:
-    """The contents of a robot's files: URDF, robot files, controllers file."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoFiles:
+    """The contents of the files that describe an arm and its servos: URDF and robot files."""
 
     description: Description
     component: HardwareInfo
@@ -40,7 +40,6 @@ class Files:
     """All servos; those of several components as one robot."""
     limits: dict[str, JointLimits]
     """Of every joint that takes commands."""
-    controllers: ControllersFile
     urdf_path: Path
     robot_paths: dict[str, Path]
     """By component; one that needs no robot file has none."""
@@ -50,11 +49,40 @@ class Files:
     """The arm's name, under which the running stack can be found."""
     folder: Path | None = None
     """The arm's own folder, where its poses are kept; None for files that belong to no arm."""
+    arm_folder: Path = CONFIG / "arms" / "robot_arm"
+    """The folder of the arm that the other files belong to."""
 
     @property
     def robot_path(self) -> Path:
         """The robot file of the first component that has one."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
+
+    @property
+    def servo_options(self) -> tuple[str, ...]:
+        """The options by which ``servoloop emulate`` in another process reads exactly these files.
+
+        The robot files of several components are left to the URDF, which names them.
+        """
+        paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
+        if len(self.robot_paths) == 1:
+            paths["robot"] = self.robot_path
+        return _options(paths)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Files(ServoFiles):
+    """The contents of all of an arm's files: those of its servos, and the controllers file."""
+
+    controllers: ControllersFile
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The options by which ``servoloop up`` in another process reads exactly these files."""
+        return (*self.servo_options, *_options({"controllers": self.controllers.path}))
+
+
+def _options(paths: Mapping[str, Path]) -> tuple[str, ...]:
+    return tuple(word for name, path in paths.items() for word in (f"--{name}", str(path.absolute())))
 
 
 def read_files(
@@ -64,22 +92,33 @@ def read_files(
 
     Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
     """
+    servos = read_servo_files(urdf, robot, scene)
+    return with_controllers(servos, controllers)
+
+
+def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
+    """Read the controllers file for these servos and check that it fits them. Raises ControllersFileError."""
+    loaded = load_controllers_file(controllers, servos.robot.file.controller_defaults, servos.component)
+    known = {one.name: getattr(servos, one.name) for one in fields(servos)}
+    return Files(**known, controllers=loaded)
+
+
+def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path = SCENE) -> ServoFiles:
+    """Read and check an arm's files without its controllers. Raises DescriptionError or RobotFileError."""
     description = read_description(urdf)
     for warning in description.warnings:
         LOG.warning("%s", warning)
     paths = _robot_paths(description, urdf, robot)
     parts = [(c, _robot(paths[c.name], description, c)) for c in description.components if c.name in paths]
     whole = together(parts)
-    component = merged(description.components)
-    return Files(
-        description,
-        component,
-        whole,
-        all_limits(description.components, whole, description.joints),
-        load_controllers_file(controllers, whole.file.controller_defaults, component),
-        urdf,
-        paths,
-        scene,
+    return ServoFiles(
+        description=description,
+        component=merged(description.components),
+        robot=whole,
+        limits=all_limits(description.components, whole, description.joints),
+        urdf_path=urdf,
+        robot_paths=paths,
+        scene=scene,
     )
 
 
@@ -148,7 +187,7 @@ def initial_states(files: Files) -> InitialStates:
     return InitialStates(**lists)
 
 
-def servo_ids(files: Files, components: Collection[str] | None = None) -> dict[str, str]:
+def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> dict[str, str]:
     """The address of each joint's servo, by joint: of all components, or of those named."""
     driven = [c for c in files.description.components if components is None or c.name in components]
     return {

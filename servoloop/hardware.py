@@ -105,9 +105,10 @@ def build(
     """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
-    world = _World(clock, files.scene) if HardwareKind.MUJOCO in kinds.values() else None
-    if list(kinds.values()).count(HardwareKind.MUJOCO) > 1:
+    in_mujoco = [component for component in components if kinds[component.name] is HardwareKind.MUJOCO]
+    if len(in_mujoco) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
+    world = _World(clock, files.scene, in_mujoco[0].joints) if in_mujoco else None
     buses: dict[str, Line] = {}
     below: OpenPort = virtual.open if virtual else SerialPort
 
@@ -243,9 +244,11 @@ def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:
 class _World:
     """The arm in MuJoCo, and the things around it."""
 
-    def __init__(self, clock: Clock, scene: Path) -> None:
+    def __init__(self, clock: Clock, scene: Path, joints: Sequence[str]) -> None:
+        from sim_backend.scene.scene_check import require_scene
         from sim_backend.scene.world import World
 
+        require_scene(scene, joints)
         self._world = World(scene)
         self._clock = clock
 

@@ -3,7 +3,6 @@
 import gc
 import logging
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,12 +18,11 @@ from drivers.errors import DriverError
 from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
-from servoloop.emulator_process import emulator_process
+from servoloop.emulator_process import virtual_servos
 from servoloop.files import Files, InitialStates, initial_states, servo_ids
 from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread
-from servoloop.ports import device_paths
 from servoloop.realtime import claim_realtime_priority
 from servoloop.recorder.link_poses import Scene
 from servoloop.ros import require_ros
@@ -77,13 +75,8 @@ def _devices(
     if HardwareKind.SERVOS not in kinds or ports is not None:
         yield ports or {}
         return
-    with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
-        link = Path(folder) / "bus"
-        robot = ("--robot", str(files.robot_path)) if len(files.robot_paths) == 1 else ()
-        arguments = ("--urdf", str(files.urdf_path), *robot)
-        buses = files.robot.file.lines()
-        with emulator_process(link, *arguments, buses=buses, signals=lambda: signals.count):
-            yield {name: str(path) for name, path in device_paths(link, buses).items()}
+    with virtual_servos(files, lambda: signals.count) as devices:
+        yield devices
 
 
 def _serve(

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
 from hal.yaml_file import load
-from servoloop.files import CONFIG, Files, read_files
+from servoloop.files import CONFIG, Files, ServoFiles, read_servo_files, with_controllers
 
 ARMS: Final = CONFIG / "arms"
 ARM_FILE: Final = "arm.yaml"
@@ -117,10 +117,16 @@ def _completed(said: ArmFile, model: Path, where: Path) -> ArmFile:
 def read_arm_files(
     arm: Arm, urdf: Path | None = None, controllers: Path | None = None, robot: Path | None = None
 ) -> Files:
-    """Read and check an arm's files; single files count more than the arm's. Raises as read_files does.
+    """Read and check an arm's files; single files count more than the arm's. Raises as read_files does."""
+    return with_controllers(read_arm_servos(arm, urdf, robot), controllers or arm.controllers)
 
-    With another URDF it is that one which names the robot file, unless it is said, and whose folder has the poses.
+
+def read_arm_servos(arm: Arm, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
+    """Read and check an arm's files without its controllers. Raises as read_servo_files does.
+
+    With another URDF the robot file is the one that the URDF names, unless ``robot`` is given, and its folder has the poses.
     """
     own = None if urdf else arm.robot
-    files = read_files(urdf or arm.urdf, controllers or arm.controllers, robot or own, arm.scene)
-    return replace(files, arm=arm.name, folder=urdf.resolve().parent if urdf else arm.folder)
+    servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene)
+    poses = urdf.resolve().parent if urdf else arm.folder
+    return replace(servos, arm=arm.name, arm_folder=arm.folder, folder=poses)

@@ -13,6 +13,8 @@ from servoloop.arms.folder import Arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.demo.jobs import Camera, JobRunner
 from servoloop.demo.live import Live
+from servoloop.emulator_process import emulate_arguments
+from servoloop.files import Files
 from servoloop.live.folder import running_stacks
 from servoloop.ports import device_paths, port_options
 from servoloop.processes import Processes
@@ -85,10 +87,11 @@ def cell(
 
     os.environ.update(environment())
     link = out / "bus"
-    component = read_arm_files(arm, robot=robot).component.name
+    files = read_arm_files(arm, robot=robot)
     settings = load_pick_place(arm.pick_place).settings()
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
-        process_ids = _start(processes, link, arm, robot, build, live, record)
+        process_ids = _start(processes, link, files, build, live, record)
+        process_ids["pick_place"] = _start_node(processes, arm, live)
         if view:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
@@ -97,7 +100,7 @@ def cell(
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
             runner = JobRunner(monitor, picker, homing, live, camera, signals, processes)
             runner.wait_for_node(START_S)
-            yield Cell(runner, monitor, component, settings.joints, process_ids)
+            yield Cell(runner, monitor, files.component.name, settings.joints, process_ids)
         live.say("drawing the pictures")
         processes.end()
 
@@ -125,25 +128,28 @@ def _page(processes: Processes, out: Path, stack: int) -> str:
 
 
 def _start(
-    processes: Processes, link: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None
+    processes: Processes, link: Path, files: Files, build: Build, live: Live, record: Path | None
 ) -> dict[str, int]:
-    """Start all three processes, each when the one before it is ready; their process IDs."""
-    buses = read_arm_files(arm, robot=robot).robot.file.lines()
+    """Start the emulator and, once it serves, the stack; their process IDs."""
+    buses = files.robot.file.lines()
     ready = link.with_name("ready")
     ready.unlink(missing_ok=True)
-    chosen = ("--arm", str(arm.folder), *(("--robot", str(robot)) if robot else ()))
     started: dict[str, int] = {}
     live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
     built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
-    command = ("servoloop", "emulate", str(link), "--pictures", str(link.parent), *built, *chosen)
+    command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]
     processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)
     live.say("the stack")
-    command = ("servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *chosen)
+    command = ("servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *files.options)
     command += ("--record", str(record)) if record else ()
     started["stack"] = processes.start("stack", *command)
     processes.wait_until(ready.exists, "starting the stack", START_S)
-    live.say("the pick-place node")
-    started["pick_place"] = processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))
     return started
+
+
+def _start_node(processes: Processes, arm: Arm, live: Live) -> int:
+    """Start the pick-place node; its process ID."""
+    live.say("the pick-place node")
+    return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))

@@ -6,10 +6,11 @@ from drivers.clock import Clock
 from drivers.port import Port
 from servoloop.emulated_scene import Pose
 from servoloop.emulator import couplings, virtual_lines
-from servoloop.files import Files
+from servoloop.files import ServoFiles
 from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
 from sim_backend.wire.port import VirtualPort
 
@@ -19,13 +20,17 @@ class VirtualLines:
 
     def __init__(
         self,
-        files: Files,
+        files: ServoFiles,
         build: Build,
         start: Sequence[float] | None = None,
         on_step: Callable[[float], None] = lambda time_s: None,
     ) -> None:
-        """``start``: where the joints stand, rad or m; ``on_step`` is called after each step of the physics."""
+        """``start``: where the joints stand, rad or m; ``on_step`` is called after each step of the physics.
+
+        Raises ArmFileError where the scene does not have the joints.
+        """
         ways = couplings(files.robot)
+        require_scene(files.scene, [one.joint for one in ways])
         self.world = World(files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         feeder = Feeder()
 

@@ -10,7 +10,7 @@ import typer
 from commissioning.calibrate.plan import JointPlan
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
-from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.arms.folder import find_arm, read_arm_servos
 
 ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
@@ -40,6 +40,6 @@ class KnownArm:
 def known_arm(arm: str, urdf: Path | None = None, robot: Path | None = None) -> KnownArm:
     """Read an arm's files; single files count more. Raises HalError."""
     found = find_arm(arm)
-    files = read_arm_files(found, urdf, robot=robot)
+    files = read_arm_servos(found, urdf, robot)
     joints = tuple(joint.between_stops() for joint in files.robot.joints)
     return KnownArm(files.robot_path, files.robot.file, joints, found.file.calibration.joints)

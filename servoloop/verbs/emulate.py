@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
-from servoloop.arms.folder import OWN, find_arm, read_arm_files
-from servoloop.files import Files, make_folder
+from servoloop.arms.folder import OWN, find_arm, read_arm_servos
+from servoloop.files import make_folder
 from servoloop.ports import device_paths
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption, UrdfOption
 from servoloop.verbs.ros_options import log_to_terminal
@@ -57,7 +57,7 @@ def emulate(
         raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
     if pictures is not None:
         make_folder(pictures)
-    files: Files = read_arm_files(find_arm(arm), urdf, robot=robot)
+    files = read_arm_servos(find_arm(arm), urdf, robot)
     events = read_script(faults) if faults is not None else ()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     with Signals() as signals:

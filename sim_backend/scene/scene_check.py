@@ -12,6 +12,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from hal.errors import ArmFileError
 from sim_backend.scene.world import BINS, READY, FloatArray
 
 NOTHING: Final = 1e-6
@@ -51,6 +52,23 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str]) -> list[st
     ]
 
 
+def require_scene(scene: Path, driven: Sequence[str]) -> None:
+    """Check that a world can be made of a scene. ``driven``: the joints that have servos.
+
+    Raises ArmFileError with everything that the world needs and the scene does not have.
+    """
+    try:
+        model: Any = mujoco.MjModel.from_xml_path(str(scene))
+    except ValueError as error:
+        raise ArmFileError(f"{scene}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+    if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
+        raise ArmFileError(
+            f"{scene} has no actuator for {', '.join(missing)}: name the arm whose scene has these joints with --arm"
+        )
+    if problems := list(_needed(model)):
+        raise ArmFileError("\n".join(f"{scene}: {problem}" for problem in problems))
+
+
 def described_model(urdf_xml: str) -> Any:
     """A model of the arm in a robot description, without its shapes: their files may be anywhere."""
     robot = ElementTree.fromstring(urdf_xml)
@@ -70,11 +88,15 @@ def names(model: Any, kind: str) -> list[str]:
     return [str(getattr(model, kind)(i).name) for i in range(count)]
 
 
-def _missing(model: Any, driven: Sequence[str]) -> Iterator[str]:
+def _needed(model: Any) -> Iterator[str]:
     for kind, needed in NEEDED.items():
         there = names(model, kind)
         what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
         yield from (f"it has no {what} {name}" for name in needed if name not in there)
+
+
+def _missing(model: Any, driven: Sequence[str]) -> Iterator[str]:
+    yield from _needed(model)
     motors = names(model, "actuator")
     yield from (
         f"it has no actuator {joint}: each joint with a servo needs one" for joint in driven if joint not in motors

@@ -1,0 +1,172 @@
+"""The arguments of child processes: an emulator or a stack reads exactly the files that its parent has read."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from servoloop.arms.folder import ARMS, arms, find_arm, read_arm_files
+from servoloop.cli import app
+from servoloop.emulator_process import emulate_arguments
+from servoloop.files import CONFIG, CONTROLLERS, Files, ServoFiles
+from tests.commissioning.patient import NOBODYS_MACHINE
+from tests.complaint import complaint
+from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_urdf
+
+ReadFiles = Callable[[Path], Files]
+
+
+def named(name: str) -> ReadFiles:
+    return lambda folder: read_arm_files(find_arm(name))
+
+
+def as_a_copy(name: str) -> ReadFiles:
+    """A user's own folder of the same name, with other zeros, named by its relative path."""
+
+    def files(folder: Path) -> Files:
+        for one in ("so101", name):
+            shutil.copytree(ARMS / one, folder / one, dirs_exist_ok=True)
+        robot = folder / name / "robot.yaml"
+        robot.write_text(robot.read_text().replace("zero_counts: 2047", "zero_counts: 1500", 1))
+        return read_arm_files(find_arm(f"./{name}"))
+
+    return files
+
+
+def two_buses(folder: Path) -> Files:
+    return read_arm_files(find_arm(), robot=CONFIG / "robot_arm_two_buses.yaml")
+
+
+def two_components(folder: Path) -> Files:
+    robots = [servos(write_robot_file(folder, name, *of)) for name, of in (("arm", ARM), ("hand", (HAND,)))]
+    return read_arm_files(find_arm(), write_urdf(folder, *robots))
+
+
+def single_files(folder: Path) -> Files:
+    """Each file by its relative path, and none of the joints of the default arm, whose scene is left."""
+    so101 = find_arm("so101")
+    for path in (so101.urdf, so101.controllers, find_arm("so101_12v").robot):
+        shutil.copy(path, folder / path.name)
+    return read_arm_files(find_arm(), Path("arm.urdf"), Path("controllers.yaml"), Path("robot.yaml"))
+
+
+CASES: dict[str, ReadFiles] = {
+    **{arm.name: named(arm.name) for arm in arms()},
+    **{f"./{name}": as_a_copy(name) for name in ("so101", "so101_12v", "so101_leader")},
+    "two buses": two_buses,
+    "two components": two_components,
+    "single files": single_files,
+}
+
+
+@pytest.fixture(params=CASES)
+def files(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Files:
+    monkeypatch.chdir(tmp_path)
+    return CASES[request.param](tmp_path)
+
+
+def given(monkeypatch: pytest.MonkeyPatch, function: str, *arguments: str) -> list[Any]:
+    """What the verb of these arguments calls this function with."""
+    calls: list[Any] = []
+    monkeypatch.setattr(function, lambda *given, **more: calls.extend(given))
+    result = CliRunner().invoke(app, arguments)
+    assert calls, result.output or result.exception
+    return calls
+
+
+def read_again(files: ServoFiles) -> dict[str, object]:
+    names = ("arm", "folder", "scene", "description", "limits", "robot", "component")
+    paths = {name: path.resolve() for name, path in files.robot_paths.items()}
+    return {**{name: getattr(files, name) for name in names}, "urdf": files.urdf_path.resolve(), "robots": paths}
+
+
+def test_an_emulator_serves_the_arm_of_its_parent(
+    files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served, *_ = given(monkeypatch, "servoloop.emulator.emulate", *emulate_arguments(tmp_path / "bus", files))
+    assert read_again(served) == read_again(files)
+
+
+def test_a_stack_runs_the_arm_of_its_parent(files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, _, run, *_ = given(monkeypatch, "servoloop.up.up", "up", *files.options)
+    assert read_again(run) == read_again(files)
+    assert (run.controllers.path, run.controllers.controllers) == (
+        files.controllers.path.absolute(),
+        files.controllers.controllers,
+    )
+
+
+@pytest.mark.parametrize("verb", ["emulate ./bus", "up --hardware mujoco", "up --rtf max"])
+def test_an_arm_that_is_not_in_the_scene_is_refused_in_one_sentence(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    so101 = find_arm("so101")
+    files = ["--urdf", str(so101.urdf), "--robot", str(so101.robot)]
+    if verb.startswith("up"):
+        files += ["--controllers", str(so101.controllers)]
+    said = complaint(capsys, monkeypatch, *verb.split(), *files).splitlines()
+    assert said == [
+        f"servoloop: {find_arm().scene} has no actuator for shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, "
+        "wrist_roll, gripper: name the arm whose scene has these joints with --arm"
+    ]
+
+
+@pytest.mark.parametrize("verb", ["emulate ./bus", "up --hardware mujoco", "simulate --seconds 1"])
+def test_a_scene_that_is_not_there_is_named(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ARMS / "so101", "mine")
+    Path("mine/scene.xml").unlink()
+    said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "./mine")
+    assert f"{tmp_path / 'mine/scene.xml'}: MuJoCo cannot read it" in said and "Traceback" not in said
+
+
+@pytest.mark.parametrize("verb", ["emulate ./bus", "doctor --port ./none", "tune shoulder_pan --port ./none --yes"])
+def test_servos_of_another_urdf_need_no_controllers(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controllers of the arm that is taken where none is named are for other joints."""
+    monkeypatch.chdir(tmp_path)
+    read: list[ServoFiles] = []
+    monkeypatch.setattr("servoloop.emulator.emulate", lambda files, *more, **named: read.append(files))
+    so101 = find_arm("so101")
+    urdf, robot = str(so101.urdf), str(so101.robot)
+    result = CliRunner().invoke(app, [*verb.split(), "--urdf", urdf, "--robot", robot])
+    said = f"{result.output}{result.exception}"
+    assert "arm_controller" not in said and (read or "./none" in said), said
+
+
+def test_a_stack_of_another_urdf_is_told_which_controllers_do_not_fit(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    so101 = find_arm("so101")
+    urdf, robot = str(so101.urdf), str(so101.robot)
+    assert str(CONTROLLERS) in complaint(capsys, monkeypatch, "up", "--urdf", urdf, "--robot", robot)
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "calibrate --arm so101 --port virtual",
+        "teleop virtual ./leader --leader-arm so101 --hands-free",
+        "replay way --arm so101 --port virtual --hands-free",
+    ],
+)
+def test_an_arm_that_a_hand_moves_is_served_by_an_emulator_of_its_own(
+    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = complaint(capsys, monkeypatch, *verb.split())
+    assert "'virtual' is not a device" in said and "`servoloop emulate LINK --arm so101`, and name LINK" in said
+
+
+@pytest.mark.parametrize("verb", ["doctor", "tune shoulder_pan --yes", "bench arm --yes"])
+def test_where_no_adapter_is_plugged_in_virtual_servos_are_offered(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
+    said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "so101")
+    assert "no USB adapter is plugged in" in said and "; --port virtual is for virtual servos\n" in said
