@@ -73,4 +73,9 @@ class _File(BaseModel):
 
 def load_pick_place(path: Path) -> PickPlace:
     """Read the file. Raises ArmFileError with every mistake, its file and line."""
+    if not path.exists():
+        raise ArmFileError(
+            f"{path} is missing: demo, simulate and bench arm go to the poses of this file; write it as "
+            "docs/arms/README.md describes, or use servoloop up, which needs no such file"
+        )
     return load(path, _File, ArmFileError).vision_pick_place_controller.ros__parameters

@@ -9,7 +9,7 @@ import typer
 from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.arms.folder import OWN
 from servoloop.verbs.arm_options import ArmOption
-from servoloop.verbs.line import PortsOption, devices_of, interruptible
+from servoloop.verbs.line import PortsOption, interruptible, served_devices
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def arm(
 
     from drivers.clock import MonotonicClock
     from drivers.errors import DriverError
-    from servoloop.arms.folder import find_arm, read_arm_files
+    from servoloop.arms.folder import find_arm, read_arm_servos
     from servoloop.bench_arm.run import bench_arm
     from servoloop.campaign.report import possible
     from servoloop.files import make_folder, require_file, write_file
@@ -88,12 +88,16 @@ def arm(
     make_folder(out.parent)
     require_file(out)
     found = find_arm(arm)
-    devices = devices_of(port, list(read_arm_files(found).robot.file.lines()))
-    confirm(MOVES, yes)
-    with Signals(LEFT) as signals:
-        measured = bench_arm(
-            found, devices, MonotonicClock(), signals=lambda: signals.count, say=lambda text: typer.echo(text, err=True)
-        )
+    with served_devices(port, read_arm_servos(found)) as devices:
+        confirm(MOVES, yes)
+        with Signals(LEFT) as signals:
+            measured = bench_arm(
+                found,
+                devices,
+                MonotonicClock(),
+                signals=lambda: signals.count,
+                say=lambda text: typer.echo(text, err=True),
+            )
     from servoloop.bench_arm.page import page
 
     if not json:

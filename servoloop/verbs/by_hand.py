@@ -9,7 +9,7 @@ import typer
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.ports import parse_ports
+from servoloop.verbs.line import named_devices
 
 if TYPE_CHECKING:
     from servoloop.teleop.arms import Side
@@ -32,10 +32,7 @@ def side_of(arm: str, port: str) -> "Side":
     from servoloop.teleop.arms import Side
 
     files = read_arm_files(find_arm(arm))
-    devices = parse_ports(port.split(","), files.robot.file.lines())
-    if devices is None:
-        raise DriverError(f"{port!r} is no device: virtual arms are served by `servoloop emulate LINK --arm {arm}`")
-    return Side(files, devices)
+    return Side(files, named_devices(port.split(","), files.robot.file.lines(), arm))
 
 
 def require_keys(hands_free: bool) -> None:

@@ -7,13 +7,13 @@ import typer
 
 from drivers.errors import DriverError
 from hal.errors import DescriptionError
-from servoloop.verbs.line import PortOption
+from servoloop.verbs.line import PortOption, named_devices
 from servoloop.verbs.output import JsonOption, YesOption, print_json
 
 if TYPE_CHECKING:
     from commissioning.calibrate.run import Outcome
     from servoloop.arms.folder import Arm
-    from servoloop.files import Files
+    from servoloop.files import ServoFiles
 
 AUTO = "The arm moves by itself now, slowly, from stop to stop: clear its table, keep away. Any key stops it. Begin?"
 
@@ -34,19 +34,21 @@ def calibrate(
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.ports.adapters import only_port
-    from servoloop.arms.folder import find_arm, read_arm_files
+    from servoloop.arms.folder import find_arm, read_arm_servos
     from servoloop.signals import Signals
     from servoloop.verbs.terminal import Terminal
 
     found = find_arm(arm)
-    files = read_arm_files(found)
-    if len(files.robot.file.lines()) != 1:
+    files = read_arm_servos(found)
+    buses = list(files.robot.file.lines())
+    if len(buses) != 1:
         raise DescriptionError(
             f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
         )
     _require_writable(found.robot)
+    (device,) = named_devices([port or only_port()], buses, arm).values()
     with Signals("servos that were under torque hold") as signals, Terminal(signals, yes) as terminal:
-        outcome = _calibrated(found, files, port or only_port(), terminal, auto)
+        outcome = _calibrated(found, files, device, terminal, auto)
     if json:
         print_json(_plain(outcome))
     elif outcome.stored:
@@ -65,7 +67,7 @@ def _require_writable(robot: Path) -> None:
         raise DriverError(f"{error}: copy the arm's folder (docs/calibrate.md) and name that with --arm") from error
 
 
-def _calibrated(arm: "Arm", files: "Files", port: str, terminal: Any, auto: bool) -> "Outcome":
+def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "Outcome":
     from commissioning.calibrate.driven import by_itself
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.arms.folder import OWN, find_arm, read_arm_servos
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
-from servoloop.verbs.line import PortsOption, devices_of
+from servoloop.verbs.line import PortsOption, served_devices
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from commissioning.doctor.motion import Move
     from commissioning.doctor.report import BusFigures, Report
     from drivers.clock import Clock
-    from servoloop.files import Files
+    from servoloop.files import ServoFiles
     from servoloop.signals import Signals
 
 STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
@@ -59,16 +59,16 @@ def doctor(
 
     if report_file is not None:
         require_file(report_file)
-    files = read_arm_files(find_arm(arm), urdf, None, robot)
-    devices = devices_of(port, list(files.robot.file.lines()))
-    if move:
-        confirm(MOVES, yes)
+    files = read_arm_servos(find_arm(arm), urdf, robot)
     clock = MonotonicClock()
     calibration = load_calibration(files.robot_path)
-    # While nothing moves, Ctrl-C ends at once.
-    with Signals("servos that were under torque hold") if move else nullcontext() as signals:
-        motion = _motion(files, clock, signals)
-        report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
+    with served_devices(port, files) as devices:
+        if move:
+            confirm(MOVES, yes)
+        # While nothing moves, Ctrl-C ends at once.
+        with Signals("servos that were under torque hold") if move else nullcontext() as signals:
+            motion = _motion(files, clock, signals)
+            report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
     if json:
         print_json(report)
     else:
@@ -78,7 +78,7 @@ def doctor(
     raise typer.Exit(0 if report.healthy else 1)
 
 
-def _motion(files: "Files", clock: "Clock", signals: "Signals | None") -> "Move":
+def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
     """The motion that a signal stops; none without."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort

@@ -1,7 +1,7 @@
 """The line that a verb works on: the options that say which, and the bus or the one servo on it."""
 
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
@@ -18,12 +18,15 @@ if TYPE_CHECKING:
     from drivers.bus.bus import Bus
     from drivers.servos.register import ServoModel
     from hal.robot_file.robot_file import RobotFile
+    from servoloop.files import ServoFiles
 
 PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
 PortsOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--port", help="Serial device; NAME=PATH for each of several buses. Without: the only adapter there is."
+        "--port",
+        help="Serial device; NAME=PATH for each of several buses; `virtual`: virtual servos. "
+        "Without: the only adapter there is.",
     ),
 ]
 BaudOption = Annotated[
@@ -108,15 +111,47 @@ def bus_of(robot: "RobotFile", said: str | None) -> str:
     raise CommissioningError(f"the robot file has several buses, and this is for one: say --bus {' or '.join(names)}")
 
 
-def devices_of(said: list[str] | None, buses: list[str]) -> dict[str, str]:
-    """The device of each bus; without a word and with one bus it is the only adapter, there or not."""
+@contextmanager
+def served_devices(said: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
+    """The device of each bus: those of ``--port``, the only adapter, or with ``virtual`` those of virtual servos.
+
+    Virtual servos are served by a child process until the end of the block. Raises DriverError.
+    """
     from commissioning.errors import CommissioningError
     from commissioning.ports.adapters import only_port
-    from servoloop.ports import parse_ports
+    from servoloop.emulator_process import virtual_servos
+    from servoloop.ports import VIRTUAL, parse_ports
 
+    buses = list(files.robot.file.lines())
     if not said and len(buses) > 1:
         raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
-    return parse_ports(said or [only_port()], buses) or {}
+    try:
+        devices = parse_ports(said or [only_port()], buses)
+    except CommissioningError as error:
+        raise CommissioningError(f"{error}; --port {VIRTUAL} is for virtual servos") from error
+    if devices is not None:
+        yield devices
+        return
+    with virtual_servos(files) as served:
+        typer.echo(f"virtual servos at {' and '.join(served.values())}", err=True)
+        yield served
+
+
+def named_devices(said: list[str], buses: Iterable[str], arm: str) -> dict[str, str]:
+    """The device of each bus of an arm that is moved by hand, which virtual servos of a child process cannot be.
+
+    ``arm``: as it was named on the command line. Raises DriverError.
+    """
+    from drivers.errors import DriverError
+    from servoloop.ports import parse_ports
+
+    devices = parse_ports(said, buses)
+    if devices is None:
+        raise DriverError(
+            f"{' '.join(said)!r} is not a device: serve virtual servos that a hand can move with "
+            f"`servoloop emulate LINK --arm {arm}`, and name LINK"
+        )
+    return devices
 
 
 def adapter_serial(device: str) -> str | None:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.errors import DriverError
-from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.arms.folder import OWN, find_arm, read_arm_servos
 from servoloop.files import write_file
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
-from servoloop.verbs.line import PortsOption, devices_of
+from servoloop.verbs.line import PortsOption, served_devices
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from drivers.clock import Clock
     from hal.joint import Joint
     from hal.robot_file.robot_file import RobotFile
-    from servoloop.files import Files
+    from servoloop.files import ServoFiles
     from servoloop.signals import Signals
 
 FOLDER: Final = Path("out") / "tune"
@@ -62,16 +62,17 @@ def tune(
     from servoloop.signals import Signals
 
     _check_words(write, more, apply)
-    files = read_arm_files(find_arm(arm), urdf, None, robot)
+    files = read_arm_servos(find_arm(arm), urdf, robot)
     path = out or FOLDER / f"{joint}.svg"
     make_folder(path.parent)
     require_file(path)
     signals = Signals(LEFT)
-    tuner, end = _tuner(files, joint, port, signals)
-    values = parse_gains(tuner.joint.model, [*write, *(more or ())]) if write else None
-    confirm(_question(tuner, at, values, apply, end), yes)
-    with signals:
-        report = _tuned(tuner, at, values, apply, signals)
+    with served_devices(port, files) as devices:
+        tuner, end = _tuner(files, joint, devices, signals)
+        values = parse_gains(tuner.joint.model, [*write, *(more or ())]) if write else None
+        confirm(_question(tuner, at, values, apply, end), yes)
+        with signals:
+            report = _tuned(tuner, at, values, apply, signals)
     if not json:
         print_report(report, files.robot_path, Console())
     drawn, failed = None, None
@@ -96,17 +97,13 @@ def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -
         raise TuneError("--apply writes what is proposed, --write what you say: give one of them")
 
 
-def _tuner(files: "Files", joint: str, port: list[str] | None, signals: "Signals") -> "tuple[Tuner, str]":
+def _tuner(files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signals: "Signals") -> "tuple[Tuner, str]":
     """The tuner of a joint, and how it leaves the arm, in words."""
-    from commissioning.tune.errors import TuneError
     from commissioning.tune.tuner import Ending, Tuner
     from drivers.clock import MonotonicClock
     from servoloop.ports import world_feed
 
     file, clock = files.robot.file, MonotonicClock()
-    devices = devices_of(port, list(file.lines()))
-    if not devices:
-        raise TuneError(f"tune takes a device: virtual servos are served by `servoloop emulate LINK --arm {files.arm}`")
     relax = (file.on_exit.virtual if world_feed(devices) else file.on_exit.real) == "relax"
     park = file.park.pose if file.park else None
     opened = _opener(file, devices, clock)
