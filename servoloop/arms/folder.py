@@ -124,7 +124,8 @@ def read_arm_files(
 def read_arm_servos(arm: Arm, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
     """Read and check an arm's files without its controllers. Raises as read_servo_files does.
 
-    With another URDF the robot file is the one that the URDF names, unless ``robot`` is given, and its folder has the poses.
+    With another URDF the robot file is the one that the URDF names, unless ``robot`` is given. The poses are in its
+    folder.
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene)
