@@ -41,6 +41,14 @@ class Cycle:
     waits: bool
     """The joints stand: they have not been measured, or are on their way to a command that came late."""
 
+    @property
+    def confirmed_error(self) -> FloatArray:
+        """The part of the error (n,) that this reading and the one before it agree on: one of them may be false."""
+        agree = self.error * self.error_before > 0.0
+        smaller = np.sign(self.error) * np.minimum(np.abs(self.error), np.abs(self.error_before))
+        error: FloatArray = np.where(agree, smaller, 0.0)
+        return error
+
 
 @dataclass(slots=True)
 class ActiveGoal:
@@ -85,7 +93,7 @@ class ActiveGoal:
         along = np.where(wanted * moves > 0.0, np.minimum(np.abs(wanted), np.abs(moves)), 0.0)
         lags = {name: v * lag_time_s.get(name, 0.0) for name, v in zip(joints, along.tolist(), strict=True)}
         allowed = {name: at_rest and at_rest + lags[name] for name, at_rest in self.tolerances.path.items()}
-        off = excess(joints, now.error, allowed, now.state.faults)
+        off = excess(joints, now.confirmed_error, allowed, now.state.faults)
         return path_violated(off) if off else None
 
 

@@ -118,7 +118,7 @@ class Execution:
         if now.parameters.constraints.decelerate_on_cancel:
             self._brake(now)
         else:
-            self._sampler.hold(now.measured)
+            self._sampler.hold(now.reference.position - now.confirmed_error)
 
     def _brake(self, now: Cycle) -> None:
         """Come to rest on the path, and press against nothing there."""

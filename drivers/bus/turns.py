@@ -1,7 +1,8 @@
 """The turns of servos in extended position mode: outside the bus their positions are places within one turn.
 
 Such a servo counts on over turns, and begins within one after each restart. So the bus takes whole turns off what it
-reports, and adds those of the last reading to its goals.
+reports, and adds them to its goals. Another number of turns counts only once a second reading confirms it: a false one
+would send the joint a whole turn away.
 """
 
 from collections.abc import Mapping
@@ -16,12 +17,14 @@ class Turns:
     def __init__(self) -> None:
         self._counts_per_turn: dict[int, int] = {}
         self._turned: dict[int, int] = {}
-        """Counts of the whole turns in each servo's last reading."""
+        """Counts of the whole turns in each servo's readings."""
+        self._doubted: dict[int, int] = {}
+        """The same of the newest reading, if it differs."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
         """Note whether the servo counts on over turns."""
         self._counts_per_turn.pop(servo_id, None)
-        self._turned.pop(servo_id, None)
+        self._forget(servo_id)
         if extended:
             self._counts_per_turn[servo_id] = model.counts_per_turn
 
@@ -29,15 +32,27 @@ class Turns:
         return servo_id in self._counts_per_turn
 
     def readings(self, readings: Mapping[int, Reading]) -> Mapping[int, Reading]:
-        """The readings with every position within one turn."""
+        """The readings with every position within one turn, or as far outside as an unconfirmed one says."""
         changed: dict[int, Reading] = {}
         for servo_id, turn in self._counts_per_turn.items():
             reading = readings.get(servo_id)
             if isinstance(reading, ServoState):
-                place = reading.position_counts % turn
-                self._turned[servo_id] = reading.position_counts - place
-                changed[servo_id] = reading._replace(position_counts=place)
+                self._take(servo_id, reading.position_counts // turn * turn)
+                counts = reading.position_counts - self._turned[servo_id]
+                changed[servo_id] = reading._replace(position_counts=counts)
+            elif reading is not None and reading.kind == "reset":
+                self._forget(servo_id)
         return {**readings, **changed} if changed else readings
+
+    def _take(self, servo_id: int, turned: int) -> None:
+        if turned in (self._turned.setdefault(servo_id, turned), self._doubted.pop(servo_id, None)):
+            self._turned[servo_id] = turned
+        else:
+            self._doubted[servo_id] = turned
+
+    def _forget(self, servo_id: int) -> None:
+        self._turned.pop(servo_id, None)
+        self._doubted.pop(servo_id, None)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
         """The goals in the turns that the servos are in."""

@@ -37,6 +37,19 @@ def test_a_servo_that_is_no_longer_in_extended_position_mode_is_read_as_it_says(
     assert turns.readings({1: at(5000)}) == {1: at(5000)} and turns.goal(1, 5000) == 5000
 
 
+def test_one_false_reading_sends_no_goal_a_turn_away() -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True)
+    turns.readings({1: at(100)})
+    for false in (100 + 4096, 100 - 8192):
+        assert turns.readings({1: at(false)}) == {1: at(false)}, "a leap that the next layer must see"
+        assert turns.goals({1: ServoGoal(105)}) == {1: ServoGoal(105)}
+        assert turns.readings({1: at(101)}) == {1: at(101)}
+    turns.readings({1: at(4200)})
+    assert turns.readings({1: at(4201)}) == {1: at(105)}, "the second reading confirms it"
+    assert turns.goals({1: ServoGoal(110)}) == {1: ServoGoal(4206)}
+
+
 def test_a_servo_that_restarts_in_another_turn_goes_to_the_same_places() -> None:
     clock, model = SimulatedClock(), x.XL430_W250
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: model})

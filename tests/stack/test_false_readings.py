@@ -7,9 +7,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from controller.action_goals import GoalStatus
+from controller.manager.switch import SwitchRequest
+from controller.shutdown import shut_down
 from hal.lifecycle import LifecycleState
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.faults.servos import FalsePosition
+from sim_backend.faults.text import parse
 from tests.faults.rig import files_of
 from tests.stack.rig import READY
 
@@ -58,9 +62,73 @@ def second_activation(stack: Watched) -> None:
     stack.run(0.4)
 
 
+def motion(stack: Watched) -> None:
+    stack.up()
+    stack.watch()
+    handle = stack.go(stack.goal, MOVE_S)
+    stack.run(3.0, lambda: handle.done)
+    stack.run(0.3)
+    assert handle.status is GoalStatus.SUCCEEDED, handle.error_text
+
+
+def cancel(stack: Watched) -> None:
+    stack.up()
+    stack.watch()
+    handle = stack.go(stack.goal, MOVE_S)
+    stack.run(0.4)
+    stack.arm.cancel(handle)
+    stack.run(1.0, lambda: handle.done)
+    stack.run(0.3)
+
+
+def dead_stop(stack: Watched) -> None:
+    """``decelerate_on_cancel: false``: upstream holds what is measured."""
+    constraints = stack.arm.parameters.constraints.model_copy(update={"decelerate_on_cancel": False})
+    stack.arm.reconfigure(stack.arm.parameters.model_copy(update={"constraints": constraints}))
+    cancel(stack)
+
+
+def controller_switch(stack: Watched) -> None:
+    stack.up()
+    stack.watch()
+    stack.go(stack.goal, MOVE_S)
+    stack.run(0.4)
+    for active in (False, True):
+        switch(stack, active)
+        stack.run(0.3)
+
+
+def switch(stack: Watched, active: bool) -> None:
+    name = (stack.arm.name,)
+    request = SwitchRequest(activate=name) if active else SwitchRequest(deactivate=name)
+    stack.manager.switch(request, stack.loop.within_limits)
+
+
+def silence(stack: Watched) -> None:
+    stack.up()
+    stack.watch()
+    stack.player.play([parse("silent id=3 at=0.2s for=0.25s")], stack.world.time_s)
+    stack.go(stack.goal, MOVE_S)
+    stack.run(1.5)
+
+
+def shutdown(stack: Watched) -> None:
+    stack.up()
+    stack.watch()
+    stack.go(stack.goal, MOVE_S)
+    stack.run(0.4)
+    assert shut_down(stack.loop, False, None, 1.0) == []
+
+
 WAYS: dict[Callable[[Watched], None], float] = {
     activation: 0.4,
     second_activation: 1.2,
+    motion: 1.6,
+    cancel: 1.0,
+    dead_stop: 1.0,
+    controller_switch: 1.2,
+    silence: 1.2,
+    shutdown: 1.0,
 }
 """The ways in which a measured position becomes a goal, and for how long each lasts, in seconds."""
 
