@@ -61,7 +61,7 @@ def couplings(robot: Robot) -> list[Coupling]:
 
 
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
-    """A virtual bus with the servos that the robot file names for it, at its rate.
+    """A virtual bus with the servos that the robot file names for it, at its rate and with its settings.
 
     ``spread``: of STS servos and their supply. Raises RobotFileError where a servo cannot be set to the rate.
     """
@@ -75,7 +75,11 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
                 raise RobotFileError(
                     f"{joint.name}: a {joint.model.name} knows {known} baud, not {baud}: change `baud`"
                 )
-            line.servo(joint.servo_id).memory.save(persistent_registers(joint.model)["baud_rate"], values[baud])
+            registers, servo = persistent_registers(joint.model), line.servo(joint.servo_id)
+            for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():
+                servo.memory.save(registers[name], value)
+            if joint.settings:
+                servo.power_cycle()  # a power-on takes limits over into the RAM
     return line
 
 

@@ -212,8 +212,7 @@ def sagging_supply(patient: Patient) -> None:
 
 def overload(patient: Patient) -> None:
     """A jaw that was closed beyond what it holds, until the protection acts."""
-    patient.put(LAST, sts.protection_current, 511)
-    stall(patient, 900)
+    stall(patient, 900, protection_current=511)
     patient.wait(3.5)
 
 
@@ -223,9 +222,12 @@ def over_current(patient: Patient) -> None:
     patient.wait(3.5)
 
 
-def stall(patient: Patient, torque: int) -> None:
-    """The hand is held where it is, and its servo sent far beyond, with so much of its force."""
+def stall(patient: Patient, torque: int, protection_current: int = 310) -> None:
+    """The hand is held where it is, and its servo, with the factory's protections, sent far beyond."""
     patient.hold()
+    protections = {sts.max_torque: 1000, sts.overload_torque: 80, sts.protection_current: protection_current}
+    for register, value in protections.items():
+        patient.put(LAST, register, value)
     bus, finger = patient.bus(), patient.robot.joints[-1]
     block(patient, LAST)
     bus.write(LAST, sts.torque_limit, torque)
