@@ -41,7 +41,8 @@ UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INA
 def robot_joints() -> tuple[Joint, ...]:
     description = parse_urdf((ROOT / "urdf" / "robot_arm.urdf").read_text())
     file = load_robot_file(ROOT / "config" / "robot_arm.yaml")
-    return assemble(file, description, description.components[0]).joints
+    joints = assemble(file, description, description.components[0]).joints
+    return tuple(replace(joint, settings=()) for joint in joints)  # registers of an STS
 
 
 JOINTS = robot_joints()
