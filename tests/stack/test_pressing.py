@@ -58,3 +58,15 @@ def test_a_jammed_hand_holds_with_less_and_is_named_and_its_next_motion_has_the_
     position = rig.state.position[rig.loop.hardware.joints.index(rig.hand.joints[0])]
     assert position == pytest.approx(0.5 * command, abs=0.02)
     assert rig.hand_status() == (Level.OK, "ok")
+
+
+def test_an_inactive_component_reports_no_stall() -> None:
+    rig = Rig("so101")
+    rig.up()
+    rig.player.play([parse("jammed id=6")], rig.world.time_s)
+    rig.hand.submit([1.0])
+    rig.run(1.5)
+    assert rig.hand_status()[0] == Level.WARN
+    rig.hardware.deactivate(relax=True)
+    rig.state = rig.hardware.read()
+    assert rig.hand_status() == (Level.OK, "ok")
