@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from controller.manager.manager import ControllerManager
@@ -11,6 +11,7 @@ from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
 from hal.errors import HalError, LifecycleError
+from hal.hardware import Reactivating
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 
@@ -40,8 +41,14 @@ class ComponentTransition(Request[None]):
         self.relax = relax
         self.error_in_background: Exception | None = None
         """Raised by the work in the background."""
+        self.reactivated: frozenset[str] | None = None
+        """Of a component that was active already: the joints that are activated again, none where that failed."""
+        self.controllers: list[str] = []
+        """Those that end meanwhile, and begin again behind it."""
 
     def __str__(self) -> str:
+        if self.reactivated is not None:
+            return f"joints of {self.name} are being activated again"
         return f"{self.name} is being set {self.target.name.lower()}"
 
 
@@ -63,11 +70,14 @@ class ComponentTransitions:
         self,
         hardware: ComponentSet,
         manager: ControllerManager,
-        take_over: Callable[[Component, JointState], None],
+        take_over: Callable[[Component, JointState, Collection[str] | None], None],
+        resume: Callable[[Sequence[str], JointState], None],
         keep_alive: bool,
         background_worker: BackgroundWorker,
     ) -> None:
-        """``take_over`` begins to command a component that has been activated; raises where it cannot."""
+        """``take_over`` begins to command a component that has been activated, or these joints of it; raises where it
+        cannot. ``resume`` activates controllers again.
+        """
         self.asked: deque[ComponentTransition] = deque()
         """By any thread; also those that wait for another transition of their component."""
         self.returned: deque[tuple[Component, ComponentTransition]] = deque()
@@ -77,7 +87,7 @@ class ComponentTransitions:
         self.leaving: list[_Leaving] = []
         self._hardware = hardware
         self._manager = manager
-        self._take_over = take_over
+        self._take_over, self._resume = take_over, resume
         self._keep_alive = keep_alive
         self._background_worker = background_worker
         self._ended = False
@@ -133,6 +143,9 @@ class ComponentTransitions:
             transition.refuse(LifecycleError(f"hardware component '{transition.name}' does not exist"))
         elif component.switching or any(leaving.component is component for leaving in self.leaving):
             self.asked.append(transition)
+        elif transition.target is ACTIVE and component.incomplete:
+            transition.reactivated = frozenset()
+            self._leave(component, transition, str(transition))
         elif component.state is transition.target:
             transition.serve()
         elif component.state is FINALIZED:
@@ -144,8 +157,10 @@ class ComponentTransitions:
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
         """Take a component's controllers out in this very cycle; then its joints come to rest."""
-        self._manager.release(component.hardware.command_interfaces, reason)
+        ended = self._manager.release(component.hardware.command_interfaces, reason)
         self.leaving.append(_Leaving(component, transition))
+        if transition is not None and transition.reactivated is not None:
+            transition.controllers = ended
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
@@ -177,10 +192,10 @@ class ComponentTransitions:
 
     def _take_back(self, component: Component, transition: ComponentTransition) -> None:
         self._hardware.rejoin(component)
-        if transition.error_in_background is not None:
-            transition.refuse(transition.error_in_background)
-        elif transition.target is ACTIVE:
+        if transition.target is ACTIVE and (transition.error_in_background is None or component.active):
             self.arrived.append((component, transition))
+        elif transition.error_in_background is not None:
+            transition.refuse(transition.error_in_background)
         else:
             transition.serve()
 
@@ -188,17 +203,23 @@ class ComponentTransitions:
         try:
             if component.error is not None:
                 raise component.error
-            self._take_over(component, state)
+            if transition.error_in_background is None:
+                self._take_over(component, state, transition.reactivated)
         except Exception as error:
             if component.error is None:
-                self._let_go(component)
+                self._let_go(component, relax=transition.reactivated is None)
             transition.refuse(error)
+            return
+        self._resume(transition.controllers, state)
+        if transition.error_in_background is not None:
+            transition.refuse(transition.error_in_background)
         else:
             transition.serve()
 
-    def _let_go(self, component: Component) -> None:
+    def _let_go(self, component: Component, relax: bool) -> None:
+        """Deactivate a component that cannot be commanded; ``relax``: nothing of it held before."""
         try:
-            problems = component.hardware.deactivate(relax=True)
+            problems = component.hardware.deactivate(relax)
         except Exception as error:  # a defect of one component loses this one
             problems = [f"could not switch {component.name} off: {error}"]
             self._hardware.lose(component, error)
@@ -227,6 +248,8 @@ def _bring(component: Component, transition: ComponentTransition) -> None:
         hardware.configure()
     if hardware.state is INACTIVE and target is ACTIVE:
         hardware.activate()
+    elif hardware.state is ACTIVE and isinstance(hardware, Reactivating) and target is ACTIVE:
+        transition.reactivated = hardware.reactivate()
     elif hardware.state is ACTIVE:
         for problem in hardware.deactivate(transition.relax):
             LOG.error("torque may still be on: %s", problem)

@@ -1,7 +1,7 @@
 """The fixed-rate loop: read → controllers → safety gate → write."""
 
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -76,7 +76,7 @@ class ControlLoop:
         self.on_cycle = on_cycle
         self._keep_alive = keep_alive
         self.component_transitions = ComponentTransitions(
-            hardware, manager, self.take_over, keep_alive, background_worker
+            hardware, manager, self.take_over, self._resume, keep_alive, background_worker
         )
 
     def activate(self, keep_inactive: Collection[str] = ()) -> None:
@@ -93,10 +93,11 @@ class ControlLoop:
                 LOG.error("torque may still be on: %s", problem)
             raise
 
-    def take_over(self, component: Component, state: JointState) -> None:
+    def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Command an activated component to be where it stands.
 
         A position slightly outside the limits stays the last command: the safety gate returns from there slowly.
+        ``joints``: these alone; the others keep their last command.
 
         Raises:
             ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
@@ -104,14 +105,15 @@ class ControlLoop:
         own, first = component.commands, component.joints.start
         limits, held = self.limits[own], self._is_position[own]
         names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
+        taken = np.array([joints is None or name in joints for name in names], dtype=bool)
         measured = confirmed_positions(
             replace(state, position=state.position[component.joints]),
             lambda: self.hardware.measure(component),
             names,
             [index - first for index in self._joint[own]],
-            np.where(held, self._velocity[own] * self.period_s, np.nan),
+            np.where(held & taken, self._velocity[own] * self.period_s, np.nan),
         )
-        known = [i for i in range(len(names)) if np.isfinite(measured[i])]
+        known = [i for i in range(len(names)) if taken[i] and np.isfinite(measured[i])]
         problems = {names[i]: problem for i in known if (problem := far_outside(float(measured[i]), limits[i]))}
         if problems:
             stands = "; ".join(f"{name} {problem}" for name, problem in problems.items())
@@ -119,10 +121,15 @@ class ControlLoop:
                 f"not activated: {stands}. Move the joint by hand, or correct its limits, zero or initial value"
             )
         command = self.command.copy()
-        command[own] = np.where(held, measured, 0.0)
+        command[own] = np.where(taken, np.where(held, measured, 0.0), command[own])
         self.previous_command = self.previous_command.copy()
         self.previous_command[own] = command[own]
         self.command = command
+
+    def _resume(self, controllers: Sequence[str], state: JointState) -> None:
+        """Activate controllers again that a transition has ended."""
+        if controllers:
+            self.manager.activate_each(controllers, state, self.within_limits)
 
     @property
     def within_limits(self) -> FloatArray:

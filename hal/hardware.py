@@ -53,3 +53,20 @@ class Requesting(Protocol):
         None: as long as the component thinks fit.
         """
         ...
+
+
+@runtime_checkable
+class Reactivating(Protocol):
+    """Hardware whose joints can lose their torque one by one while it is active, and get it back."""
+
+    @property
+    def without_torque(self) -> frozenset[str]:
+        """The joints of active hardware that get no commands until they are activated again."""
+        ...
+
+    def reactivate(self) -> frozenset[str]:
+        """Activate these joints while the others hold; returns their names.
+
+        Raises what ``activate`` raises. The hardware stays active then, and the joints without torque.
+        """
+        ...

@@ -67,14 +67,18 @@ class ControllerManager:
 
         ``command`` (n,) is what the hardware holds.
         """
-        self.cycle.seen = state
         fallbacks = {name for entry in self.registry.loaded.values() for name in entry.spec.fallback}
-        for name, entry in self.registry.loaded.items():
-            if entry.state is INACTIVE and name not in fallbacks:
-                try:
-                    self.switch(SwitchRequest(activate=(name,)), command)
-                except SwitchError as error:
-                    LOG.warning("%s stays inactive: %s", name, error)
+        loaded = self.registry.loaded.items()
+        self.activate_each([n for n, entry in loaded if entry.state is INACTIVE and n not in fallbacks], state, command)
+
+    def activate_each(self, names: Iterable[str], state: JointState, command: FloatArray) -> None:
+        """Activate these controllers one after the other; one that cannot be activated stays inactive."""
+        self.cycle.seen = state
+        for name in names:
+            try:
+                self.switch(SwitchRequest(activate=(name,)), command)
+            except SwitchError as error:
+                LOG.warning("%s stays inactive: %s", name, error)
 
     def deactivate(self) -> None:
         """All controllers give up what is under way, each of them; then raises what the first one raised."""
@@ -92,15 +96,20 @@ class ControllerManager:
         for name in self.registry.loaded:
             self.registry.unload(name)
 
-    def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> None:
-        """Deactivate all that use one of these command interfaces; with ``states``, one of these state interfaces."""
-        lost = set(interfaces)
+    def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> list[str]:
+        """Deactivate all that use one of these command interfaces; with ``states``, one of these state interfaces.
+
+        Returns the names of the deactivated controllers.
+        """
+        lost, names = set(interfaces), list[str]()
         for entry in self.registry.running:
             looked_at = entry.controller.state_interfaces if states else ()
             if used := lost.intersection((*entry.controller.command_interfaces, *looked_at)):
                 name = entry.spec.name
                 LOG.error("%s is deactivated, it uses %s: %s", name, ", ".join(sorted(used)), reason)
                 self._stop(name, reason)
+                names.append(name)
+        return names
 
     def _replace(self, failed: Running, last: FloatArray) -> None:
         """The fallback controllers of a failed one take over, from the next cycle on."""

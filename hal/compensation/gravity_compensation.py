@@ -5,7 +5,7 @@ at rest (friction, dead band, a load in the hand) is found from the measurement,
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -56,14 +56,15 @@ class GravityCompensation:
         self._limit_cycle = LimitCycle(self._dead_band, np.array([joint.transmission for joint in joints]))
         self.enabled = True
         """Whether there are offsets; they come and go slowly."""
+        self._share = self._offset = self._correction = self._rested_s = np.zeros(len(joints))
         self.restart()
 
-    def restart(self) -> None:
-        """Begin anew, at activation: the first offset is zero."""
-        self._share = 0.0
-        self._offset = np.zeros(len(self._softness))
-        self._correction = np.zeros(len(self._softness))
-        self._rested_s = np.zeros(len(self._softness))
+    def restart(self, joints: Collection[str] | None = None) -> None:
+        """Begin anew, at activation of these joints (None: all): their first offset is zero."""
+        others = np.array([joints is not None and joint.name not in joints for joint in self._joints])
+        self._share, self._offset, self._correction, self._rested_s = (
+            np.where(others, values, 0.0) for values in (self._share, self._offset, self._correction, self._rested_s)
+        )
         self._limit_cycle.restart()
         self._command: FloatArray | None = None
         self._last: FloatArray | None = None
@@ -99,7 +100,7 @@ class GravityCompensation:
         self._offset = np.clip(goal, np.minimum(self._lower, command), np.maximum(self._upper, command)) - command
         self._command = command.copy()
         change = dt_s / FADE_IN_S
-        self._share = min(self._share + change, 1.0) if self.enabled else max(self._share - change, 0.0)
+        self._share = np.minimum(self._share + change, 1.0) if self.enabled else np.maximum(self._share - change, 0.0)
         return self._offset
 
     def _sag(self, position: FloatArray) -> FloatArray:
@@ -120,6 +121,7 @@ class GravityCompensation:
         free = (self._rested_s > REST_S) & (off > self._dead_band) & (off < BLOCKED * self._uncorrected)  # NaN: not
         free &= ~self._limit_cycle.swinging & (goal > self._lower) & (goal < self._upper)
         self._correction[self._limit_cycle.swinging] = 0.0
-        if self._share >= 1.0 and free.any():
+        free &= self._share >= 1.0
+        if free.any():
             step = np.where(free, error * min(dt_s / CORRECTION_S, 1.0), 0.0)
             self._correction = np.clip(self._correction + step, -self._uncorrected, self._uncorrected)

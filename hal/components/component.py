@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.bus.counters import BusCounters
-from hal.hardware import Hardware
+from hal.hardware import Hardware, Reactivating
 from hal.lifecycle import LifecycleState
 from hal.types import JointFault, JointState, ServoHealth
 
@@ -50,6 +50,11 @@ class Component:
     def active(self) -> bool:
         """Whether controllers may command it."""
         return self.sound and self.hardware.state is LifecycleState.ACTIVE
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether joints of the active component have to be activated again."""
+        return self.active and isinstance(self.hardware, Reactivating) and bool(self.hardware.without_torque)
 
 
 def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]) -> Iterator[Component]:

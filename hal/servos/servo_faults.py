@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from drivers.bus.types import ServoFault
@@ -31,7 +31,7 @@ LATE_S: Final = 0.08
 """How late that cycle may be: the question twice, through an adapter that holds answers back. Less than ``RESET_S``."""
 TAKEN: Final = ("current", "temperature")
 """Alarms with which a servo lets go. A goal would switch it on again, or send it off once it has cooled down."""
-REBOOT: Final = "reboot it (servoloop reboot), then activate again"
+REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has ended"
 """What to do where a servo has shut down and refuses its torque until then."""
 _UNASKED: Final = "answers again, and nobody has asked it yet whether it has torque: it gets no goals until then"
 
@@ -69,6 +69,20 @@ class ServoFaults:
         self._latched.clear()
         self._heard_s.clear()
         self.withheld.clear()
+
+    @property
+    def named(self) -> frozenset[str]:
+        """Joints that have a fault, or get no goals."""
+        return frozenset(self._faults) | self.withheld
+
+    def reactivated(self, names: Iterable[str]) -> None:
+        """The servos of these joints have been checked and have their torque again."""
+        for name in names:
+            for facts in (self._faults, self._let_go, self._latched, self._heard_s):
+                facts.pop(name, None)
+            self.withheld.discard(name)
+            self._shown_s[name] = self._clock.now()
+            LOG.warning("%s is activated again: it holds where it is", name)
 
     def note_missing(self, name: str, fault: ServoFault | JointFault, heard_s: float) -> None:
         """A joint's servo, last measured at ``heard_s``, has given no state, or none that is believed."""

@@ -42,10 +42,10 @@ class ServoGoals:
         """Where the joints were in the cycle before."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
-        """Begin with these goals, which are held, by joint name."""
-        self._goals = {name: ServoGoal(count) for name, count in counts.items()}
-        self._behind = dict.fromkeys(self._behind, 0)
-        self._watch.restart()
+        """Begin with these goals, which are held, by joint name; other joints keep theirs."""
+        self._goals |= {name: ServoGoal(count) for name, count in counts.items()}
+        self._behind |= dict.fromkeys(counts, 0)
+        self._watch.restart(counts)
 
     def towards(
         self,

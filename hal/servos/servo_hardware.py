@@ -81,6 +81,23 @@ class ServoHardware:
             activation.let_go()
             raise
 
+    @property
+    def without_torque(self) -> frozenset[str]:
+        return self._states.faults.named if self.state is LifecycleState.ACTIVE else frozenset()
+
+    def reactivate(self) -> frozenset[str]:
+        """Switch torque on where it is missing, each goal at its measured position; the other servos hold theirs."""
+        require(self.state, LifecycleState.ACTIVE, "reactivate")
+        names = self.without_torque
+        joints = [joint for joint in self._joints if joint.name in names]
+        # No measurement on the way is taken for a servo that answers again: only success ends a fault.
+        held = Activation(joints, self._opened("reactivate"), lambda readings: None).run()
+        self._goals.hold(held)
+        self._states.faults.reactivated(names)
+        if self.compensation is not None:
+            self.compensation.restart(names)
+        return names
+
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE

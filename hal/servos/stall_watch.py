@@ -6,7 +6,7 @@ works with every make, writes no register, and the next motion has the whole lim
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -72,10 +72,11 @@ class StallWatch:
         self._watched = {joint.name for joint in joints if joint.torque_limit < 1.0}
         self._presses: dict[str, _Press] = {}
 
-    def restart(self) -> None:
-        """Forget everything: the joints are activated anew."""
-        self.stalls.clear()
-        self._presses.clear()
+    def restart(self, names: Iterable[str]) -> None:
+        """Forget everything of these joints: they are activated anew."""
+        for name in names:
+            self.stalls.pop(name, None)
+            self._presses.pop(name, None)
 
     def goal(self, joint: Joint, command: int, here: int | None, load: float, period_s: float) -> int | None:
         """The goal of a joint whose drive is reduced.

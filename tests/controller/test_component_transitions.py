@@ -14,7 +14,7 @@ from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import PartLost
+from hal.errors import ActivationError, PartLost
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
@@ -485,3 +485,84 @@ def test_kept_alive_the_loop_begins_without_a_component_that_cannot_be_activated
     refused.hand.failing["activate"] = PortLost(GONE)
     with pytest.raises(PortLost):
         refused.up()
+
+
+# Joints that are activated again
+
+
+class Limping(Breakable):
+    """A mock whose joints can lose their torque."""
+
+    def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
+        super().__init__(name, joints, clock)
+        self.lost: frozenset[str] = frozenset()
+
+    @property
+    def without_torque(self) -> frozenset[str]:
+        return self.lost
+
+    def reactivate(self) -> frozenset[str]:
+        self._call("reactivate")
+        again, self.lost = self.lost, frozenset()
+        return again
+
+
+def limping() -> tuple[Two, Limping]:
+    """The elbow has lost its torque, and has sunk to -0.7, while all joints are under way."""
+    two = Two()
+    arm = Limping("arm", ("shoulder", "elbow"), two.clock)
+    two.components.components[0].hardware = two.arm = arm
+    two.going()
+    arm.lost = frozenset({"elbow"})
+    arm.calls.clear()
+    return two, arm
+
+
+def test_a_joint_without_torque_is_activated_again_while_its_component_stays_active() -> None:
+    two, arm = limping()
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle()
+    assert two.active() == ["finger"], "the component's controllers end, the other component's go on"
+    two.cycle(20)
+    assert gentle(arm.written)
+    held = arm.written[-1].copy()
+    written = len(arm.written)
+    arm._position[:] = held[0] - 0.01, -0.7  # the one gives way a little under its load, the other has sunk
+    for mover in two.movers.values():
+        mover.speed = 0.0
+    two.work()
+    assert change.result() is None
+    assert arm.changes() == ["reactivate"]
+    assert two.active() == ["shoulder", "elbow", "finger"]
+    two.cycle(2)
+    np.testing.assert_allclose(arm.written[written:], [(held[0], -0.7)] * 3)
+
+
+def test_where_that_fails_all_is_as_it_was_before() -> None:
+    two, arm = limping()
+    arm.failing["reactivate"] = ActivationError("not activated: elbow is silent")
+    change = two.set(ACTIVE, "arm")
+    with pytest.raises(ActivationError, match="elbow is silent"):
+        change.result()
+    assert (arm.state, arm.changes()) == (ACTIVE, ["reactivate"])
+    assert two.active() == ["shoulder", "elbow", "finger"]
+
+
+def test_a_joint_that_cannot_be_commanded_afterwards_drops_none_of_the_others() -> None:
+    two, arm = limping()
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle(20)
+    arm._position[1] = 9.0  # far outside its limits
+    two.work()
+    with pytest.raises(ActivationError, match="elbow"):
+        change.result()
+    assert (arm.state, arm.changes()) == (INACTIVE, ["reactivate", "hold"])
+    assert two.active() == ["finger"]
+
+
+def test_an_active_component_that_has_all_its_torque_keeps_its_controllers() -> None:
+    two, arm = limping()
+    arm.lost = frozenset()
+    assert two.set(ACTIVE, "arm").result() is None
+    assert arm.changes() == []
+    assert two.active() == ["shoulder", "elbow", "finger"]

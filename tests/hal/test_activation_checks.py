@@ -8,7 +8,8 @@ from drivers.servos import sts
 from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
-from tests.hal.bench import IDS, JOINTS, Bench
+from sim_backend.wire.instructions import Instruction
+from tests.hal.bench import IDS, JOINTS, Bench, at, switches_torque_on
 
 CALIBRATED = (replace(JOINTS[0], homing_offset=600, settings=(("position_p", 16),)), *JOINTS[1:])
 
@@ -59,3 +60,70 @@ def test_a_servo_that_holds_torque_with_other_settings_is_refused_and_goes_on_ho
     with pytest.raises(ActivationError, match=r"^not activated: shoulder: servo 1: position_p .*holds torque"):
         bench.hardware.activate()
     assert bench.torque() == list(IDS)
+
+
+# One servo again, while the others hold
+
+
+def reset(bench: Bench, servo_id: int = 2) -> None:
+    """The servo's power dips: it is away for a moment, and comes back without torque."""
+    bench.servos.servo(servo_id).power_cycle()
+    bench.wait()
+    for _ in range(20):
+        if bench.wait().faults:
+            return
+    raise AssertionError("never noticed")
+
+
+def test_a_reset_servo_gets_its_torque_at_its_place_and_the_others_keep_their_goals() -> None:
+    bench = calibrated()
+    bench.hardware.activate()
+    bench.cycle(at(0.1, 0.1, 0.01))
+    reset(bench)
+    before = {i: bench.held(i, sts.goal_position) for i in (1, 7)}
+    bench.place((bench.measured(1), 1800, bench.measured(7)))
+    bench.port.sent.clear()
+    assert bench.hardware.without_torque == {"elbow"}
+    assert bench.hardware.reactivate() == {"elbow"}
+    assert bench.torque() == list(IDS)
+    assert bench.held(2, sts.goal_position) == 1800
+    assert {i: bench.held(i, sts.goal_position) for i in (1, 7)} == before
+    written = [i for i in bench.port.sent if i.code == 0x83 and i.parameters[0] in range(40, 50)]
+    assert [len(i.parameters) for i in written] == [10], "the goal of one servo"
+    assert bench.wait().faults == {}
+    assert bench.hardware.without_torque == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("register", "value"), [(sts.homing_offset, 0), (sts.operating_mode, 1)], ids=lambda one: getattr(one, "name", "")
+)
+def test_a_servo_that_is_another_now_stays_without_torque_and_the_component_active(
+    register: Register, value: int
+) -> None:
+    bench = calibrated()
+    bench.hardware.activate()
+    reset(bench, 1)
+    bench.servos.servo(1).memory.put(register, value)
+    with pytest.raises(ActivationError, match=r"^not activated: shoulder: servo 1: "):
+        bench.hardware.reactivate()
+    assert (bench.hardware.state, bench.torque()) == (LifecycleState.ACTIVE, [2, 7])
+    assert set(bench.wait().faults) == {"shoulder"} == bench.hardware.without_torque
+    bench.cycle(at(0.0, 0.0, 0.01))
+    assert bench.torque() == [2, 7], "it gets no goal, which would switch it on"
+
+
+def test_one_that_fails_half_way_is_limp_again_and_the_others_hold() -> None:
+    bench = calibrated()
+    bench.hardware.activate()
+    reset(bench)
+
+    def interrupt(number: int, instruction: Instruction) -> None:
+        if switches_torque_on(instruction):
+            bench.port.before_write = lambda number, instruction: None
+            raise KeyboardInterrupt
+
+    bench.port.before_write = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        bench.hardware.reactivate()
+    assert bench.torque() == [1, 7]
+    assert bench.hardware.without_torque == {"elbow"}

@@ -144,5 +144,5 @@ def test_an_unknown_drive_is_no_pressing_and_a_missing_measurement_keeps_the_goa
 def test_an_activation_begins_anew() -> None:
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, STALL_S + 1.0)
-    jaw.watch.restart()
+    jaw.watch.restart([JAW.name])
     assert not jaw.watch.stalls and jaw.watch.goal(JAW, SHUT, 2400, 0.5, PERIOD_S) is None

@@ -19,6 +19,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.components.component_set import ComponentSet
 from hal.servos.servo_faults import ServoFaults
+from hal.servos.supply_watch import SupplyWatch
 from servoloop.simulation.recording import RecordingPort
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import ARM, BINS, PICK, READY
@@ -131,6 +132,7 @@ def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
     others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that
+    others.append(SupplyWatch.look)  # only reports
     trip = TripRecorder(since=RecordingPort.read, muted=others)
     with trip.recording():
         broadcaster.sample(rig.loop.step())
