@@ -6,7 +6,7 @@ anew where the joints have moved since.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointLimits
 
 Method = Literal["splines", "none", "ruckig"]
+
+JOINS_S: Final = 0.1
+"""Time in which jerk-limited joints that move reach another path; a point after twice the time is not close."""
 
 
 class GoalRejected(Exception):
@@ -123,6 +126,15 @@ def first_ahead(times_s: FloatArray, now_s: float) -> int:
     return min(int(np.searchsorted(times_s, now_s, side="right")), len(times_s) - 1)
 
 
+def joined_at(times_s: FloatArray, now_s: float) -> int:
+    """The point at which joints in motion join a path: the first one that leaves them time, or else one before it.
+
+    The way to a point that is too near ends late, and a stream of short paths would lag further with each message.
+    """
+    index = first_ahead(times_s, now_s + JOINS_S)
+    return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))
+
+
 def prepare(method: Method, task: Task) -> "Plan":
     """Prepare a plan by the given method. Raises MotionError where there is no way within the limits."""
     if method == "none":
@@ -154,7 +166,8 @@ class PathPlan:
         if not waited_s and self._still_there(reference):
             return self.path
         waypoints = self.task.waypoints
-        index = first_ahead(waypoints.times_s, waited_s)
+        moving = self.smooth and bool(reference.velocity.any())
+        index = (joined_at if moving else first_ahead)(waypoints.times_s, waited_s)
         span_s = max(float(waypoints.times_s[index]) - waited_s, 0.0)
         from_s = float(self.passes_s[index])
         target = self.path.sample(from_s)
