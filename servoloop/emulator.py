@@ -151,6 +151,7 @@ def emulate(
     ways = build.mounted(couplings(files.robot))
     require_scene(files.scene, [one.joint for one in ways])
     world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
+    world.hold_until_driven()
     if build.practice_seed is not None:
         world.clear_table()
     feeder = Feeder()

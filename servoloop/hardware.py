@@ -250,6 +250,7 @@ class _World:
 
         require_scene(scene, joints)
         self._world = World(scene)
+        self._world.hold_until_driven()
         self._clock = clock
 
     def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:

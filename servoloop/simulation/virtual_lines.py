@@ -32,6 +32,8 @@ class VirtualLines:
         ways = couplings(files.robot)
         require_scene(files.scene, [one.joint for one in ways])
         self.world = World(files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
+        if start is None:
+            self.world.hold_until_driven()
         feeder = Feeder()
 
         def after_step(time_s: float) -> None:

@@ -83,6 +83,8 @@ class World:
         """The ready pose with the hand open, in the order of `joints`."""
         self.laid = True
         """Whether stand, bins and cube are there."""
+        self._held: FloatArray | None = None
+        """MuJoCo's positions while the arm is held, without the cube's."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
@@ -103,9 +105,13 @@ class World:
         self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
         self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
 
+    @property
+    def lies(self) -> bool:
+        """Whether the scene has a pose of rest, in which the arm begins and lies without help."""
+        return REST in [self.model.key(i).name for i in range(self.model.nkey)]
+
     def _rest(self) -> FloatArray:
-        keys = [self.model.key(i) for i in range(self.model.nkey)]
-        at_rest: FloatArray = next((key.qpos[self._qpos] for key in keys if key.name == REST), self.ready)
+        at_rest: FloatArray = self.model.key(REST).qpos[self._qpos] if self.lies else self.ready
         return at_rest
 
     def _find_geoms(self) -> None:
@@ -176,11 +182,29 @@ class World:
         """Pull at a joint with ``effort`` (N m, or N) more than before."""
         self.data.joint(joint).qfrc_applied += effort
 
+    def hold_until_driven(self) -> None:
+        """Hold an arm that begins in the air still until an effort acts on it, as a person holds it at power-on.
+
+        An arm whose scene has the keyframe `rest` lies there without help.
+        """
+        if not self.lies:
+            self._held = self.data.qpos.copy()
+
     def advance(self) -> None:
         """Advance by one timestep under the efforts that are in ``arrays``."""
         if self._gears is not None:
             self._gears.update()
         mujoco.mj_step(self.model, self.data)
+        if self._held is not None:
+            self._keep_still(self._held)
+
+    def _keep_still(self, held: FloatArray) -> None:
+        if self.data.ctrl.any() or self.data.qfrc_applied.any():
+            self._held = None
+            return
+        at, cube = self.data.qpos, self._cube_qpos
+        at[: cube.start], at[cube.stop :] = held[: cube.start], held[cube.stop :]
+        self.data.qvel[: self._cube_qvel.start] = self.data.qvel[self._cube_qvel.stop :] = 0.0
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
         """Advance by one timestep under the given joint efforts, shape (n,): N m, or N."""

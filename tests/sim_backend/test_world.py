@@ -116,3 +116,15 @@ def test_same_efforts_same_world():
         return world.data.qpos.tobytes() + world.data.qvel.tobytes()
 
     assert end() == end()
+
+
+def test_an_arm_that_begins_in_the_air_is_held_until_an_effort_acts_on_it() -> None:
+    world = World()
+    world.hold_until_driven()
+    for _ in range(2000):
+        world.advance()
+    assert np.abs(world.position() - world.ready).max() == 0.0
+    world.step([0.0, 0.01, *[0.0] * 5])
+    for _ in range(200):
+        world.step([0.0] * 7)
+    assert np.abs(world.position() - world.ready).max() > 0.01
