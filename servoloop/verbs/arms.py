@@ -59,6 +59,23 @@ def check(
     raise typer.Exit(1 if problems else 0)
 
 
+@app.command()
+def moveit(
+    arm: Annotated[str, typer.Argument(help="An arm that `servoloop arms` lists, or its folder.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder for the files; what is there keeps its name with .1 behind it.")
+    ],
+) -> None:
+    """Write MoveIt's configuration of an arm: SRDF, limits, kinematics, controllers, planners and scene.
+
+    Example: `servoloop arms moveit so101 so101_moveit`
+    """
+    from servoloop.moveit.files import write_moveit
+
+    for path in write_moveit(find_arm(arm), folder):
+        typer.echo(path)
+
+
 def _content(arm: Arm) -> dict[str, str]:
     """The arm for programs; files are absolute paths."""
     files = {name: str(getattr(arm, name)) for name in PATHS}

@@ -42,10 +42,11 @@ def test_named_states_name_every_driven_joint_of_their_group_within_its_limits()
             assert DESCRIPTION.joints[joint].lower <= value <= DESCRIPTION.joints[joint].upper, (name, joint)
 
 
-def test_named_states_are_zero_and_those_of_the_node() -> None:
+def test_named_states_are_zero_the_park_pose_and_those_of_the_node() -> None:
     node = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
     assert states() == {
         ("arm", "ready"): dict(zip(ARM, node["poses"]["ready"], strict=True)),
+        ("arm", "park"): read(CONFIG / "robot_arm.yaml")["park"]["pose"],
         ("arm", "upright"): dict.fromkeys(ARM, 0.0),
         ("hand", "open"): {"hand_right_joint": node["hand_open_m"]},
         ("hand", "close"): {"hand_right_joint": node["hand_closed_m"]},

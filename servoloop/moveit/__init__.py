@@ -1,0 +1,1 @@
+"""What MoveIt must know of an arm, made of the arm's folder."""

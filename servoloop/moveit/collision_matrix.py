@@ -1,0 +1,138 @@
+"""The pairs of an arm's links that MoveIt need not check against each other: the SRDF's <disable_collisions>.
+
+MoveIt's set-up assistant samples poses in the same way. The geometry is that of the arm's scene, which the tests keep
+equal to the URDF's.
+"""
+
+import itertools
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from hal.types import FloatArray
+
+SAMPLES: Final = 100_000
+SEED: Final = 1
+ALWAYS: Final = 0.95
+"""A pair that touches in a larger share of the poses does so by design, as in MoveIt's set-up assistant."""
+
+Pair = tuple[str, str]
+
+
+def pair(one: str, other: str) -> Pair:
+    """The same for both orders."""
+    return (one, other) if one < other else (other, one)
+
+
+def arm_links(spec: Any) -> list[Any]:
+    """The bodies of a scene's arm, the base first."""
+    base = spec.body("base_link")
+    return [base, *base.find_all(mujoco.mjtObj.mjOBJ_BODY)]
+
+
+class LinkModel:
+    """The arm of a scene alone, each link against each other link."""
+
+    def __init__(self, scene: Path) -> None:
+        spec = mujoco.MjSpec.from_file(str(scene))
+        links = arm_links(spec)
+        self.links = sorted(str(link.name) for link in links)
+        self.adjacent = {pair(str(link.parent.name), str(link.name)) for link in links[1:]}
+        for geom in spec.geoms:
+            collides = geom.contype or geom.conaffinity
+            geom.contype = geom.conaffinity = int(bool(collides) and geom.parent.name in self.links)
+        self.model: Any = spec.compile()
+        self.data: Any = mujoco.MjData(self.model)
+        mobile = [self.model.joint(i) for i in range(self.model.njnt)]
+        owned = [joint for joint in mobile if self.model.body(joint.bodyid[0]).name in self.links]
+        self.joints = tuple(str(joint.name) for joint in owned)
+        """All joints, followers included, in the order of poses."""
+        self.followers = _followers(self.model)
+        """By follower: the joint that it follows, and the polynomial of their positions."""
+        self._places = [int(joint.qposadr[0]) for joint in owned]
+        self._ranges = np.array([joint.range for joint in owned])
+
+    def pose(self, positions: dict[str, float]) -> FloatArray:
+        """A pose of these joint positions; joints that are not named stand at 0, followers where their leaders are."""
+        values = {name: positions.get(name, 0.0) for name in self.joints}
+        return self._followed(np.array(list(values.values())))
+
+    def random_pose(self, random: np.random.Generator) -> FloatArray:
+        """Joint positions within the limits, followers where their leaders are."""
+        low, high = self._ranges.T
+        return self._followed(random.uniform(low, high))
+
+    def _followed(self, pose: FloatArray) -> FloatArray:
+        for follower, (leader, polynomial) in self.followers.items():
+            at = pose[self.joints.index(leader)]
+            pose[self.joints.index(follower)] = np.polynomial.polynomial.polyval(at, polynomial)
+        return pose
+
+    def place(self, pose: FloatArray) -> None:
+        """Bring the arm into this pose."""
+        self.data.qpos[self._places] = pose
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def touching(self, pose: FloatArray) -> set[Pair]:
+        """Pairs of links that overlap in this pose, adjacent ones left out."""
+        self.place(pose)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        pairs = set()
+        for one, other in self.data.contact.geom:
+            bodies = (self.model.body(self.model.geom_bodyid[geom]).name for geom in (one, other))
+            pairs.add(pair(*bodies))
+        return pairs - self.adjacent
+
+    def meeting(self) -> set[Pair]:
+        """Pairs of links that are driven as one, as two fingers are: they are there to meet."""
+        link = {name: self.model.body(self.model.joint(name).bodyid[0]).name for name in self.joints}
+        return {pair(link[follower], link[leader]) for follower, (leader, _) in self.followers.items()}
+
+
+def _followers(model: Any) -> dict[str, tuple[str, FloatArray]]:
+    rows = [
+        row for row in range(model.neq) if model.eq_type[row] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[row] >= 0
+    ]
+    return {
+        model.joint(model.eq_obj1id[row]).name: (model.joint(model.eq_obj2id[row]).name, model.eq_data[row, :5].copy())
+        for row in rows
+    }
+
+
+def count(arm: LinkModel, samples: int, seed: int) -> Counter[Pair]:
+    """In how many random poses each pair touches."""
+    random = np.random.default_rng(seed)
+    return Counter(itertools.chain.from_iterable(arm.touching(arm.random_pose(random)) for _ in range(samples)))
+
+
+def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair, str]:
+    """The pairs that need no check, each with MoveIt's word for the reason."""
+    arm = LinkModel(scene)
+    touched = count(arm, samples, seed)
+    at_zero = arm.touching(np.zeros(len(arm.joints)))
+    meeting = arm.meeting()
+
+    def reason(links: Pair) -> str | None:
+        if links in arm.adjacent:
+            return "Adjacent"
+        if links in meeting:
+            return "User"
+        if links in at_zero:
+            return "Default"
+        if touched[links] > ALWAYS * samples:
+            return "Always"
+        return None if touched[links] else "Never"
+
+    found = {links: reason(links) for links in itertools.combinations(arm.links, 2)}
+    return {links: why for links, why in found.items() if why is not None}
+
+
+def lines(found: dict[Pair, str]) -> list[str]:
+    """The elements of the SRDF."""
+    return [
+        f'  <disable_collisions link1="{one}" link2="{other}" reason="{why}"/>' for (one, other), why in found.items()
+    ]

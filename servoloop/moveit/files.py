@@ -1,0 +1,182 @@
+"""MoveIt's configuration of an arm: ``servoloop arms moveit``.
+
+What does not differ between arms is taken from config/moveit, with its comments; the rest is made of the arm's folder.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import yaml
+
+from hal.errors import ArmFileError
+from hal.robot_file.robot_file import load_robot_file
+from servoloop.arms.folder import Arm, read_arm_files
+from servoloop.arms.pick_place import load_pick_place
+from servoloop.files import CONFIG, Files, make_folder, write_file
+from servoloop.moveit.collision_matrix import SAMPLES, reasons
+from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from servoloop.moveit.srdf import States, srdf
+from servoloop.moveit.surroundings import Objects, Shape, surroundings
+
+MOVEIT: Final = CONFIG / "moveit"
+"""MoveIt's configuration of the project's own arm."""
+COPIED: Final = ("kinematics.yaml", "ompl_planning.yaml", "moveit.rviz")
+PADDINGS_M: Final = (0.02, 0.015, 0.01)
+"""The paddings to try, widest first. The last one is still more than a hand sinks at 6 mrad in each joint."""
+VELOCITY_SHARE: Final = 0.9
+ACCELERATION_SHARE: Final = 0.8
+TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
+GRIPPERS: Final = ("position_controllers/GripperActionController", "effort_controllers/GripperActionController")
+
+
+def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
+    """MoveIt's files by name. Raises HalError, with the poses in which MoveIt could not begin a plan."""
+    files = read_arm_files(arm)
+    unchecked = reasons(arm.scene, samples)
+    lying = lying_poses(arm)
+    poses = {**lying, **working_poses(arm)}
+    for padding_m in PADDINGS_M:
+        objects = surroundings(arm.scene, padding_m, list(lying.values()))
+        padded = PaddedArm(arm.scene, objects, padding_m, unchecked)
+        blocked = {name: padded.collisions(pose) for name, pose in poses.items()}
+        if not any(blocked.values()):
+            break
+    else:
+        found = "\n".join(f"{name}: {', '.join(pairs)}" for name, pairs in blocked.items() if pairs)
+        raise ArmFileError(
+            f"MoveIt could not begin a plan in these poses of {arm.name}, even with a padding of {padding_m} m: "
+            f"change the poses or the scene\n{found}"
+        )
+    groups = _groups(files)
+    name = ElementTree.fromstring(files.description.xml).attrib["name"]
+    return {
+        f"{arm.name}.urdf": files.description.xml,
+        f"{arm.name}.srdf": srdf(name, files.description, groups, _states(arm, groups), unchecked),
+        "joint_limits.yaml": joint_limits(files, padding_m),
+        "moveit_controllers.yaml": moveit_controllers(files),
+        "planning_scene.yaml": planning_scene(objects),
+        **{name: (MOVEIT / name).read_text() for name in COPIED},
+    }
+
+
+def write_moveit(arm: Arm, folder: Path) -> list[Path]:
+    """Write the files into a folder; the ones that were there stay, with .1 behind their names. Raises HalError."""
+    written = moveit_files(arm)
+    make_folder(folder)
+    for name, text in written.items():
+        write_file(folder / name, text)
+    return [folder / name for name in written]
+
+
+def _groups(files: Files) -> dict[str, tuple[str, ...]]:
+    """The joints of the arm, those of the first trajectory controller, and the other driven ones, the hand's."""
+    trajectories = [spec for spec in files.controllers.controllers if spec.kind == TRAJECTORY]
+    if not trajectories:
+        raise ArmFileError(f"{files.controllers.path} has no {TRAJECTORY}, by which MoveIt could move the arm: add one")
+    arm = tuple(getattr(trajectories[0].parameters, "joints", ()))
+    hand = tuple(joint.name for joint in files.robot.joints if joint.name not in arm)
+    return {"arm": arm, "hand": hand} if hand else {"arm": arm}
+
+
+def _states(arm: Arm, groups: Mapping[str, Sequence[str]]) -> States:
+    job, park = load_pick_place(arm.pick_place), load_robot_file(arm.robot).park
+    states = {("arm", "ready"): dict(zip(job.joints, job.poses.ready, strict=True))}
+    if park is not None:
+        states["arm", "park"] = {joint: park.pose.get(joint, 0.0) for joint in groups["arm"]}
+    hand = groups.get("hand", ())
+    if len(hand) == 1:
+        states["hand", "open"] = {hand[0]: job.hand_open_m}
+        states["hand", "close"] = {hand[0]: job.hand_closed_m}
+    return states
+
+
+def header(name: str, before: str) -> str:
+    """What stands before a line of a file in config/moveit."""
+    text = (MOVEIT / name).read_text()
+    return text[: text.index(f"\n{before}") + 1]
+
+
+def joint_limits(files: Files, padding_m: float) -> str:
+    """Shares of the URDF's velocities and of the robot file's accelerations."""
+    padding = "default_robot_padding: "
+    text = header("joint_limits.yaml", padding) + f"{padding}{padding_m}\n\njoint_limits:\n"
+    for joint in files.robot.joints:
+        own = files.robot.file.joints[joint.name]
+        velocity = files.description.joints[joint.name].velocity
+        text += f"  {joint.name}:\n"
+        for what, value in (
+            ("velocity", VELOCITY_SHARE * velocity),
+            ("acceleration", ACCELERATION_SHARE * own.acceleration),
+            ("jerk", own.jerk),
+        ):
+            text += f"    has_{what}_limits: true\n    max_{what}: {round(float(value), 6)}\n"
+    return text
+
+
+def moveit_controllers(files: Files) -> str:
+    """The controllers that MoveIt can use, by the actions that they serve."""
+    entries: dict[str, str] = {}
+    for spec in files.controllers.controllers:
+        parameters = spec.parameters
+        if spec.kind == TRAJECTORY:
+            action, joints = ("FollowJointTrajectory", "follow_joint_trajectory"), getattr(parameters, "joints", ())
+        elif spec.kind in GRIPPERS:
+            action, joints = ("GripperCommand", "gripper_cmd"), (getattr(parameters, "joint", ""),)
+        else:
+            continue
+        entries[spec.name] = (
+            f"  {spec.name}:\n    type: {action[0]}\n    action_ns: {action[1]}\n    default: true\n"
+            f"    joints: [{', '.join(joints)}]\n"
+        )
+    begin = "moveit_simple_controller_manager:"
+    names = f"  controller_names: [{', '.join(entries)}]\n"
+    return header("moveit_controllers.yaml", begin) + f"{begin}\n{names}{''.join(entries.values())}"
+
+
+def planning_scene(objects: Objects) -> str:
+    """The objects as a request to /apply_planning_scene."""
+    begin = "scene:"
+    text = header("planning_scene.yaml", begin) + (
+        f"{begin}\n  is_diff: true\n  robot_state: {{is_diff: true}}\n  world:\n    collision_objects:\n"
+    )
+    for name, shapes in objects.items():
+        text += f"      - id: {name}\n        header: {{frame_id: base_link}}\n        primitives:\n"
+        text += "".join(
+            f"          - {{type: {shape.kind}, dimensions: [{', '.join(map(str, shape.dimensions))}]}}\n"
+            for shape in shapes
+        )
+        text += "        primitive_poses:\n" + "".join(f"          - {_pose(shape)}\n" for shape in shapes)
+    return text
+
+
+def _pose(shape: Shape) -> str:
+    x, y, z = shape.position
+    position = f"position: {{x: {x}, y: {y}, z: {z}}}"
+    qx, qy, qz, qw = shape.quaternion_xyzw
+    turned = (qx, qy, qz) != (0.0, 0.0, 0.0)
+    orientation = f", orientation: {{x: {qx}, y: {qy}, z: {qz}, w: {qw}}}" if turned else ""
+    return f"{{{position}{orientation}}}"
+
+
+def read_objects(request: Mapping[str, Any]) -> Objects:
+    """The objects of a request to /apply_planning_scene."""
+    found: Objects = {}
+    for item in request["scene"]["world"]["collision_objects"]:
+        found[item["id"]] = [
+            Shape(
+                primitive["type"],
+                tuple(map(float, primitive["dimensions"])),
+                tuple(float(pose["position"][axis]) for axis in "xyz"),
+                tuple(float(pose.get("orientation", {"w": 1.0}).get(axis, 0.0)) for axis in "xyzw"),
+            )
+            for primitive, pose in zip(item["primitives"], item["primitive_poses"], strict=True)
+        ]
+    return found
+
+
+def read_padding_m(folder: Path) -> float:
+    """The padding in a folder of MoveIt's files."""
+    padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
+    return padding

@@ -1,0 +1,105 @@
+"""Whether MoveIt can begin a plan in a pose: the padded arm free of its surroundings, the bare one free of itself."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from hal.robot_file.robot_file import load_robot_file
+from servoloop.arms.folder import Arm
+from servoloop.arms.pick_place import PickPlace, load_pick_place
+from servoloop.moveit.collision_matrix import LinkModel, Pair, arm_links
+from servoloop.moveit.surroundings import Objects, Pose, spec_with
+from sim_backend.scene.world import World
+
+FALLING_S: Final = 4.0
+"""A limp arm lies still after this time, in simulated seconds."""
+FAR_M: Final = 1.0
+
+
+class PaddedArm:
+    """The arm as MoveIt checks it."""
+
+    def __init__(self, scene: Path, objects: Objects, padding_m: float, unchecked: Collection[Pair] = ()) -> None:
+        """``unchecked``: the pairs of links that the SRDF leaves out."""
+        self._links = LinkModel(scene)
+        self._unchecked = set(unchecked)
+        spec, names = spec_with(scene, objects, padding_m)
+        links = {link.name for link in arm_links(spec)} - {"base_link"}  # no plan moves the base
+        self._model: Any = spec.compile()
+        self._data: Any = mujoco.MjData(self._model)
+        self._places = [int(self._model.joint(name).qposadr[0]) for name in self._links.joints]
+        self._objects = [self._model.geom(name).id for name in names]
+        model = self._model
+        self._arm = [
+            geom
+            for geom in range(model.ngeom)
+            if model.body(model.geom_bodyid[geom]).name in links
+            and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+        ]
+        meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+        self._padding_m = np.where(meshes, padding_m, 0.0)
+        """Of geometries that were not made larger."""
+
+    def distances(self, pose: Pose) -> dict[Pair, float]:
+        """The distance of each link from each object, m; negative inside it."""
+        self._data.qpos[self._places] = self._links.pose(dict(pose))
+        mujoco.mj_kinematics(self._model, self._data)
+        found: dict[Pair, float] = {}
+        for geom in self._arm:
+            link = self._model.body(self._model.geom_bodyid[geom]).name
+            for other in self._objects:
+                gap = mujoco.mj_geomDistance(self._model, self._data, geom, other, FAR_M, None) - self._padding_m[geom]
+                key = (link, self._model.geom(other).name.rsplit(" ", 1)[0])
+                found[key] = min(found.get(key, FAR_M), float(gap))
+        return found
+
+    def collisions(self, pose: Pose) -> list[str]:
+        """The pairs for which MoveIt refuses the pose as a start or a goal; none if it can plan."""
+        around = [f"{link} - {thing}" for (link, thing), gap in self.distances(pose).items() if gap <= 0.0]
+        itself = self._links.touching(self._links.pose(dict(pose))) - self._unchecked
+        return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
+
+
+def fallen(scene: Path, pose: Pose) -> Pose:
+    """Where an arm lies that was let go in this pose."""
+    start = World(scene)
+    world = World(scene, initial_position=[pose.get(joint, 0.0) for joint in start.joints])
+    for _ in range(round(FALLING_S / world.timestep_s)):
+        world.advance()
+    return dict(zip(world.joints, world.position().tolist(), strict=True))
+
+
+def lying_poses(arm: Arm) -> dict[str, Pose]:
+    """The poses in which the arm stands without a plan: at the start of the stack, parked, and let go in either."""
+    world, park = World(arm.scene), load_robot_file(arm.robot).park
+    begin = dict(zip(world.joints, world.position().tolist(), strict=True))
+    poses: dict[str, Pose] = {"the start": begin}
+    if world.lies:
+        poses["the start, limp"] = fallen(arm.scene, begin)
+    if park is not None:
+        for hand, at in _hands(arm, world.joints[-1]):
+            poses[f"park, {hand}"] = {**at, **park.pose}
+            poses[f"park, {hand}, limp"] = fallen(arm.scene, {**at, **park.pose})
+    return poses
+
+
+def working_poses(arm: Arm) -> dict[str, Pose]:
+    """The poses of the pick-place job, with the hand open and closed, and all joints at zero, where the mock begins."""
+    world = World(arm.scene)
+    poses: dict[str, Pose] = {"zero": {}}
+    for name, pose in _arm_poses(load_pick_place(arm.pick_place)):
+        poses |= {f"{name}, {hand}": {**at, **pose} for hand, at in _hands(arm, world.joints[-1])}
+    return poses
+
+
+def _arm_poses(job: PickPlace) -> Iterator[tuple[str, Pose]]:
+    for name, pose in job.all_poses().items():
+        yield name, dict(zip(job.joints, pose, strict=True))
+
+
+def _hands(arm: Arm, hand: str) -> list[tuple[str, Pose]]:
+    job = load_pick_place(arm.pick_place)
+    return [("hand open", {hand: job.hand_open_m}), ("hand closed", {hand: job.hand_closed_m})]

@@ -1,0 +1,232 @@
+"""The objects around an arm, as MoveIt is told them: those of its scene, with room where the arm lies and works."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from hal.errors import ArmFileError
+from hal.types import FloatArray
+from servoloop.moveit.collision_matrix import LinkModel, arm_links
+
+ROOM_M: Final = 0.005
+"""Room between the padded arm and what it stands on, lies on or works at."""
+LIES_M: Final = 0.03
+"""How far beside its poses of rest an arm may come to lie."""
+REACH_M: Final = 0.7
+"""Half the side of the table."""
+TABLE_M: Final = 0.04
+"""Thickness of the table."""
+BOX, SPHERE, CYLINDER = 1, 2, 3
+"""The types of shape_msgs/SolidPrimitive."""
+
+Numbers = tuple[float, ...]
+Pose = Mapping[str, float]
+"""Joint positions by name, rad or m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A primitive of an object: dimensions in the order of shape_msgs/SolidPrimitive, the middle, the orientation."""
+
+    kind: int
+    dimensions: Numbers
+    position: Numbers
+    quaternion_xyzw: Numbers = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Pit:
+    """A rectangle in which the table is lower, m."""
+
+    x_from: float
+    x_to: float
+    y_from: float
+    y_to: float
+    depth: float
+
+    def meets(self, other: "Pit") -> bool:
+        """Whether the two overlap."""
+        along = self.x_from < other.x_to and other.x_from < self.x_to
+        return along and self.y_from < other.y_to and other.y_from < self.y_to
+
+    def joined(self, other: "Pit") -> "Pit":
+        """The pit around both."""
+        x_from, y_from = min(self.x_from, other.x_from), min(self.y_from, other.y_from)
+        x_to, y_to = max(self.x_to, other.x_to), max(self.y_to, other.y_to)
+        return Pit(x_from, x_to, y_from, y_to, max(self.depth, other.depth))
+
+
+Objects = dict[str, list[Shape]]
+
+
+def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
+    """The objects of a scene that do not move, by name.
+
+    The table is lower where the padded arm is in it: below the foot, and where the arm lies in the poses ``lying``. The
+    stand, at which the arm works, is lower by the padding and ROOM_M. Raises ArmFileError.
+    """
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    around = [geom for geom in range(model.ngeom) if _stands(model, geom)]
+    found: Objects = {}
+    for geom in around:
+        body, name = model.body(model.geom_bodyid[geom]).name, model.geom(geom).name
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            level = _level(data, geom, name)
+            found["table"] = _table(level, _pits(scene, level, padding_m, lying))
+        elif shape := _shape(model, data, geom, padding_m + ROOM_M if name == "stand" else 0.0):
+            found.setdefault(name if body == "world" else body, []).append(shape)
+    return found
+
+
+def _stands(model: Any, geom: int) -> bool:
+    """Whether something can touch it, and no joint moves it."""
+    fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
+    base = model.body("base_link").id
+    return bool(fixed and model.body_rootid[model.geom_bodyid[geom]] != base) and bool(
+        model.geom_contype[geom] or model.geom_conaffinity[geom]
+    )
+
+
+def _level(data: Any, geom: int, name: str) -> float:
+    if abs(data.geom_xmat[geom][8] - 1.0) > 1e-6:
+        raise ArmFileError(f"the plane {name} is not level: give the scene a level table")
+    return float(data.geom_xpos[geom][2])
+
+
+def _shape(model: Any, data: Any, geom: int, lower_m: float) -> Shape | None:
+    """The geometry as a primitive, its top lower by ``lower_m``; None if nothing of it is left."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    middle, turn = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3)
+    primitive, dimensions = BOX, 2.0 * size
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        primitive, dimensions = SPHERE, size[:1]
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        primitive, dimensions = CYLINDER, np.array([2.0 * size[1], size[0]])
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        primitive, dimensions = CYLINDER, np.array([2.0 * (size[0] + size[1]), size[0]])
+    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # a mesh or an ellipsoid: the box around it
+        middle, dimensions = middle + turn @ model.geom_aabb[geom][:3], 2.0 * model.geom_aabb[geom][3:]
+    if lower_m and primitive == BOX and turn[2, 2] > 1.0 - 1e-6:
+        dimensions[2] -= lower_m
+        middle[2] -= lower_m / 2
+        if dimensions[2] <= 0.0:
+            return None
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, turn.ravel())
+    return Shape(primitive, _rounded(dimensions), _rounded(middle), _rounded(np.roll(quaternion, -1)))
+
+
+def _rounded(values: FloatArray) -> Numbers:
+    return tuple(round(float(value), 6) + 0.0 for value in values)
+
+
+def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
+    """Where the padded arm is in the table: below its foot, and where it lies."""
+    arm = LinkModel(scene)
+    foot = arm.model.body("base_link").id
+    moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]
+    arm.place(arm.pose({}))
+    below = _pit(arm, [foot], level, padding_m, ROOM_M)
+    pits: list[Pit] = []
+    for positions in lying:
+        arm.place(arm.pose(dict(positions)))
+        pit = _pit(arm, moved, level, padding_m, LIES_M)
+        for other in [other for other in pits if pit is not None and pit.meets(other)]:
+            pits.remove(other)
+            pit = pit.joined(other) if pit else other
+        pits += [pit] if pit else []
+    return [below, *pits] if below else pits
+
+
+def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, margin_m: float) -> Pit | None:
+    """The pit in the table that these bodies need, ``margin_m`` wider than they are; None if they are above it."""
+    found = []
+    for geom in range(arm.model.ngeom):
+        if arm.model.geom_bodyid[geom] in bodies and arm.model.geom_contype[geom]:
+            low, high = _extent(arm, geom, padding_m)
+            if low[2] < level + ROOM_M:
+                found.append((*(low[:2] - margin_m), *(high[:2] + margin_m), level - low[2] + ROOM_M))
+    if not found:
+        return None
+    x_from, y_from, x_to, y_to, depth = np.array(found).T.tolist()
+    return Pit(*(round(edge, 3) for edge in (min(x_from), max(x_to), min(y_from), max(y_to), max(depth))))
+
+
+def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, FloatArray]:
+    """The lowest and the highest x, y and z of a padded geometry."""
+    turn = arm.data.geom_xmat[geom].reshape(3, 3)
+    middle = arm.data.geom_xpos[geom] + turn @ arm.model.geom_aabb[geom][:3]
+    half = np.abs(turn) @ (arm.model.geom_aabb[geom][3:] + padding_m)
+    return middle - half, middle + half
+
+
+def _table(level: float, pits: Sequence[Pit]) -> list[Shape]:
+    """Boxes that fill the table: level, and lower in the pits. Neighbors along x are joined."""
+    xs = _edges(edge for pit in pits for edge in (pit.x_from, pit.x_to))
+    ys = _edges(edge for pit in pits for edge in (pit.y_from, pit.y_to))
+    bottom = level - max([TABLE_M, *(pit.depth + ROOM_M for pit in pits)])
+    boxes: list[Shape] = []
+    for y_from, y_to in pairwise(ys):
+        runs: list[tuple[float, float, float]] = []
+        for x_from, x_to in pairwise(xs):
+            begin, depth = x_from, _depth((x_from + x_to) / 2, (y_from + y_to) / 2, pits)
+            if runs and runs[-1][2] == depth:
+                begin = runs.pop()[0]
+            runs.append((begin, x_to, depth))
+        for x_from, x_to, depth in runs:
+            low, high = np.array([x_from, y_from, bottom]), np.array([x_to, y_to, level - depth])
+            boxes.append(Shape(BOX, _rounded(high - low), _rounded((low + high) / 2)))
+    return boxes
+
+
+def _edges(edges: Iterable[float]) -> list[float]:
+    return sorted({-REACH_M, REACH_M, *(edge for edge in edges if abs(edge) < REACH_M)})
+
+
+def _depth(x: float, y: float, pits: Sequence[Pit]) -> float:
+    return max((pit.depth for pit in pits if pit.x_from < x < pit.x_to and pit.y_from < y < pit.y_to), default=0.0)
+
+
+def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, list[str]]:
+    """The scene with the arm padded as MoveIt pads it, and the objects added; the names of these, with their number.
+
+    Padding makes boxes, cylinders and capsules longer at each end and thicker all around.
+    """
+    spec = mujoco.MjSpec.from_file(str(scene))
+    padded = {
+        mujoco.mjtGeom.mjGEOM_BOX: 3,
+        mujoco.mjtGeom.mjGEOM_CYLINDER: 2,
+        mujoco.mjtGeom.mjGEOM_CAPSULE: 1,
+        mujoco.mjtGeom.mjGEOM_SPHERE: 1,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID: 3,
+    }
+    links = {link.name for link in arm_links(spec)}
+    for geom in spec.geoms:
+        if geom.parent.name in links and (geom.contype or geom.conaffinity):
+            used = padded.get(geom.type, 0)
+            geom.size = [size + padding_m * (i < used) for i, size in enumerate(geom.size)]
+    kinds = {
+        BOX: mujoco.mjtGeom.mjGEOM_BOX,
+        SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
+        CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    }
+    names = []
+    for name, shapes in objects.items():
+        for number, shape in enumerate(shapes):
+            names.append(f"{name} {number}")
+            size = [value / 2 for value in shape.dimensions]
+            if shape.kind != BOX:
+                height, radius = (0.0, shape.dimensions[0]) if shape.kind == SPHERE else shape.dimensions
+                size = [radius, height / 2, 0.0]
+            x, y, z, w = shape.quaternion_xyzw
+            spec.worldbody.add_geom(
+                name=names[-1], type=kinds[shape.kind], pos=shape.position, quat=[w, x, y, z], size=size
+            )
+    return spec, names

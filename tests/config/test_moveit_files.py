@@ -1,0 +1,187 @@
+"""`servoloop arms moveit` writes what MoveIt needs of any arm, and MoveIt can plan wherever the arm may stand."""
+
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+import yaml
+
+from hal.errors import ArmFileError
+from servoloop import cli
+from servoloop.arms.folder import ARMS, Arm, find_arm, read_arm, read_arm_files
+from servoloop.moveit.collision_matrix import Pair, pair
+from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
+from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from sim_backend.scene.world import World
+from tests.arms.test_check import FILES, folder_with
+
+SAMPLES: Final = 2000
+"""Number of random poses for the collision matrix: the pairs that matter touch in one pose of a hundred."""
+NAMES: Final = ("robot_arm", "so101", "so100", "koch")
+SERVOS_LEAVE_RAD: Final = 0.006
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Path]:
+    arm = find_arm(request.param)
+    folder = tmp_path_factory.mktemp(arm.name)
+    for name, text in moveit_files(arm, SAMPLES).items():
+        (folder / name).write_text(text)
+    return arm, folder
+
+
+def semantic(folder: Path) -> ElementTree.Element:
+    (file,) = folder.glob("*.srdf")
+    return ElementTree.parse(file).getroot()
+
+
+def unchecked(root: ElementTree.Element) -> dict[Pair, str]:
+    found = root.findall("disable_collisions")
+    return {pair(one.attrib["link1"], one.attrib["link2"]): one.attrib["reason"] for one in found}
+
+
+def states(root: ElementTree.Element) -> dict[tuple[str, str], dict[str, float]]:
+    return {
+        (state.attrib["group"], state.attrib["name"]): {
+            joint.attrib["name"]: float(joint.attrib["value"]) for joint in state.findall("joint")
+        }
+        for state in root.findall("group_state")
+    }
+
+
+def read(file: Path) -> Any:
+    return yaml.safe_load(file.read_text())
+
+
+def padded(arm: Arm, folder: Path) -> PaddedArm:
+    objects = read_objects(read(folder / "planning_scene.yaml"))
+    return PaddedArm(arm.scene, objects, read_padding_m(folder), unchecked(semantic(folder)))
+
+
+def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tuple[Arm, Path]) -> None:
+    arm, folder = written
+    model = padded(arm, folder)
+    named = {name: state for (group, name), state in states(semantic(folder)).items() if group == "arm"}
+    poses = {**lying_poses(arm), **working_poses(arm), **named}
+    assert {"the start", "park, hand open, limp", "ready"} <= poses.keys()
+    assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
+
+
+def test_moveit_can_plan_with_the_files_that_the_launch_takes() -> None:
+    arm = find_arm("robot_arm")
+    model = padded(arm, MOVEIT)
+    poses = {**lying_poses(arm), **working_poses(arm)}
+    assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
+
+
+def test_the_project_s_own_arm_has_what_the_verb_writes(written: tuple[Arm, Path]) -> None:
+    """Except for the state `upright`, and for the collision matrix, which takes more samples."""
+    arm, folder = written
+    if arm.name != "robot_arm":
+        pytest.skip("the files of other arms are not kept")
+    for file in MOVEIT.iterdir():
+        if file.suffix != ".srdf":
+            assert (folder / file.name).read_text() == file.read_text(), file.name
+    own, made = semantic(MOVEIT), semantic(folder)
+    own_states = states(own)
+    del own_states["arm", "upright"]
+    assert states(made) == own_states
+    for tag in ("group", "end_effector", "passive_joint"):
+        assert list(map(plain, made.findall(tag))) == list(map(plain, own.findall(tag)))
+    reasons = unchecked(own)
+    assert {links: why for links, why in unchecked(made).items() if links in reasons} == reasons
+
+
+def plain(element: ElementTree.Element) -> str:
+    return re.sub(r"\s+", " ", ElementTree.tostring(element, encoding="unicode")).strip()
+
+
+def test_the_padding_is_more_than_the_hand_sinks(written: tuple[Arm, Path]) -> None:
+    """At what servos leave in each joint at once, with the arm stretched out as it is at zero or ready."""
+    arm, folder = written
+    world = World(arm.scene)
+    for start in (np.zeros(len(world.joints)), world.ready):
+        at = World(arm.scene, initial_position=start)
+        tip = max(
+            (at.data.body(i).xpos for i in range(at.model.nbody) if at.model.body_rootid[i] == 1), key=np.linalg.norm
+        )
+        levers = [float(np.linalg.norm(tip - at.data.joint(name).xanchor)) for name in at.joints[1:-2]]
+        assert SERVOS_LEAVE_RAD * sum(levers) < read_padding_m(folder)
+
+
+def test_the_files_name_the_arm_s_joints_and_controllers(written: tuple[Arm, Path]) -> None:
+    arm, folder = written
+    files, root = read_arm_files(arm), semantic(folder)
+    limits = read(folder / "joint_limits.yaml")["joint_limits"]
+    assert list(limits) == [joint.name for joint in files.robot.joints]
+    assert {type(value) for joint in limits.values() for key, value in joint.items() if "max" in key} == {float}
+    manager = read(folder / "moveit_controllers.yaml")["moveit_simple_controller_manager"]
+    assert manager["arm_controller"]["joints"] == list(states(root)["arm", "ready"])
+    described = ElementTree.fromstring((folder / f"{arm.name}.urdf").read_text())
+    assert root.get("name") == described.get("name")
+    chains = [(chain.attrib["base_link"], chain.attrib["tip_link"]) for chain in root.iter("chain")]
+    assert chains and {link for chain in chains for link in chain} <= {
+        link.get("name") for link in described.iter("link")
+    }
+    assert set(read(folder / "kinematics.yaml")) == {"arm"}
+
+
+def test_collisions_are_checked_with_the_urdf_s_shapes() -> None:
+    """The scene has the boxes that MoveIt reads from the URDF."""
+    for name in NAMES:
+        arm = find_arm(name)
+        in_urdf = sorted(shapes(ElementTree.parse(arm.urdf).getroot()))
+        world = World(arm.scene)
+        model = world.model
+        own = [g for g in range(model.ngeom) if model.body_rootid[model.geom_bodyid[g]] == model.body("base_link").id]
+        assert len(in_urdf) == len(own), name
+        in_scene = sorted((model.body(model.geom_bodyid[g]).name, *np.round(2 * model.geom_size[g], 5)) for g in own)
+        boxes = [shape for shape in in_urdf if len(shape) == 4]
+        assert set(boxes) <= set(in_scene), name
+
+
+def shapes(robot: ElementTree.Element) -> Iterator[tuple[Any, ...]]:
+    for link in robot.findall("link"):
+        for geometry in link.findall("collision/geometry"):
+            box = geometry.find("box")
+            size = [] if box is None else [round(float(value), 5) for value in box.attrib["size"].split()]
+            yield (link.attrib["name"], *size)
+
+
+@pytest.mark.runs("servoloop arms moveit so101 so101_moveit")
+def test_the_verb_writes_the_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = moveit_files(find_arm("so101"), 100)
+    monkeypatch.setattr("servoloop.moveit.files.moveit_files", lambda arm: made)
+    monkeypatch.chdir(tmp_path)
+    folder = Path("so101_moveit")
+    for _ in range(2):
+        assert run(monkeypatch, "so101", folder) == 0
+    assert str(folder / "so101.srdf") in capsys.readouterr().out
+    assert {file.name for file in folder.iterdir()} == {*made, *(f"{name}.1" for name in made)}
+    assert (folder / "so101.srdf").read_text() == made["so101.srdf"]
+    assert run(monkeypatch, "so101", folder / "so101.srdf") == 1
+    assert f"cannot write into {folder / 'so101.srdf'}" in " ".join(capsys.readouterr().err.split())
+
+
+def run(monkeypatch: pytest.MonkeyPatch, arm: str, folder: Path) -> int:
+    monkeypatch.setattr(sys, "argv", ["servoloop", "arms", "moveit", arm, str(folder)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    return int(end.value.code or 0)
+
+
+def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
+    """The park pose puts the open jaw between the stand and bin C, 3 mm from the bin."""
+    text = (ARMS / "so101" / "robot.yaml").read_text()
+    (pose,) = re.findall(r"pose: \{.*\}", text)
+    folded = "pose: {shoulder_pan: 0.0, shoulder_lift: -1.7, elbow_flex: 1.65, wrist_flex: 0.85, wrist_roll: -1.57}"
+    folder = folder_with(tmp_path, FILES, ("robot.yaml", pose, folded))
+    with pytest.raises(ArmFileError, match=r"park, hand open: .*moving_jaw_so101_v1_link - bin_C"):
+        moveit_files(read_arm(folder), 100)
