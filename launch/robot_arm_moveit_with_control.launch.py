@@ -3,6 +3,7 @@
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py port:=/dev/ttyACM0 rviz:=false
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py scene:=/home/me/bench.yaml
+ros2 launch servoloop robot_arm_moveit_with_control.launch.py arm:=so101 moveit:=/home/me/so101_moveit
 """
 
 from pathlib import Path
@@ -20,31 +21,40 @@ from launch import LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("servoloop"))
 MOVEIT = SHARE / "config" / "moveit"
+URDF = SHARE / "urdf" / "robot_arm.urdf"
+SCENE = "planning_scene.yaml"
 
 
-def read(name: str) -> dict[str, Any]:
-    """One of the YAML files in config/moveit."""
-    values: dict[str, Any] = yaml.safe_load((MOVEIT / name).read_text())
+def read(file: Path) -> dict[str, Any]:
+    """A YAML file."""
+    values: dict[str, Any] = yaml.safe_load(file.read_text())
     return values
 
 
-def model_parameters(urdf: Path) -> dict[str, Any]:
+def described(urdf: Path, moveit: Path) -> Path:
+    """The URDF: the one that was named, or else the one in the folder that `servoloop arms moveit` wrote."""
+    written = sorted(moveit.glob("*.urdf")) if urdf == URDF else []
+    return written[0] if written else urdf
+
+
+def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
     """What both move_group and RViz must know of the arm."""
+    (semantic,) = moveit.glob("*.srdf")
     return {
-        "robot_description": urdf.read_text(),
-        "robot_description_semantic": (MOVEIT / "robot_arm.srdf").read_text(),
-        "robot_description_kinematics": read("kinematics.yaml"),
-        "robot_description_planning": read("joint_limits.yaml"),
+        "robot_description": described(urdf, moveit).read_text(),
+        "robot_description_semantic": semantic.read_text(),
+        "robot_description_kinematics": read(moveit / "kinematics.yaml"),
+        "robot_description_planning": read(moveit / "joint_limits.yaml"),
         "planning_pipelines": ["ompl"],
         "default_planning_pipeline": "ompl",
-        "ompl": read("ompl_planning.yaml"),
+        "ompl": read(moveit / "ompl_planning.yaml"),
     }
 
 
-def move_group_parameters() -> dict[str, Any]:
+def move_group_parameters(moveit: Path) -> dict[str, Any]:
     """How trajectories are executed, and what move_group tells others of the scene."""
     return {
-        **read("moveit_controllers.yaml"),
+        **read(moveit / "moveit_controllers.yaml"),
         "publish_robot_description_semantic": True,
         "publish_planning_scene": True,
         "publish_geometry_updates": True,
@@ -66,23 +76,25 @@ def tell_surroundings(file: Path) -> ExecuteProcess:
 
 def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
     """Called with the launch arguments' values."""
-    model = model_parameters(Path(LaunchConfiguration("urdf").perform(context)))
+    moveit = Path(LaunchConfiguration("moveit").perform(context))
+    model = model_parameters(Path(LaunchConfiguration("urdf").perform(context)), moveit)
     move_group = Node(
         package="moveit_ros_move_group",
         executable="move_group",
         output="screen",
-        parameters=[model, move_group_parameters()],
+        parameters=[model, move_group_parameters(moveit)],
     )
     rviz = Node(
         package="rviz2",
         executable="rviz2",
         output="log",
-        arguments=["-d", str(MOVEIT / "moveit.rviz")],
+        arguments=["-d", str(moveit / "moveit.rviz")],
         parameters=[model],
         condition=IfCondition(LaunchConfiguration("rviz")),
     )
     scene = LaunchConfiguration("scene").perform(context)
-    return [move_group, rviz, *([tell_surroundings(Path(scene))] if scene else [])]
+    around = moveit / SCENE if scene == str(MOVEIT / SCENE) else Path(scene)
+    return [move_group, rviz, *([tell_surroundings(around)] if scene else [])]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -92,12 +104,17 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("rviz", default_value="true", description="Also start RViz."),
             DeclareLaunchArgument(
+                "moveit",
+                default_value=str(MOVEIT),
+                description="Folder of MoveIt's files, as `servoloop arms moveit` writes it.",
+            ),
+            DeclareLaunchArgument(
                 "scene",
-                default_value=str(MOVEIT / "planning_scene.yaml"),
-                description="What stands around the arm, for MoveIt; with scene:= nothing does.",
+                default_value=str(MOVEIT / SCENE),
+                description="What stands around the arm, instead of the folder's file; with scene:= nothing does.",
             ),
             # the included file's too, but needed here as well
-            DeclareLaunchArgument("urdf", default_value=str(SHARE / "urdf" / "robot_arm.urdf")),
+            DeclareLaunchArgument("urdf", default_value=str(URDF)),
             IncludeLaunchDescription(control),
             OpaqueFunction(function=start_moveit),
         ]

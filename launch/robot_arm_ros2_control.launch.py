@@ -2,6 +2,7 @@
 
 ros2 launch servoloop robot_arm_ros2_control.launch.py
 ros2 launch servoloop robot_arm_ros2_control.launch.py port:=/dev/ttyACM0 pick_place:=true
+ros2 launch servoloop robot_arm_ros2_control.launch.py arm:=so101
 """
 
 from pathlib import Path
@@ -17,6 +18,7 @@ from launch import LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("servoloop"))
 ARGUMENTS = {
+    "arm": ("", "An arm that `servoloop arms` lists, or its folder, with its own urdf, controllers and robot."),
     "urdf": (SHARE / "urdf" / "robot_arm.urdf", "Robot description."),
     "controllers": (SHARE / "config" / "arm_controllers.yaml", "Controllers file, as for ros2_control."),
     "robot": ("", "Robot file; by default the one that the URDF names."),
@@ -27,9 +29,12 @@ ARGUMENTS = {
 
 
 def command(values: dict[str, str]) -> list[str]:
-    """The words after ``servoloop``. What is empty is left to servoloop's own defaults."""
+    """The words after ``servoloop``. What is empty, or belongs to another arm, is left to servoloop's own defaults."""
     ports = [("port", port) for port in values["port"].split()]
-    single = [(name, values[name]) for name in ("urdf", "controllers", "robot", "hardware") if values[name]]
+    said = {name: values[name] for name in ("arm", "urdf", "controllers", "robot", "hardware")}
+    if said["arm"]:
+        said = {name: value for name, value in said.items() if value != str(ARGUMENTS[name][0])}
+    single = [(name, value) for name, value in said.items() if value]
     return ["up", *(word for name, value in single + ports for word in (f"--{name}", value))]
 
 

@@ -41,6 +41,15 @@ def test_every_argument_reaches_servoloop(share: Path) -> None:
     assert list(parsed["port"]) == ["arm=/dev/ttyACM0", "hand=/dev/ttyUSB0"]
 
 
+def test_another_arm_brings_its_own_files(share: Path) -> None:
+    (process,) = actions(share / "launch" / CONTROL, arm="so101", hardware="mock")
+    parsed = parse(process.cmd[1:])
+    assert (parsed["arm"], parsed["hardware"]) == ("so101", "mock")
+    assert not any(parsed[name] for name in ("urdf", "controllers", "robot"))
+    (process,) = actions(share / "launch" / CONTROL, arm="so101", controllers="/b.yaml")
+    assert str(parse(process.cmd[1:])["controllers"]) == "/b.yaml"
+
+
 def test_there_is_time_to_park(share: Path) -> None:
     """launch sends a second signal after sigterm_timeout; that one lets a real arm go wherever it is."""
     from servoloop.files import read_files

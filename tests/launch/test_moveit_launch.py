@@ -41,6 +41,26 @@ def test_move_group_is_told_what_stands_around_the_arm(share: Path, tmp_path: Pa
     assert told(scene=str(own))[-1] == own.read_text()
 
 
+def test_another_arm_comes_with_a_folder_of_its_own(share: Path, tmp_path: Path) -> None:
+    """The files that `servoloop arms moveit` writes: what is in the folder goes to move_group and RViz."""
+    own = share / "config" / "moveit"
+    for name in ("joint_limits", "kinematics", "moveit_controllers", "ompl_planning"):
+        (tmp_path / f"{name}.yaml").write_text((own / f"{name}.yaml").read_text())
+    limits = {"default_robot_padding": 0.01}
+    (tmp_path / "joint_limits.yaml").write_text(yaml.safe_dump(limits))
+    (tmp_path / "so101.urdf").write_text("<robot name='so101'/>")
+    (tmp_path / "so101.srdf").write_text("<robot name='so101'><!-- semantic --></robot>")
+    (tmp_path / "planning_scene.yaml").write_text("scene: {is_diff: true}\n")
+    process, move_group, rviz, around = actions(share / "launch" / MOVEIT, arm="so101", moveit=str(tmp_path))
+    assert parse(process.cmd[1:])["arm"] == "so101"
+    model = move_group.parameters[0]
+    assert model["robot_description"] == "<robot name='so101'/>"
+    assert "semantic" in model["robot_description_semantic"]
+    assert model["robot_description_planning"] == limits
+    assert rviz.arguments == ["-d", str(tmp_path / "moveit.rviz")] and rviz.parameters == [model]
+    assert around.cmd[-1] == "scene: {is_diff: true}\n"
+
+
 def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path) -> None:
     manifest = ElementTree.parse(share / "package.xml").getroot()
     known = {"servoloop"} | {element.text for element in manifest.findall("exec_depend")}
