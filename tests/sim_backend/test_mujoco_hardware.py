@@ -1,11 +1,16 @@
-"""The arm in MuJoCo as hardware: how far it sinks under its weight."""
+"""The arm in MuJoCo as hardware: where it begins, and how far it sinks under its weight."""
 
 import numpy as np
 import pytest
 
+from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointCommand
 from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.files import read_files
+from servoloop.hardware import HardwareKind, build
+from servoloop.simulation.virtual_lines import VirtualLines
 from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.build import Build
 from sim_backend.scene.mujoco_hardware import MujocoHardware
 from sim_backend.scene.world import World
 
@@ -40,3 +45,19 @@ def test_the_weight_moves_an_arm_at_rest_by_no_more_than_servos_leave(name: str)
     for pose in POSES[name]:
         goal = np.array(pose, float)
         assert np.abs(followed(hardware, clock, goal) - goal).max() < SAG
+
+
+def test_an_arm_that_begins_in_the_air_does_not_sink_before_it_has_torque() -> None:
+    """MoveIt plans from there: virtual servos and the arm in MuJoCo, two seconds after the start and without torque."""
+    files, clock = read_files(), SimulatedClock()
+    ready = World(files.scene).ready
+    lines = VirtualLines(files, Build(backlash_deg=1.0, seed=1))
+    lines.advance(0.0)
+    lines.advance(2.0)
+    assert np.abs(lines.world.position() - ready).max() == 0.0
+    in_mujoco = build(HardwareKind.MUJOCO, files, {}, clock).hardware
+    configure_all(in_mujoco, [], keep_alive=False)
+    for _ in range(100):
+        clock.sleep_until(clock.now() + PERIOD_S)
+        position = in_mujoco.read().position
+    assert np.abs(position - ready).max() == 0.0
