@@ -9,7 +9,8 @@ from typing import Final
 from controller.action_goals import GoalStatus
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.teach.slowing import goal_points, slowed
-from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.goal import Allowed, GoalHandle, GoalPoint, TrajectoryGoal
+from controller.trajectory.goal_planner import GoalPlanner, GoalRejected
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
@@ -48,9 +49,22 @@ class Play:
         self._arm, self._follow, self._permission = arm, follow, permission
         limits = arm.loop.limits
         points = goal_points(slowed(taught.path, limits, speed), limits) if taught.path is not None else ()
+        self._check(taught.position, points)
         self._goals = self._made(taught.position, points, speed)
         self._under_way: tuple[Phase, GoalHandle] | None = None
         self._ready_s = math.inf
+
+    def _check(self, poses: FloatArray, points: tuple[GoalPoint, ...]) -> None:
+        """Plan the whole motion once, before anything moves. Raises TeachError where it cannot be played."""
+        joints, limits = self._arm.joints, self._arm.loop.limits
+        planner = GoalPlanner(joints, limits, "ruckig")
+        goals = [points] if points else [(_point(pose, 1e-3),) for pose in poses]
+        begins = poses[:1] if points else poses[[0, *range(len(poses) - 1)]]
+        for goal, begin in zip(goals, begins, strict=True):
+            try:
+                planner.plan(TrajectoryGoal(joints, goal), Allowed(), Kinematics.at_rest(begin))
+            except GoalRejected as error:
+                raise TeachError(f"this cannot be played, and nothing has moved: {error}") from error
 
     def begin(self) -> None:
         """Torque on where the arm stands; nothing moves until its weight is carried. Raises errors."""
@@ -107,4 +121,8 @@ class Play:
             duration_s = motion_to(here, there, limits, 0.0, self._arm.joints).duration_s
         except MotionError as error:
             raise TeachError(f"no way to where it begins: {error}") from error
-        return TrajectoryGoal(self._arm.joints, (GoalPoint(tuple(pose.tolist()), max(duration_s, 1e-3)),))
+        return TrajectoryGoal(self._arm.joints, (_point(pose, max(duration_s, 1e-3)),))
+
+
+def _point(pose: FloatArray, time_s: float) -> GoalPoint:
+    return GoalPoint(tuple(pose.tolist()), time_s)

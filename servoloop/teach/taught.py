@@ -21,6 +21,8 @@ from servoloop.teach.errors import TeachError
 
 FOLDER: Final = "taught"
 NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
+FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
+"""No hand moves a joint faster, per second: above that a path jumps."""
 DIGITS: Final = 5
 """Of positions, velocities and times: far below an encoder's count."""
 
@@ -118,6 +120,8 @@ class Taught:
         ]
         if wrong:
             raise TeachError(f"{source}: {'; '.join(wrong)}")
+        if self.path is not None:
+            _check_path(self, self.path, limits, source)
 
     def check_units(self, joints: Sequence[Joint], source: str) -> None:
         """Check that the file has the units of these joints. Raises TeachError if not."""
@@ -132,6 +136,29 @@ class Taught:
 
 def _unit(joint: Joint) -> str:
     return "rad" if joint.transmission == 1.0 else "m"
+
+
+def _check_path(taught: Taught, path: HandPath, limits: Sequence[JointLimits], source: str) -> None:
+    """Check that a hand can have shown the path: no jump, and no swing beyond the limits. Raises TeachError."""
+    units = [taught.units.get(name, "rad") for name in taught.joints]
+    spans_s = np.diff(path.times_s)
+    speeds = np.abs(np.diff(path.position, axis=0)) / spans_s[:, None]
+    fastest = np.maximum(speeds, np.maximum(np.abs(path.velocity[:-1]), np.abs(path.velocity[1:])))
+    too_fast = np.argwhere(fastest > [FASTEST_HAND[unit] for unit in units]).tolist()
+    if too_fast:
+        (at, column), unit = too_fast[0], units[too_fast[0][1]]
+        way = float(path.position[at + 1, column] - path.position[at, column])
+        raise TeachError(
+            f"{source}: {taught.joints[column]} jumps by {way:+.4f} {unit} in {spans_s[at]:.4f} s between points {at} "
+            f"and {at + 1} ({fastest[at, column]:.0f} {unit}/s): no hand does that. Record the motion again"
+        )
+    swings = outside(path.sampled().position, limits).tolist()
+    for name, limit, by in zip(taught.joints, limits, swings, strict=True):
+        if by > AT_LIMIT * (limit.upper - limit.lower):
+            raise TeachError(
+                f"{source}: {name} would swing {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f} "
+                "between two points, whose velocities do not fit their positions: record the motion again"
+            )
 
 
 def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[str]:

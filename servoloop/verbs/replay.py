@@ -35,6 +35,7 @@ def replay(
     side = side_of(arm, port)
     joints = side.files.robot.joints
     taught, warnings = recorded_motion(recording, [joint.name for joint in joints], [joint.limits for joint in joints])
+    taught.check([joint.limits for joint in joints], str(recording))
     for warning in warnings:
         typer.secho(f"! {warning}", fg="yellow")
     raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from controller.teach.hand_path import HandPath
+from drivers.servos import sts
 from servoloop.teach.arm import add_trajectory
 from servoloop.teach.errors import TeachError
 from servoloop.teach.play import APPROACH, Phase, Play
+from servoloop.teach.taught import Taught
 from servoloop.teleop.dead_man import HandsFree
 from tests.teach.player import FASTEST, PAN, Key, Player, path
 from tests.teach.rig import FREE, Rig
@@ -81,6 +84,17 @@ def test_a_silent_servo_ends_the_playing_with_its_name() -> None:
     line.faults.silence(2)
     with pytest.raises(TeachError, match="servo 2"):
         player.go_on()
+
+
+def test_what_cannot_be_played_is_refused_before_torque_is_on() -> None:
+    times_s = np.array([0.0, 1.0, 1.0001, 2.0])
+    position = np.tile(path().position[0], (4, 1))
+    position[2:, PAN] += 0.5
+    jump = Taught(path().joints, position, HandPath(times_s, position, np.zeros_like(position)))
+    rig = Rig()
+    with pytest.raises(TeachError, match="this cannot be played, and nothing has moved: shoulder_pan"):
+        Play(rig.arm, add_trajectory(rig.arm), jump, 1.0, HandsFree())
+    assert not any(rig.register(name, sts.torque_enable) for name in rig.names)
 
 
 def test_hands_free_needs_no_key() -> None:

@@ -152,6 +152,34 @@ def test_positions_beyond_the_limits_are_refused_with_each_joint() -> None:
     assert first.startswith("shoulder_pan went 1.080 beyond") and second.startswith("elbow_flex went 0.8")
 
 
+def path_through(times_s: list[float], pan: list[float], velocity: list[float]) -> Taught:
+    """A path of the first joint; the others stand."""
+    position, slopes = np.tile(POSITION[0], (len(pan), 1)), np.zeros((len(pan), 6))
+    position[:, 0], slopes[:, 0] = pan, velocity
+    return Taught(NAMES, position, HandPath(np.array(times_s), position, slopes))
+
+
+JUMPS = [
+    (
+        path_through([0.0, 1.0, 1.02, 2.0], [0.0, 0.3, 1.2, 1.5], [0.0] * 4),
+        r"shoulder_pan jumps by \+0.9000 rad .* 1 and 2",
+    ),
+    (path_through([0.0, 0.00001, 2.0], [0.0, 0.01, 0.5], [0.0] * 3), r"jumps by \+0.0100 rad in 0.0000 s .* 0 and 1"),
+    (path_through([0.0, 1.0, 2.0], [0.0, 0.1, 0.2], [0.0, -35.0, 0.0]), r"between points 0 and 1 \(35 rad/s\)"),
+    (path_through([0.0, 2.0, 4.0], [1.5, 1.5, 1.5], [0.0, 8.0, 0.0]), "shoulder_pan would swing .* beyond its limits"),
+]
+
+
+@pytest.mark.parametrize(("taught", "said"), JUMPS)
+def test_what_no_hand_has_shown_is_refused_with_its_joint_and_place(taught: Taught, said: str) -> None:
+    with pytest.raises(TeachError, match=f"wave: .*{said}"):
+        taught.check(LIMITS, "wave")
+
+
+def test_a_fast_hand_is_not_refused() -> None:
+    path_through([0.0, 0.1, 0.2], [0.0, 0.6, 1.2], [0.0, 9.0, 0.0]).check(LIMITS, "wave")
+
+
 def test_a_folder_that_cannot_be_written_is_told_before_anything_moves(tmp_path: Path) -> None:
     (tmp_path / "taught").write_text("in the way")
     with pytest.raises(DriverError, match="cannot write into"):
@@ -183,6 +211,12 @@ def test_play_refuses_before_it_opens_a_port(arm: Path) -> None:
             CliRunner().invoke(app, ["teach", "play", *words, "--port", "./no_such_port"], catch_exceptions=False)
         return str(error.value)
 
+    motions = TaughtMotions(arm)
+    motions.save("jump", JUMPS[0][0], JOINTS)
+    assert "shoulder_pan jumps by" in refused("jump", "--arm", str(arm), "--hands-free")
+    motions.save("metres", POSES, JOINTS)
+    motions.path("metres").write_text(motions.path("metres").read_text().replace("gripper: rad", "gripper: m"))
+    assert "gripper is in m" in refused("metres", "--arm", str(arm), "--hands-free")
     assert "nobody can hold a key here" in refused("wave", "--arm", str(arm))
     assert "nothing was taught as nod" in refused("nod", "--arm", str(arm), "--hands-free")
     assert "no_such_port" in refused("wave", "--arm", str(arm), "--hands-free")
