@@ -17,8 +17,8 @@ from sim_backend.faults.targets import Inventory, Misdeed, Upset
 
 
 def inventory_of(robot: Robot) -> Inventory:
-    """The servos of a robot file, for schedules that are drawn before its stack is there."""
-    servos: dict[str, dict[int, ServoModel]] = {name: {} for name in robot.file.lines()}
+    """The servos of a robot file, by bus in alphabetical order: a seed draws the same however the file is sorted."""
+    servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
     for joint in robot.joints:
         servos[joint.bus][joint.servo_id] = joint.model
     return Inventory(servos)

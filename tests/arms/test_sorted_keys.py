@@ -1,7 +1,9 @@
-"""The files of an arm mean the same when another program has saved them with their keys sorted."""
+"""The files of an arm mean the same when another program has saved them with their keys in another order."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from shutil import copytree
+from typing import Any
 
 import pytest
 import yaml
@@ -9,31 +11,39 @@ import yaml
 from hal.errors import ArmFileError
 from servoloop.arms.folder import ARMS, find_arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
-from servoloop.files import CONFIG, URDF
+from servoloop.files import CONFIG, URDF, read_files
 from servoloop.handling.poses import Poses
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
+from servoloop.simulation.stack_faults import inventory_of
+from sim_backend.faults.draw import draw
 from sim_backend.faults.servos import Silent
 
 
-def sort_keys(folder: Path) -> None:
+def sort_keys(folder: Path, backwards: bool = False) -> None:
     """Save every YAML file below the folder again with its keys sorted."""
+
+    def ordered(content: Any) -> Any:
+        if isinstance(content, Mapping):
+            return {key: ordered(content[key]) for key in sorted(content, key=str, reverse=backwards)}
+        return [ordered(item) for item in content] if isinstance(content, list) else content
+
     for path in folder.rglob("*.yaml"):
-        path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()), sort_keys=True))
+        path.write_text(yaml.safe_dump(ordered(yaml.safe_load(path.read_text())), sort_keys=False))
 
 
-@pytest.fixture(scope="module")
-def resaved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All arms that ship, their files saved with sorted keys."""
+@pytest.fixture(scope="module", params=[False, True], ids=["sorted", "backwards"])
+def resaved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder ``config`` with all arms that ship, their files saved in another order."""
     home = tmp_path_factory.mktemp("home")
     copytree(CONFIG, home / "config")
     copytree(URDF.parent, home / "urdf")
-    sort_keys(home / "config")
-    return home / "config" / "arms"
+    sort_keys(home / "config", request.param)
+    return home / "config"
 
 
 @pytest.mark.parametrize("name", sorted(path.parent.name for path in ARMS.glob("*/arm.yaml")))
-def test_an_arm_is_the_same_with_sorted_keys(resaved: Path, name: str) -> None:
-    before, after = find_arm(name), find_arm(str(resaved / name))
+def test_an_arm_is_the_same(resaved: Path, name: str) -> None:
+    before, after = find_arm(name), find_arm(str(resaved / "arms" / name))
     auto, auto_after = before.file.calibration.auto, after.file.calibration.auto
     assert after.file.calibration == before.file.calibration
     assert [*auto.clear.items()] == [*auto_after.clear.items()] and [*auto.stops.items()] == [*auto_after.stops.items()]
@@ -44,6 +54,12 @@ def test_an_arm_is_the_same_with_sorted_keys(resaved: Path, name: str) -> None:
     assert specs[0] == specs[1]
     if before.pick_place.exists():
         assert load_pick_place(before.pick_place) == load_pick_place(after.pick_place)
+
+
+def test_a_seed_draws_the_same_faults(resaved: Path) -> None:
+    name = "robot_arm_two_buses.yaml"
+    there = [inventory_of(read_files(robot=folder / name).robot) for folder in (CONFIG, resaved)]
+    assert draw(3, there[0], 10.0, 20) == draw(3, there[1], 10.0, 20)
 
 
 def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path: Path) -> None:
