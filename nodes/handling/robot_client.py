@@ -1,6 +1,7 @@
 """A client of a running stack that moves its joints through their controllers, as long as somebody says so."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic
 from typing import Final
@@ -16,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_action_status_default
+from rclpy.task import Future
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -40,6 +42,10 @@ FRESH_S: Final = 0.5
 ANSWER_S: Final = 5.0
 LISTEN_S: Final = 0.1
 """So long it listens before a motion begins: a goal of somebody else must not be overridden."""
+AT_ONCE: Final = 4
+"""Number of messages that are taken without waiting."""
+REFRESH_S: Final = 0.2
+"""Time between two questions about which controllers are active, in seconds."""
 RUNNING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 
 
@@ -76,6 +82,14 @@ class RobotClient:
         """All that have been active since the beginning."""
         self._controllers: dict[str, _Moved] = {}
         self._grippers: dict[str, Client] = {}
+        self._inactive: dict[str, str] = {}
+        """The inactive controllers that could move a joint, by joint."""
+        self._listing: Future | None = None
+        """The question which controllers are active, that was asked last and has not been answered."""
+        self._listed_s = -math.inf
+        """When that was asked."""
+        self._listens_since_s = self._listened_s = -math.inf
+        """Since when this client has taken what others publish, without a gap, and when it last did."""
         self._list = node.create_client(ListControllers, "/controller_manager/list_controllers")
 
     @property
@@ -100,16 +114,44 @@ class RobotClient:
         answer = self._list.call_async(ListControllers.Request())
         if not spin_until_done(self._executor, answer, ANSWER_S):
             raise HandlingError(f"the controller manager did not answer within {ANSWER_S:.0f} s")
-        active = [one for one in answer.result().controller if one.state == "active"]
+        self._take(answer.result())
+        if not self._controllers:
+            raise HandlingError("no controller that moves joints is active: activate one, or start the stack anew")
+
+    def listen(self) -> None:
+        """Take what others have published, between motions: called often, a motion then begins without a delay."""
+        self._refresh()
+        self._listen(0.0)
+
+    def _refresh(self) -> None:
+        """Ask which controllers are active, and take the answer when it has come; never waits."""
+        now_s = monotonic()
+        if self._listing is not None and self._listing.done():
+            listing, self._listing = self._listing, None
+            if listing.exception() is None:
+                self._take(listing.result())
+        if now_s - self._listed_s > (REFRESH_S if self._listing is None else ANSWER_S):
+            self._listed_s, self._listing = now_s, self._list.call_async(ListControllers.Request())
+
+    def _take(self, answer: ListControllers.Response) -> None:
+        """Note the active controllers. One that is no more active has lost its motion."""
+        active = [one for one in answer.controller if one.state == "active"]
+        self._inactive = {
+            joint: one.name
+            for one in answer.controller
+            if one.state == "inactive" and one.type in (TRAJECTORY, *FORWARD)
+            for joint in _joints_of(one)
+        }
         for one in active:
             if one.type.endswith(GRIPPER) and one.name not in self._grippers:
                 service = f"/{one.name}/gripper_cmd/_action/cancel_goal"
                 self._grippers[one.name] = self._node.create_client(CancelGoal, service)
             if one.name not in self._known and (made := self._made(one)):
                 self._known[one.name] = made
+                self._listened_s = -math.inf  # it may have a goal under way
         self._controllers = {one.name: self._known[one.name] for one in active if one.name in self._known}
-        if not self._controllers:
-            raise HandlingError("no controller that moves joints is active: activate one, or start the stack anew")
+        for name in self._known.keys() - self._controllers.keys():
+            self._known[name].motion = None
 
     def fastest(self, joint: str) -> float:
         """The velocity (rad/s, m/s) of a joint at full speed."""
@@ -117,6 +159,7 @@ class RobotClient:
 
     def jog(self, joint: str, share: float) -> None:
         """Turn a joint on a little, at this share (-1 to 1) of its full speed."""
+        self.listen()
         name, one = self._of(joint)
         motion, passed_s, at = self._begin(name, one)
         velocity = np.zeros(len(one.joints))
@@ -126,8 +169,9 @@ class RobotClient:
 
     def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool:
         """Go on a little towards a pose (rad or m by joint), at this share of full speed; whether all is there."""
-        if missing := pose.keys() - set(self.joints):
-            raise HandlingError(f"no active controller moves {', '.join(sorted(missing))}")
+        self.listen()
+        if missing := sorted(pose.keys() - set(self.joints)):
+            raise HandlingError(self._not_moved(missing))
         there = True
         for name, one in self._controllers.items():
             if not any(joint in pose for joint in one.joints):
@@ -145,7 +189,7 @@ class RobotClient:
             cancel.call_async(CancelGoal.Request())
 
     def _made(self, state: ControllerState) -> _Moved | None:
-        joints = tuple(interface.removesuffix("/position") for interface in state.required_command_interfaces)
+        joints = _joints_of(state)
         if any("/" in joint for joint in joints):
             return None
         if state.type == TRAJECTORY:
@@ -169,14 +213,21 @@ class RobotClient:
         for name, one in self._controllers.items():
             if joint in one.joints:
                 return name, one
-        raise HandlingError(f"no active controller moves {joint}")
+        raise HandlingError(self._not_moved([joint]))
+
+    def _not_moved(self, joints: Sequence[str]) -> str:
+        """Why no active controller moves these joints, and what to do."""
+        inactive = dict.fromkeys(self._inactive[joint] for joint in joints if joint in self._inactive)
+        advice = f"activate {', '.join(inactive)}" if inactive else "activate one that does"
+        return f"no active controller moves {', '.join(joints)}: {advice}"
 
     def _begin(self, name: str, one: _Moved) -> tuple[GuidedMotion, float, Standing]:
         """A controller's motion, from where its joints stand where none is under way; the time passed, and where."""
         now_s = self._now()
         passed_s, one.said_s = now_s - one.said_s, now_s
         begins = one.motion is None or passed_s > HORIZON_S
-        self._listen(LISTEN_S if begins else 0.0)
+        if begins:
+            self._listen(self._unheard_s())
         if one.busy and self._still_said(one):
             one.motion = None
             raise HandlingError(f"{name} has a goal under way: stop it first")
@@ -207,12 +258,23 @@ class RobotClient:
     def _publishers(self, topic: str) -> frozenset[bytes]:
         return frozenset(bytes(one.endpoint_gid) for one in self._node.get_publishers_info_by_topic(topic))
 
+    def _unheard_s(self) -> float:
+        """How long this client must still listen before it knows whose goals are under way."""
+        now_s = monotonic()
+        since_s = self._listens_since_s if now_s - self._listened_s <= LISTEN_S else now_s
+        return max(0.0, LISTEN_S - (now_s - since_s))
+
     def _listen(self, seconds: float) -> None:
         """Hear whose goals are under way."""
-        until_s = monotonic() + seconds
-        self._executor.spin_once(timeout_sec=0.0)
+        now_s = monotonic()
+        if now_s - self._listened_s > LISTEN_S:
+            self._listens_since_s = now_s
+        until_s = now_s + seconds
+        for _ in range(AT_ONCE):
+            self._executor.spin_once(timeout_sec=0.0)
         while monotonic() < until_s:
             self._executor.spin_once(timeout_sec=0.02)
+        self._listened_s = monotonic()
 
     def _send(self, one: _Moved, motion: GuidedMotion) -> None:
         set_point = motion.set_point.tolist()
@@ -221,6 +283,11 @@ class RobotClient:
             one.publisher.publish(JointTrajectory(joint_names=list(one.joints), points=[point]))
         else:  # the newest command is held
             one.publisher.publish(Float64MultiArray(data=set_point))
+
+
+def _joints_of(state: ControllerState) -> tuple[str, ...]:
+    """The joints that a controller commands."""
+    return tuple(interface.removesuffix("/position") for interface in state.required_command_interfaces)
 
 
 def _array(positions: Mapping[str, float], joints: tuple[str, ...]) -> FloatArray:

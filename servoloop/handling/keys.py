@@ -26,16 +26,21 @@ class HeldKey:
         self._tap_s = tap_s
         self._key = ""
         self._pressed_s = self._until_s = -1.0
+        self._over = False
+        """Whether the press counts no more, however long the key is held."""
 
-    def press(self, key: str, now_s: float) -> None:
-        """A key was pressed, or repeats."""
+    def press(self, key: str, now_s: float) -> bool:
+        """A key was pressed, or repeats. Returns whether this is a new press."""
         repeats = key == self._key and now_s - self._pressed_s <= FIRST_S
         self._key, self._pressed_s = key, now_s
-        self._until_s = now_s + (REPEAT_S if repeats else self._tap_s)
+        self._over = self._over and repeats
+        if not self._over:
+            self._until_s = now_s + (REPEAT_S if repeats else self._tap_s)
+        return not repeats
 
     def release(self) -> None:
-        """The key is held no more."""
-        self._until_s = -1.0
+        """The press counts no more. If the key is held on, it counts again only after it was let go and pressed."""
+        self._until_s, self._over = -1.0, True
 
     def held(self, now_s: float) -> str:
         """The key; empty where none is held."""

@@ -64,9 +64,15 @@ class Jogging:
 
         self.ended = False
         self._client, self._robot = client, robot
-        self._joints = client.joints
+        self._joints = tuple(joint for joint in robot.snapshot.joints if joint in robot.limits)
+        """All joints, also those that no active controller moves: a number always means the same joint."""
         self._chosen = 0
         self._key = HeldKey(TAP_S)
+        self._way = 0.0
+        """Which way the joint turns; 0 if no motion is under way."""
+        self._began_s: float | None = None
+        """When the joint began to turn, and when it was last sent on."""
+        self._sent_s = 0.0
         self._said = ""
 
     def step(self) -> None:
@@ -76,19 +82,38 @@ class Jogging:
 
         for key in typed(TICK_S):
             self._press(key)
-        way = WAYS.get(self._key.held(monotonic()), 0.0)
+        if not self._turns():
+            self._way, self._began_s = 0.0, None
+            self._client.listen()
+            return
         try:
-            if way:
-                self._client.jog(self._joints[self._chosen], way)
-                self._said = ""
+            self._client.jog(self._joints[self._chosen], self._way)
+            self._said = ""
+            self._sent_s = monotonic()
+            self._began_s = self._sent_s if self._began_s is None else self._began_s
         except HandlingError as error:
-            self._said = str(error)
+            self._said = f"{error}. Then press the key again"
+            self._stop()
+
+    def _turns(self) -> bool:
+        """Whether the key is held, or a tap has not yet turned the joint for ``TAP_S``."""
+        if not self._way:
+            return False
+        return bool(self._key.held(monotonic())) or self._began_s is None or self._sent_s - self._began_s < TAP_S
+
+    def _stop(self) -> None:
+        """No motion goes on; a new one needs a new press."""
+        self._key.release()
+        self._way, self._began_s = 0.0, None
 
     def _press(self, key: str) -> None:
         if key in WAYS:
-            self._key.press(key, monotonic())
+            now_s = monotonic()
+            new = self._key.press(key, now_s)
+            if new or (self._key.held(now_s) and not self._way):  # the tap is over when the first repeat comes
+                self._way, self._began_s = WAYS[key], None
             return
-        self._key.release()
+        self._stop()
         if key == "q":
             self.ended = True
         elif key == "space":
@@ -104,11 +129,11 @@ class Jogging:
         from rich.table import Table
 
         table = Table("", "joint", "position", "from", "to", caption=f"{HELP}\n{self._said}", min_width=WIDTH)
-        now = self._robot.snapshot
+        now, driven = self._robot.snapshot, self._client.joints
         at = dict(zip(now.joints, now.position.tolist(), strict=True))
         for number, joint in enumerate(self._joints):
             limit = self._robot.limits[joint]
-            style = "reverse" if number == self._chosen else ""
+            style = "reverse" if number == self._chosen else "" if joint in driven else "dim"
             position = f"{at.get(joint, float('nan')):+.3f}"
             table.add_row(str(number + 1), joint, position, f"{limit.lower:+.3f}", f"{limit.upper:+.3f}", style=style)
         return table

@@ -35,7 +35,8 @@ def save(name: Name, arm: RunningArm = None) -> None:
         raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
     poses = Poses(robot.folder)
     poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
-    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}, kept in {poses.path}")
+    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}")
+    typer.echo(f"kept in {poses.path}", err=True)
 
 
 @app.command()

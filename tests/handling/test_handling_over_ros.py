@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
+from controller_manager_msgs.srv import SwitchController
 
 from hal.types import JointLimits
 from nodes.client_node import client_node
@@ -136,6 +137,45 @@ def test_a_goal_of_somebody_is_not_overridden_and_stop_cancels_it(robot: LiveRob
             assert at(robot) < before - 0.05, "and behind it the arm can be moved again"
         finally:
             arm.close()
+
+
+def test_a_controller_that_is_deactivated_is_named_and_the_others_go_on(robot: LiveRobot) -> None:
+    def switch(**lists: list[str]) -> None:
+        answer = service.call_async(SwitchController.Request(strictness=2, **lists))
+        executor.spin_until_future_complete(answer, 20.0)
+        assert answer.result().ok
+
+    def named() -> bool:
+        try:
+            moving.jog(JOINT, 0.1)
+        except HandlingError as error:
+            assert str(error) == f"no active controller moves {JOINT}: activate arm_controller"
+            return True
+        time.sleep(0.04)
+        return False
+
+    def moves() -> bool:
+        with suppress(HandlingError):
+            moving.jog(JOINT, 0.1)
+            return True
+        time.sleep(0.04)
+        return False
+
+    with client_node("test_handling") as (node, executor):
+        moving = RobotClient(node, executor, robot)
+        moving.connect()
+        service = node.create_client(SwitchController, "/controller_manager/switch_controller")
+        assert service.wait_for_service(20.0)
+        moving.jog(JOINT, 0.1)
+        switch(deactivate_controllers=["arm_controller"])
+        try:
+            until(named)
+            moving.jog("hand_right_joint", 0.1)
+            with pytest.raises(HandlingError, match="activate arm_controller"):
+                moving.approach({JOINT: 0.0})
+        finally:
+            switch(activate_controllers=["arm_controller"])
+        until(moves)
 
 
 class Faulty:

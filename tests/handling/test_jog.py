@@ -1,0 +1,157 @@
+"""The keys of ``servoloop jog``, without ROS: one press is one motion, and what keeps the arm still is shown."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hal.types import JointLimits
+from nodes.handling.robot import HandlingError
+from servoloop.handling import keys
+from servoloop.verbs import jog
+from servoloop.verbs.jog import TAP_S, TICK_S, Jogging
+
+JOINTS = ("joint1", "joint2", "hand")
+LIMITS = dict.fromkeys(JOINTS, JointLimits(-1.0, 1.0, 2.0, float("inf"), float("inf")))
+FIRST_REPEAT_S, REPEATS_S = 0.5, 0.04
+
+
+class Client:
+    """Moves joints for as long as it is asked; ``wrong`` is why it does not. It begins at its first call."""
+
+    def __init__(self, now: "Terminal", joints: Sequence[str] = JOINTS) -> None:
+        self.now, self.joints, self.wrong = now, joints, ""
+        self.turned = dict.fromkeys(JOINTS, 0.0)
+        self._last_s: float | None = None
+
+    def jog(self, joint: str, share: float) -> None:
+        if self.wrong or joint not in self.joints:
+            raise HandlingError(self.wrong or f"no active controller moves {joint}: activate arm_controller")
+        passed_s = 0.0 if self._last_s is None or self.now.s - self._last_s > 0.3 else self.now.s - self._last_s
+        self.turned[joint] += share * passed_s
+        self._last_s = self.now.s
+
+    def listen(self) -> None:
+        self._last_s = None
+
+    def stop(self) -> None:
+        pass
+
+
+class Terminal:
+    """The time, and keys that are typed in it; ``late_s``: how late this machine comes to each look."""
+
+    def __init__(self) -> None:
+        self.s, self.late_s = 10.0, 0.0
+        self._held, self._next_s, self._repeats = "", 0.0, False
+
+    def hold(self, key: str) -> None:
+        """Press a key and hold it; empty: let it go."""
+        self._held, self._next_s, self._repeats = key, self.s, False
+
+    def typed(self, wait_s: float) -> list[str]:
+        self.s += wait_s + self.late_s
+        if not self._held or self._next_s > self.s:
+            return []
+        self._next_s = self.s + (REPEATS_S if self._repeats else FIRST_REPEAT_S)
+        self._repeats = True
+        return [self._held]
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    terminal = Terminal()
+    monkeypatch.setattr(keys, "typed", terminal.typed)
+    monkeypatch.setattr(jog, "monotonic", lambda: terminal.s)
+    return terminal
+
+
+def jogging(terminal: Terminal, joints: Sequence[str] = JOINTS) -> tuple[Jogging, Client]:
+    client = Client(terminal, joints)
+    robot: Any = SimpleNamespace(limits=LIMITS, snapshot=SimpleNamespace(joints=JOINTS, position=np.zeros(len(JOINTS))))
+    return Jogging(client, robot), client  # type: ignore[arg-type]
+
+
+def step(jog: Jogging, terminal: Terminal, seconds: float) -> None:
+    end_s = terminal.s + seconds
+    while terminal.s < end_s:
+        jog.step()
+
+
+def tap(jog: Jogging, terminal: Terminal, key: str) -> None:
+    """Press a key and let it go at once."""
+    terminal.hold(key)
+    jog.step()
+    terminal.hold("")
+
+
+def said(jog: Jogging) -> str:
+    """What stands below the table."""
+    return str(jog.table().caption)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.2])
+def test_a_tap_turns_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: float) -> None:
+    jog, client = jogging(terminal)
+    terminal.late_s = late_s
+    tap(jog, terminal, "right")
+    step(jog, terminal, 2.0)
+    assert TAP_S <= client.turned["joint1"] <= TAP_S + TICK_S + late_s
+    tap(jog, terminal, "left")
+    step(jog, terminal, 2.0)
+    assert client.turned["joint1"] == pytest.approx(0.0, abs=TICK_S + late_s)
+
+
+def test_a_joint_turns_while_the_key_is_held_and_stops_when_it_is_let_go(terminal: Terminal) -> None:
+    jog, client = jogging(terminal)
+    terminal.hold("right")
+    step(jog, terminal, 2.0)
+    turned = client.turned["joint1"]
+    assert turned > 1.3
+    terminal.hold("")
+    step(jog, terminal, 1.0)
+    assert client.turned["joint1"] <= turned + 0.35
+
+
+def test_what_keeps_a_joint_still_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -> None:
+    jog, client = jogging(terminal)
+    terminal.hold("right")
+    step(jog, terminal, 1.0)
+    client.joints, turned = ("hand",), client.turned["joint1"]
+    step(jog, terminal, 0.2)
+    assert "no active controller moves joint1: activate arm_controller. Then press the key again" in said(jog)
+    client.joints = JOINTS
+    step(jog, terminal, 3.0)
+    assert client.turned["joint1"] == turned, "the key is held on, and nothing goes on by itself"
+    assert "no active controller" in said(jog)
+    terminal.hold("")
+    step(jog, terminal, 1.0)
+    terminal.hold("right")
+    step(jog, terminal, 1.0)
+    assert client.turned["joint1"] > turned + 0.2 and "no active controller" not in said(jog)
+
+
+@pytest.mark.parametrize("between", ["space", "2", "down", "x"])
+def test_another_key_ends_a_motion_until_its_key_is_pressed_again(terminal: Terminal, between: str) -> None:
+    jog, client = jogging(terminal)
+    terminal.hold("right")
+    step(jog, terminal, 1.0)
+    jog._press(between)
+    turned = dict(client.turned)
+    step(jog, terminal, 2.0)
+    assert client.turned == turned, "the first key repeats still"
+
+
+def test_a_number_means_the_same_joint_whichever_controllers_are_active(terminal: Terminal) -> None:
+    jog, client = jogging(terminal, joints=("hand",))
+    jog._press("1")
+    tap(jog, terminal, "right")
+    step(jog, terminal, 1.0)
+    assert not any(client.turned.values()) and "no active controller moves joint1" in said(jog)
+    terminal.s += 1.0
+    jog._press("3")
+    tap(jog, terminal, "right")
+    step(jog, terminal, 1.0)
+    assert client.turned["hand"] >= TAP_S and client.turned["joint1"] == 0.0
