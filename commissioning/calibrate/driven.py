@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from math import tau
+from math import ceil, floor, tau
 from typing import Final, Protocol
 
 from calibration.angles import Travel
-from commissioning.calibrate.flow import anchor_counts
+from commissioning.calibrate.flow import ByHand, Guide, anchor_counts, require_poses
 from commissioning.calibrate.plan import ArmPlan, JointPlan
-from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, unit
+from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, turns_freely, unit
 from commissioning.calibrate.store import restart
 from commissioning.slow_arm import PERIOD_S, SlowArm
 from drivers.bus.bus import Bus
@@ -38,15 +38,11 @@ WIGGLE_RAD: Final = 0.15
 DRIVE: Final = 0.5
 
 
-class Watcher(Protocol):
-    """Whoever looks at the arm while it moves by itself."""
+class Watcher(Guide, Protocol):
+    """Whoever looks at the arm while it moves by itself, and brings joints that turn freely into their marked poses."""
 
     def moved_so(self, joint: str, text: str) -> bool:
         """Whether the joint just turned the way that ``text`` says (and not the other way), and came back."""
-        ...
-
-    def say(self, text: str) -> None:
-        """Tell what happens next."""
         ...
 
 
@@ -80,13 +76,16 @@ class ByItself:
         self._watcher = watcher
         self._clock = clock
         self._stopped = stopped
+        self._free = tuple(joint for joint in joints if turns_freely(joint))
+        self._poses: dict[str, float] = {}
 
     def run(self) -> dict[str, JointCalibration]:
         """Find all stops and directions; the arm is back where it lay, limp. Raises CalibrationError, StoppedError."""
-        others = [joint.name for joint in self._joints if joint.model not in sts.MODELS.values()]
-        if others:
-            raise CalibrationError(f"{', '.join(others)}: only STS servos calibrate themselves: calibrate by hand")
+        self._require_able()
         with closing(self._open_bus()) as bus:
+            self._poses = ByHand(bus, self._free, self._plan.joints, self._watcher).poses()
+            if self._poses:
+                self._watcher.say("Let the arm go: it moves by itself now")
             restart(bus, self._joints, self._clock)  # so that goals are counted from the turn that the servo says
             here = _readings(bus, self._joints)
             offsets = {j.name: retry(partial(bus.read, j.servo_id, sts.homing_offset)) for j in self._joints}
@@ -101,6 +100,16 @@ class ByItself:
             raise
         self._restart()
         return found
+
+    def _require_able(self) -> None:
+        """Raise CalibrationError where a joint cannot be driven to its stops, or has none and no pose."""
+        others = [joint.name for joint in self._joints if joint.model not in sts.MODELS.values()]
+        if others:
+            raise CalibrationError(
+                f"{', '.join(others)}: only STS servos calibrate themselves. Others have their position limits in "
+                "EEPROM, which is not written before you have seen what was found: calibrate by hand"
+            )
+        require_poses(self._joints, self._plan.joints)
 
     def _restart(self) -> None:
         """Have the servos come up with what their EEPROM says."""
@@ -130,6 +139,10 @@ class ByItself:
             for name in auto.clear:
                 arm.go(named[name], clear(name))
             for name in order:
+                joint = self._joints[named[name]]
+                if name in self._poses:
+                    made[name] = calibration_of(joint, self._found_by_pose(joint, signs[name], offsets[name]))
+                    continue
                 found = self._travel(arm, named[name], signs[name], here[name], offsets[name])
                 made[name] = calibration_of(self._joints[named[name]], found)
                 self._wait(arm, named[name], found, here[name])
@@ -138,6 +151,11 @@ class ByItself:
             for name in reversed(auto.clear):
                 arm.go(named[name], 0.0)
         return {joint.name: made[joint.name] for joint in self._joints}
+
+    def _found_by_pose(self, joint: Joint, sign: int, offset: int) -> Found:
+        """The measurement of a joint that turns freely."""
+        counts, position = self._poses[joint.name], self._plan.joints[joint.name].at or 0.0
+        return Found(Travel(floor(counts), ceil(counts)), sign, counts, position, offset)
 
     def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> Found:
         """Find both stops, and with them the place that the zero is counted from."""

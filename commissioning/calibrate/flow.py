@@ -87,6 +87,10 @@ class ByHand:
                 made[joint.name] = self._shown_again(joint, made[joint.name])
         return made
 
+    def poses(self) -> dict[str, float]:
+        """Have joints that turn freely brought into their marked poses; the counts there, by joint."""
+        return {joint.name: self._pose_twice(joint, self._plans[joint.name]) for joint in self._joints}
+
     # The sweep.
 
     def _sweep_all(self) -> None:

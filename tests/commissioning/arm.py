@@ -188,14 +188,13 @@ class Person:
 
 
 @dataclass
-class Onlooker:
-    """Somebody who sees which way a joint went, and touches nothing."""
-
-    arm: UnalignedArm
-    heard: list[str] = field(default_factory=list)
+class Onlooker(Person):
+    """Somebody who sees which way a joint went, and touches only joints that are to be held in a pose."""
 
     def say(self, text: str) -> None:
-        self.heard.append(text)
+        super().say(text)
+        if text.startswith("Let the arm go"):
+            self.arm.hand.release()
         self.arm.mark()
 
     def moved_so(self, joint: str, text: str) -> bool:
