@@ -72,6 +72,7 @@ class ServoGoals:
             command = joint.counts(position)
             eased = self._watch.goal(joint, command, here, loads.get(joint.name, math.nan), period_s)
             wanted = self._within_pull(joint, command, here, reach, period_s) if eased is None else eased
+            wanted = min(max(wanted, lower), upper)
             counts = min(max(wanted, held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
         self._goals |= goals
@@ -92,8 +93,7 @@ class ServoGoals:
         self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
         if self._behind[joint.name] < BLOCKED_CYCLES:
             return wanted
-        lower, upper = self._ranges[joint.name]
-        return min(max(wanted - int(math.copysign(excess, ahead)), lower), upper)
+        return wanted - int(math.copysign(excess, ahead))
 
     def _speed(self, joint: Joint, counts: int, measured: int | None, period_s: float) -> int:
         """Counts/s.

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.servos import sts
 from hal.joint import Joint
+from hal.servos.servo_goals import ServoGoals
 from hal.servos.stall_watch import HOLDING, SETTLE_S, STALL_S, WARN_S, StallWatch
 from hal.types import JointLimits
 
@@ -146,3 +147,12 @@ def test_an_activation_begins_anew() -> None:
     jaw.run(SHUT, STALL_S + 1.0)
     jaw.watch.restart([JAW.name])
     assert not jaw.watch.stalls and jaw.watch.goal(JAW, SHUT, 2400, 0.5, PERIOD_S) is None
+
+
+def test_the_goal_of_a_joint_that_presses_outside_its_limits_stays_within_them() -> None:
+    jaw = replace(JAW, limits=JointLimits(-1.5, 0.0, 4.0, 12.0, 120.0))
+    goals = ServoGoals([jaw])
+    goals.hold({"jaw": 2048})
+    told = [goals.towards([-1.0], PERIOD_S, {"jaw": 2300}, {"jaw": 0.5}, ())["jaw"].position_counts for _ in range(200)]
+    assert goals.stalls, "it presses, beyond its upper limit of 2048 counts"
+    assert max(told) <= 2048
