@@ -58,7 +58,8 @@ class Bus:
         self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
-        self._turns = Turns()
+        self._turns: Turns | None = None
+        """Those of servos in extended position mode, if there are any."""
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
@@ -110,7 +111,7 @@ class Bus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
         if goals:
-            self._line.tell(self._servos.goals(self._turns.goals(goals)))
+            self._line.tell(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
@@ -126,7 +127,7 @@ class Bus:
 
     def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
         """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
-        readings = self._turns.readings(readings)
+        readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
             if isinstance(reading, ServoState):
@@ -145,7 +146,10 @@ class Bus:
         """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
-        self._turns.identified(servo_id, model, self._is_extended(servo_id, model))
+        extended = self._is_extended(servo_id, model)
+        if extended or self._turns:
+            self._turns = self._turns or Turns()
+            self._turns.identified(servo_id, model, extended)
         self.check_settings(servo_id, model)
         if self._maps is not None:
             self._maps.set_up(servo_id, model)
@@ -163,7 +167,8 @@ class Bus:
 
     def goal(self, servo_id: int) -> int:
         """The goal position that the servo holds, in counts."""
-        return self._turns.goal(servo_id, self._read_surely(servo_id, self._servos.series(servo_id).goal_position))
+        held = self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
+        return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
         """The lowest and the highest goal that the servo's settings let it take, in counts.
@@ -171,7 +176,7 @@ class Bus:
         None where it has none: both 0 is a servo without such a setting, or a simulator's empty table. In extended
         position mode a servo does not look at them.
         """
-        if servo_id in self._turns:
+        if self._turns and servo_id in self._turns:
             return None
         registers = self._servos.series(servo_id).position_limits
         lowest, highest = (self._read_surely(servo_id, register) for register in registers)

@@ -93,7 +93,8 @@ class ServoStates:
     ) -> ServoState | JointFault:
         """The reading, or the fault of one whose position the joint cannot have reached."""
         joint = self._joints[index]
-        leap = self._plausibility[index].leap(joint.position(reading.position_counts), now_s, driven)
+        position = (reading.position_counts - joint.zero_counts) * float(self._units_per_count[index])
+        leap = self._plausibility[index].leap(position, now_s, driven)
         if leap is None:
             return reading
         return JointFault(

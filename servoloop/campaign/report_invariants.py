@@ -82,7 +82,8 @@ class MeasuredNow(Invariant):
         said = _decoded(np.array(self._steps))[:, self._columns]
         lowest_of, highest_of = said.min(axis=0), said.max(axis=0)
         for place, joint in enumerate(self.joints):
-            if joint.name in state.faults or shared or self._shared_before:
+            deceived = bool(self.servos[joint.name].on_read)  # its replies are false, not the report of them
+            if joint.name in state.faults or shared or self._shared_before or deceived:
                 continue
             counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts
             lowest, highest = lowest_of[place], highest_of[place]

@@ -19,6 +19,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.components.component_set import ComponentSet
 from hal.servos.servo_faults import ServoFaults
+from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
 from servoloop.simulation.recording import RecordingPort
 from servoloop.simulation.stack import SimulatedStack
@@ -119,6 +120,7 @@ def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[
     """The files from the submission of a goal to the first byte of its command, in the next cycle."""
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
     others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
+    others.append(StallWatch.goal)  # changes the goal of a joint that presses, and of no other
     trip = TripRecorder(until=RecordingPort.write, muted=others)
     with trip.recording():
         assert rig.arm.check(goal) is None
