@@ -20,9 +20,10 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     except UnicodeDecodeError as reason:
         raise error(f"{path} is not text: {reason}") from reason
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        content = yaml.safe_load(text)
-        doubles = list(_doubles(root))
+        loader = yaml.SafeLoader(text)
+        root = loader.get_single_node()
+        doubles = list(_doubles(root))  # before merge keys (<<) are replaced by what they stand for
+        content = None if root is None else loader.construct_document(root)
     except yaml.YAMLError as reason:
         raise error(f"{path} is not YAML: {reason}") from reason
     except ValueError as reason:  # of a date, say: it has no line
@@ -72,7 +73,7 @@ def _line(node: yaml.Node | None, location: Sequence[int | str]) -> int:
             found = [(k, v) for k, v in node.value if k.value == str(key)]
             if not found:
                 return line
-            line, node = found[0][0].start_mark.line + 1, found[0][1]
+            line, node = found[-1][0].start_mark.line + 1, found[-1][1]
         elif isinstance(node, yaml.SequenceNode) and isinstance(key, int):
             node = node.value[key]
             line = node.start_mark.line + 1
