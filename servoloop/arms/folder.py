@@ -125,9 +125,9 @@ def read_arm_servos(arm: Arm, urdf: Path | None = None, robot: Path | None = Non
     """Read and check an arm's files without its controllers. Raises as read_servo_files does.
 
     With another URDF the robot file is the one that the URDF names, unless ``robot`` is given. The poses are in its
-    folder.
+    folder, but those of the arm's own URDF, named or not, are in the arm's folder.
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene)
-    poses = urdf.resolve().parent if urdf else arm.folder
+    poses = arm.folder if urdf is None or urdf.resolve() == arm.urdf else urdf.resolve().parent
     return replace(servos, arm=arm.name, arm_folder=arm.folder, folder=poses)

@@ -78,7 +78,7 @@ def given(monkeypatch: pytest.MonkeyPatch, function: str, *arguments: str) -> li
 
 
 def read_again(files: ServoFiles) -> dict[str, object]:
-    names = ("arm", "folder", "scene", "description", "limits", "robot", "component")
+    names = ("arm", "arm_folder", "folder", "scene", "description", "limits", "robot", "component")
     paths = {name: path.resolve() for name, path in files.robot_paths.items()}
     return {**{name: getattr(files, name) for name in names}, "urdf": files.urdf_path.resolve(), "robots": paths}
 
