@@ -78,9 +78,10 @@ def given(monkeypatch: pytest.MonkeyPatch, function: str, *arguments: str) -> li
 
 
 def read_again(files: ServoFiles) -> dict[str, object]:
-    names = ("arm", "arm_folder", "folder", "scene", "description", "limits", "robot", "component")
+    names = ("arm", "arm_folder", "folder", "scene", "limits", "robot", "component")
     paths = {name: path.resolve() for name, path in files.robot_paths.items()}
-    return {**{name: getattr(files, name) for name in names}, "urdf": files.urdf_path.resolve(), "robots": paths}
+    described = {"urdf": files.urdf_path.resolve(), "xml": files.description.xml, "robots": paths}
+    return {**{name: getattr(files, name) for name in names}, **described}
 
 
 def test_an_emulator_serves_the_arm_of_its_parent(
