@@ -20,7 +20,7 @@ from hal.types import FloatArray
 
 LOG = logging.getLogger("servoloop.controller")
 
-PRESSES: Final = 10.0
+PRESSES: Final = 15.0
 """A joint presses if it rests further from its command than so many times what counts as no motion."""
 LOOSE: Final = 5.0
 """A joint is free if it moves by more than so many times what counts as no motion."""
