@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 
+from drivers.errors import DriverError
 from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require
@@ -30,7 +31,21 @@ def release_question(servos: Collection[str]) -> str:
 
 
 class LimpArm(ServoHardware):
-    """Servos that can be released while the arm is inactive. Nothing but ``let_go`` switches their torque off."""
+    """Servos that can be released while the arm is inactive. Nothing but ``let_go`` switches their torque off.
+
+    Settings are not compared while a servo holds torque, because it takes none then: it may have to be released first.
+    ``let_go`` and every activation compare them.
+    """
+
+    _unsettled = False
+    """Whether settings have not been compared yet."""
+
+    def _check(self, setup: ServoSetup) -> None:
+        if problems := setup.strangers():
+            raise DriverError("\n".join(problems))
+        self._unsettled = bool(self.held())
+        if not self._unsettled:
+            setup.settle()
 
     def held(self) -> list[str]:
         """Name the servos that hold torque, or brake. Raises DriverError."""
@@ -38,7 +53,14 @@ class LimpArm(ServoHardware):
         return [servo_name(joint) for joint in self._joints if setup.drives(joint)]
 
     def let_go(self) -> None:
-        """Make the arm limp: it falls unless it is held by hand. Raises ActivationError if a servo may still hold."""
+        """Make the arm limp: it falls unless it is held by hand. Then its settings are compared.
+
+        Raises ActivationError if a servo may still hold, DriverError for its settings.
+        """
         require(self.state, LifecycleState.INACTIVE, "let go")
-        if problems := ServoSetup(self._opened("let go")).torque_off(self._joints):
+        setup = ServoSetup(self._opened("let go"))
+        if problems := setup.torque_off(self._joints):
             raise ActivationError(f"the arm must be limp to be moved by hand: {'; '.join(problems)}")
+        if self._unsettled:
+            setup.settle()
+        self._unsettled = False

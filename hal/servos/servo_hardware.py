@@ -57,11 +57,15 @@ class ServoHardware:
         self.state = LifecycleState.INACTIVE
         self._states.reset()
         try:
-            ServoSetup(self._buses).check()
+            self._check(ServoSetup(self._buses))
             self.read()
         except BaseException:
             self.cleanup()
             raise
+
+    def _check(self, setup: ServoSetup) -> None:
+        """Check the servos when the component is configured. Raises DriverError."""
+        setup.check()
 
     def activate(self) -> None:
         """Switch the torque on with every goal at its measured position: see ``Activation``."""

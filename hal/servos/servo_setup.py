@@ -33,7 +33,13 @@ class ServoSetup:
 
         Raises DriverError with all that are not, or whose settings could not be made so.
         """
-        if problems := self.problems():
+        if problems := self.strangers():
+            raise DriverError("\n".join(problems))
+        self.settle()
+
+    def settle(self) -> None:
+        """Make the settings of known servos those of the robot file. Raises DriverError with all that cannot be."""
+        if problems := self._all_unsettled():
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
@@ -41,9 +47,14 @@ class ServoSetup:
 
     def problems(self) -> list[str]:
         """Check every servo, and make its settings those of the robot file; returns what is wrong, by joint."""
-        buses = self._buses.buses.items()
-        problems = [problem for name, bus in buses for problem in self._strangers(name, bus)]
-        return problems or [problem for name, bus in buses for problem in self._unsettled(name, bus)]
+        return self.strangers() or self._all_unsettled()
+
+    def _all_unsettled(self) -> list[str]:
+        return [problem for name, bus in self._buses.buses.items() for problem in self._unsettled(name, bus)]
+
+    def strangers(self) -> list[str]:
+        """Check that every servo is there and of its joint's model; nothing is written. Returns what is wrong."""
+        return [problem for name, bus in self._buses.buses.items() for problem in self._strangers(name, bus)]
 
     def _unsettled(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]

@@ -9,13 +9,16 @@ from controller.teleop.leader_follower_controller import Phase
 from controller.teleop.ramp_in import SHARE
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
+from hal.servos.leader_arm import LeaderArm
 from hal.types import FloatArray
+from servoloop.hardware import open_buses
 from servoloop.teleop.arms import release_leader
 from servoloop.teleop.attendance import HINT
 from servoloop.teleop.errors import TeleopError
 from servoloop.teleop.screen import rows, said
+from sim_backend.clock import SimulatedClock
 from sim_backend.wire.line import ServoLine
-from tests.teleop.rig import FOLLOWER, REST, Rig, delay_s, sine
+from tests.teleop.rig import FOLLOWER, LEADER, REST, Lines, Rig, delay_s, sine
 
 PAN = "shoulder_pan"
 
@@ -75,6 +78,22 @@ def test_a_leader_that_holds_torque_is_released_only_after_a_yes() -> None:
     assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) hold torque, and what they hold falls" in asked
     release_leader(rig.teleop, rig.asked.append)
     assert torque(line) == []
+
+
+def test_a_leader_with_other_settings_that_holds_torque_is_released_before_they_are_written() -> None:
+    lines, clock = Lines(LEADER, REST, lambda time_s: None), SimulatedClock()
+    (line,) = lines.lines.values()
+    leader = LeaderArm(
+        LEADER.robot.joints,
+        lambda: open_buses(LEADER.robot.file, lines.devices, clock, open_port=lines.open),
+        clock,
+    )
+    hold(line, 6)
+    leader.configure()
+    assert leader.held() == ["leader/gripper (servo 6)"]
+    assert line.servo(6).memory.get(sts.max_torque) == 1000, "it may be another arm's"
+    leader.let_go()
+    assert torque(line) == [] and line.servo(6).memory.get(sts.max_torque) == 500
 
 
 def test_a_leader_that_comes_back_with_torque_is_not_released_and_the_person_is_told() -> None:
