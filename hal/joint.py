@@ -27,6 +27,8 @@ class Joint:
     """What the servo's homing offset must be for ``zero_counts`` to be true; None: it is not looked at."""
     extended: bool = False
     """Whether the servo, a Dynamixel X, must be in extended position mode: its seam is within the joint's range."""
+    seam_inside: bool = False
+    """Whether the servo may pass from its last count to its first within the limits, as before a calibration."""
     torque_limit: float = 1.0
     """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""

@@ -253,5 +253,12 @@ def _counted_from(joint: Joint, counts: int, drive: float) -> Joint:
     limits = JointLimits(-range_, range_, joint.limits.velocity, joint.limits.acceleration, joint.limits.jerk)
     drive = min(drive, joint.torque_limit)
     return replace(
-        joint, sign=1, zero_counts=counts, homing_offset=None, settings=(), limits=limits, torque_limit=drive
+        joint,
+        sign=1,
+        zero_counts=counts,
+        homing_offset=None,
+        seam_inside=True,
+        settings=(),
+        limits=limits,
+        torque_limit=drive,
     )

@@ -81,11 +81,7 @@ class ByHand:
         self._counting = {joint.name: counting_of(self._bus, joint) for joint in self._joints}
         self._tell_fixed_seams()
         self._sweep_all()
-        made = {joint.name: self._measured(joint) for joint in self._joints}
-        for joint in self._joints:
-            if not self._place_shows_direction(joint, made[joint.name]):
-                made[joint.name] = self._shown_again(joint, made[joint.name])
-        return made
+        return {joint.name: self._measured(joint) for joint in self._joints}
 
     def poses(self) -> dict[str, float]:
         """Have joints that turn freely brought into their marked poses; the counts there, by joint."""
@@ -180,10 +176,10 @@ class ByHand:
 
     # The direction.
 
-    def _direction(self, joint: Joint, before: str = "") -> int:
+    def _direction(self, joint: Joint) -> int:
         """Have the joint moved the way in which its position grows; the sign with which counts do."""
         positive = self._plans[joint.name].positive
-        text, others = f"{joint.name}: {before}{positive}", list[str]()
+        text, others = f"{joint.name}: {positive}", list[str]()
         per_rad = joint.model.counts_per_turn / tau
         for _ in range(TRIES):
             hands = Hands(self._sweep)
@@ -196,26 +192,8 @@ class ByHand:
             if other and others.count(other.name) == SEEN_TWICE:
                 raise CalibrationError(_exchanged(joint, other))
             seen = f", but servo {other.servo_id} ({other.name}) turned" if other else ""
-            text = (
-                f"{joint.name} (servo {joint.servo_id}) hardly moved{seen}. {positive}, by the width of a hand or more"
-            )
+            text = f"{joint.name}: it hardly moved{seen}. {positive}, by the width of a hand or more"
         raise CalibrationError(f"{joint.name}: which way is positive was not shown: nothing was written")
-
-    def _place_shows_direction(self, joint: Joint, made: JointCalibration) -> bool:
-        """Whether the travel would lie elsewhere if the joint's direction was the other one."""
-        plan, limits = self._plans[joint.name], joint.limits
-        if plan.zero != "pose" or turns_freely(joint) or place_doubt(joint, made):
-            return False
-        from_middle = plan.anchor(limits.lower, limits.upper) - 0.5 * (limits.lower + limits.upper)
-        return abs(from_middle) > PLACE_RAD * joint.transmission
-
-    def _shown_again(self, joint: Joint, made: JointCalibration) -> JointCalibration:
-        """Have a direction shown again that nothing else shows; of two that differ the third decides."""
-        if self._direction(joint, "once more, to be sure: ") == made.sign:
-            return made
-        self._guide.say(f"{joint.name} was shown one way, and then the other")
-        sign = self._direction(joint, "a third time, as it was shown both ways: ")
-        return made if sign == made.sign else self._calibration(joint, sign, self._anchor(joint, sign))
 
     # The pose.
 
@@ -258,6 +236,15 @@ def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> No
             f"{', '.join(lost)}: the range in the URDF is a whole turn, so no stop shows the zero: "
             "give the plan in arm.yaml `zero: pose`"
         )
+
+
+def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
+    """Whether the travel would lie elsewhere if the joint's direction was the other one."""
+    limits = joint.limits
+    if plan.zero != "pose" or turns_freely(joint) or place_doubt(joint, made):
+        return False
+    from_middle = plan.anchor(limits.lower, limits.upper) - 0.5 * (limits.lower + limits.upper)
+    return abs(from_middle) > PLACE_RAD * joint.transmission
 
 
 def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> float:

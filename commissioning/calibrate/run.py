@@ -8,7 +8,7 @@ from typing import Protocol
 
 from calibration.eeprom import Change
 from commissioning.calibrate.file import set_aside
-from commissioning.calibrate.flow import ByHand, Guide, as_joint
+from commissioning.calibrate.flow import ByHand, Guide, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
 from commissioning.calibrate.seam import joint_counting
@@ -24,6 +24,7 @@ from hal.servos.limp_arm import falls, release_question, servo_name
 
 STORE = "Store this calibration?"
 TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
+DIRECTIONS = "Only your hands have shown the direction of {joints}. Did each move as it was asked to?"
 REPEAT = "Measure {joints} once more?"
 MOVED = "Did each joint first move the way that was printed for it?"
 LET_GO = "The arm holds itself: let it go"
@@ -111,6 +112,7 @@ def calibrate(
         made = (measure or by_hand(asker))(bus, joints, plans)
         if measure is None:
             made = repeated(bus, joints, plans, made, asker)
+            made = sure_of_directions(bus, joints, plans, made, asker)
     differences = tuple(_difference(joint, made[joint.name], plans[joint.name]) for joint in joints)
     for one in differences:
         if one.made.extended and not one.before.extended:
@@ -155,6 +157,24 @@ def repeated(
     if not doubtful or not asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
         return made
     return made | by_hand(asker)(bus, doubtful, plans)
+
+
+def sure_of_directions(
+    bus: Bus,
+    joints: Sequence[Joint],
+    plans: Mapping[str, JointPlan],
+    made: dict[str, JointCalibration],
+    asker: Asker,
+) -> dict[str, JointCalibration]:
+    """Ask about directions that nothing else shows, and measure those joints anew where one was wrong."""
+    shown = [joint for joint in joints if not place_shows_direction(joint, plans[joint.name], made[joint.name])]
+    for joint in shown:
+        calibrated_before = joint.homing_offset is not None
+        if calibrated_before and made[joint.name].sign != joint.sign:
+            asker.say(f"{joint.name}: its direction is the opposite of what the former calibration says")
+    if not shown or asker.confirm(DIRECTIONS.format(joints=", ".join(joint.name for joint in shown))):
+        return made
+    return made | by_hand(asker)(bus, shown, plans)
 
 
 def _try(

@@ -30,6 +30,7 @@ class Plausibility:
         self._driven_speed = max(OVERSPEED * joint.model.no_load_speed_rad_s * shaft, joint.limits.velocity)
         self._limp_speed = max(self._driven_speed, BY_HAND_RAD_S * shaft)
         self._slack = SLACK_COUNTS * unit
+        self._turn = joint.model.counts_per_turn * unit if joint.seam_inside else math.inf
         self._believed = self._doubted = math.nan
         self._believed_s = self._doubted_s = -math.inf
 
@@ -39,16 +40,20 @@ class Plausibility:
         ``driven``: whether the servo has torque; a limp joint can be turned faster by hand.
         """
         speed = self._driven_speed if driven else self._limp_speed
-        away = position - self._believed
+        away = self._way(self._believed, position)
         # The first reading of all has nothing that could contradict it.
-        if not abs(away) > self._reach(speed, now_s - self._believed_s) or abs(position - self._doubted) <= self._reach(
-            speed, now_s - self._doubted_s
-        ):
+        confirmed = abs(self._way(self._doubted, position)) <= self._reach(speed, now_s - self._doubted_s)
+        if confirmed or not abs(away) > self._reach(speed, now_s - self._believed_s):
             self._believed, self._believed_s = position, now_s
             self._doubted = math.nan
             return None
         self._doubted, self._doubted_s = position, now_s
         return away
+
+    def _way(self, start: float, end: float) -> float:
+        """The way between two readings; across the seam, where that lies inside the limits, the shorter one."""
+        way = end - start
+        return way if math.isinf(self._turn) or math.isnan(way) else math.remainder(way, self._turn)
 
     def _reach(self, speed: float, elapsed_s: float) -> float:
         return speed * (min(elapsed_s, LONGEST_S) + SAMPLING_S) + self._slack

@@ -1,13 +1,14 @@
 """Mistakes of hands during a calibration: each is noticed before anything is stored, and what was seen is named."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import pytest
 
 from commissioning.calibrate.flow import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.run import DIRECTIONS, sure_of_directions
 from hal.joint import Joint
 from tests.commissioning.arm import Person, off_rad
 from tests.commissioning.held import HeldArm
@@ -91,13 +92,27 @@ def test_a_sweep_that_is_repeated_to_both_stops_is_believed() -> None:
     assert off_rad(arm, joints["elbow_flex"], found["elbow_flex"]) < 0.01
 
 
-def test_a_direction_that_nothing_else_shows_is_asked_for_twice_and_the_third_time_decides() -> None:
-    arm, hands = clumsy("so101", wrong_ways={"shoulder_pan": 1})
-    _, found = calibrated(arm, hands, "shoulder_pan")
-    shown = hands.asked("direction", "shoulder_pan")
-    assert [text.split(": ")[1].split(",")[0] for text in shown[1:]] == ["once more", "a third time"]
-    assert found["shoulder_pan"].sign == arm.coupling("shoulder_pan").sign
-    assert "shoulder_pan was shown one way, and then the other" in hands.heard
+def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_where_one_was_wrong() -> None:
+    arm, hands = clumsy("so100", wrong_ways={"shoulder_pan": 1})
+    joints, found = calibrated(arm, hands, "shoulder_pan", "elbow_flex", "wrist_roll")
+    assert found["shoulder_pan"].sign != arm.coupling("shoulder_pan").sign
+
+    @dataclass
+    class Doubting(Clumsy):
+        questions: list[str] = field(default_factory=list)
+
+        def confirm(self, question: str) -> bool:
+            self.questions.append(question)
+            return False
+
+    owner = Doubting(cast(Any, arm), hands.plans)
+    before = tuple(replace(j, homing_offset=0, sign=arm.coupling(j.name).sign) for j in joints.values())
+    again = sure_of_directions(cast(Any, arm.bus), before, owner.plans, dict(found), cast(Any, owner))
+    assert owner.questions == [DIRECTIONS.format(joints="shoulder_pan, wrist_roll")], "the elbow's stops show its own"
+    assert "shoulder_pan: its direction is the opposite of what the former calibration says" in owner.heard
+    assert not any(text.startswith("wrist_roll: its direction") for text in owner.heard)
+    assert again["shoulder_pan"].sign == arm.coupling("shoulder_pan").sign
+    assert again["elbow_flex"] is found["elbow_flex"]
 
 
 @pytest.mark.parametrize(("times", "asked"), [(1, 2), (9, 3)])
@@ -150,4 +165,4 @@ def test_servos_that_have_exchanged_their_ids_are_named() -> None:
     with pytest.raises(CalibrationError, match=exchanged):
         calibrated(arm, hands, "shoulder_pan", "elbow_flex")
     again = hands.asked("direction", "shoulder_pan")[1]
-    assert again.startswith("shoulder_pan (servo 1) hardly moved, but servo 3 (elbow_flex) turned. ")
+    assert again.startswith("shoulder_pan: it hardly moved, but servo 3 (elbow_flex) turned. ")

@@ -10,7 +10,18 @@ import pytest
 
 from commissioning.calibrate.flow import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, doubts
-from commissioning.calibrate.run import HOLD, LET_GO, MOVED, REPEAT, STORE, TRY, Difference, calibrate, repeated
+from commissioning.calibrate.run import (
+    DIRECTIONS,
+    HOLD,
+    LET_GO,
+    MOVED,
+    REPEAT,
+    STORE,
+    TRY,
+    Difference,
+    calibrate,
+    repeated,
+)
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
@@ -68,7 +79,8 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
-    assert outcome.stored and outcome.tried and owner.asked == [STORE, TRY, MOVED]
+    by_hand = DIRECTIONS.format(joints=", ".join(joint.name for joint in JOINTS[1:]))
+    assert outcome.stored and outcome.tried and owner.asked == [by_hand, STORE, TRY, MOVED]
     assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
     assert torque(arm) == [] and arm.hand.holds(JOINTS[0].name)
     joints = read_files(robot=robot).robot.joints

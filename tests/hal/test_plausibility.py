@@ -1,5 +1,7 @@
 """Which position readings are believed: those that a joint can have reached, and those that a second one confirms."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -68,3 +70,15 @@ def test_a_false_reading_is_a_fault_of_its_joint_alone_and_is_counted() -> None:
     state = bench.cycle(HERE)
     assert not state.faults and state.position[0] == pytest.approx(0.0, abs=0.01)
     assert bench.measured(1) == pytest.approx(2048, abs=6)
+
+
+def test_a_seam_inside_the_limits_is_no_leap_and_one_outside_them_is() -> None:
+    turn = SHOULDER.model.counts_per_turn * abs(SHOULDER.units_per_count)
+    across = [0.5 * turn - 0.01, -0.5 * turn + 0.01, 0.5 * turn - 0.02]
+    for inside in (True, False):
+        readings = Plausibility(replace(SHOULDER, seam_inside=inside))
+        believed = [readings.leap(position, 10.0 + n * PERIOD_S, True) is None for n, position in enumerate(across)]
+        assert believed == [True, inside, True]
+    readings = Plausibility(replace(SHOULDER, seam_inside=True))
+    assert readings.leap(0.0, 10.0, True) is None
+    assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is a leap all the same"
