@@ -22,6 +22,8 @@ class Swept:
     lower: int
     upper: int
     readings: int = 1
+    recent: tuple[int, ...] = ()
+    """Up to three readings, the newest last. Their median counts, because one of them may be false."""
 
     @property
     def travel(self) -> Travel:
@@ -30,9 +32,14 @@ class Swept:
 
     def take(self, reading: int, turn: int) -> None:
         """Note the next reading."""
-        self.counts = unwrap(self.counts, reading, turn)
-        self.lower, self.upper = min(self.lower, self.counts), max(self.upper, self.counts)
+        self.recent = (*(self.recent or (self.counts,))[-2:], unwrap(self.counts, reading, turn))
+        self.counts = self.recent[-1]
         self.readings += 1
+        if self.readings <= len(self.recent):  # nothing has confirmed the first readings yet
+            self.lower = self.upper = sorted(self.recent)[1]
+        else:
+            median = sorted(self.recent)[1]
+            self.lower, self.upper = min(self.lower, median), max(self.upper, median)
 
 
 class Sweep:

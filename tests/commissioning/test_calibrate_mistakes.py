@@ -5,10 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from commissioning.calibrate.flow import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, sure_of_directions
+from commissioning.calibrate.sweep import Swept
 from hal.joint import Joint
 from tests.commissioning.arm import Person, off_rad
 from tests.commissioning.held import HeldArm
@@ -166,3 +169,18 @@ def test_servos_that_have_exchanged_their_ids_are_named() -> None:
         calibrated(arm, hands, "shoulder_pan", "elbow_flex")
     again = hands.asked("direction", "shoulder_pan")[1]
     assert again.startswith("shoulder_pan: it hardly moved, but servo 3 (elbow_flex) turned. ")
+
+
+@given(
+    st.lists(st.integers(-15, 15), min_size=4, max_size=40),
+    st.integers(0, 40),
+    st.sampled_from((-2047, -1000, -300, 300, 1000, 2047)),
+)
+def test_one_false_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
+    true = [2000 + sum(steps[:n]) for n in range(len(steps) + 1)]
+    readings = list(true)
+    readings[at % len(true)] += false
+    swept = Swept(readings[0], readings[0], readings[0])
+    for reading in readings[1:]:
+        swept.take(reading % 4096, 4096)
+    assert min(true) <= swept.lower <= swept.upper <= max(true)
