@@ -62,8 +62,8 @@ def test_a_client_that_is_dead_sends_nothing_more() -> None:
             handles.append(stack.go(READY, 0.5))
 
     stack.after_cycle = react
-    stack.player.play([parse("client_dies at=1.2s")], stack.world.time_s)
-    stack.run(3.0)
+    stack.player.play([parse("client_dies at=2.2s")], stack.world.time_s)
+    stack.run(4.5)
     assert handles[-1].status is GoalStatus.SUCCEEDED
     assert 2 <= len(handles) <= 4
 
