@@ -70,7 +70,9 @@ def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
         couplings = [
             Coupling(j.servo_id, j.name, j.sign, j.zero_counts, j.transmission, model.counts_per_turn) for j in joints
         ]
-        plant = WorldPlant(World(), couplings)
+        world = World()
+        world.hold_until_driven()  # activation takes time, and a limp arm would sink meanwhile
+        plant = WorldPlant(world, couplings)
         line: ServoLine[Any]
         if model in x_series.MODELS.values():
             line = VirtualDynamixelBus.of(plant, models)
