@@ -32,14 +32,14 @@ class Swept:
 
     def take(self, reading: int, turn: int) -> None:
         """Note the next reading."""
-        self.recent = (*(self.recent or (self.counts,))[-2:], unwrap(self.counts, reading, turn))
-        self.counts = self.recent[-1]
+        recent = self.recent or (self.counts,)
+        self.counts = unwrap(sorted(recent)[len(recent) // 2], reading, turn)
+        self.recent = (*recent[-2:], self.counts)
         self.readings += 1
+        median = sorted(self.recent)[1]
         if self.readings <= len(self.recent):  # nothing has confirmed the first readings yet
-            self.lower = self.upper = sorted(self.recent)[1]
-        else:
-            median = sorted(self.recent)[1]
-            self.lower, self.upper = min(self.lower, median), max(self.upper, median)
+            self.lower = self.upper = median
+        self.lower, self.upper = min(self.lower, median), max(self.upper, median)
 
 
 class Sweep:

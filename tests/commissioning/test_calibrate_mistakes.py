@@ -174,7 +174,7 @@ def test_servos_that_have_exchanged_their_ids_are_named() -> None:
 @given(
     st.lists(st.integers(-15, 15), min_size=4, max_size=40),
     st.integers(0, 40),
-    st.sampled_from((-2047, -1000, -300, 300, 1000, 2047)),
+    st.sampled_from((-1500, -300, 300, 1500)),
 )
 def test_one_false_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
     true = [2000 + sum(steps[:n]) for n in range(len(steps) + 1)]
