@@ -31,7 +31,8 @@ def _rate_problems(joint: UrdfJoint) -> Iterator[str]:
             f"{joint.name}: velocity limit {joint.velocity} is not above zero ({joint.place}): give the joint's "
             "highest speed in <limit velocity>."
         )
-    if joint.effort <= 0.0:
+    # Exporters write 0 for an effort that is unknown; without effort commands no limit follows from it.
+    if joint.effort < 0.0 or (joint.effort == 0.0 and "effort" in joint.commands):
         yield (
             f"{joint.name}: effort limit {joint.effort} is not above zero ({joint.place}): give the joint's largest "
             "torque or force in <limit effort>, or leave effort out."

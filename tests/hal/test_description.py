@@ -148,7 +148,6 @@ def limited(old: str, new: str) -> str:
         ),
         (limited(' velocity="4"', ""), "elbow: velocity limit 0.0 is not above zero (arm.urdf, line 6): give the"),
         (limited('velocity="4"', 'velocity="-4"'), "elbow: velocity limit -4.0 is not above zero (arm.urdf, line 6)"),
-        (limited('effort="3"', 'effort="0"'), "elbow: effort limit 0.0 is not above zero (arm.urdf, line 6): give the"),
         (limited('effort="3"', 'effort="-3"'), "elbow: effort limit -3.0 is not above zero (arm.urdf, line 6)"),
         (limited('effort="3"', 'effort="inf"'), "joint 'elbow': effort 'inf' is not a number (arm.urdf, line 6)"),
         (limited('"-1.5"', '"nan"'), "joint 'elbow': lower 'nan' is not a number (arm.urdf, line 6): correct it"),
@@ -201,12 +200,19 @@ def test_limits_links_and_masses_that_cannot_be_are_named_with_their_place(text:
 
 def test_every_wrong_limit_is_named_at_once() -> None:
     with pytest.raises(DescriptionError) as caught:
-        parse_urdf(limited('"-1.5" upper="2" effort="3" velocity="4"', '"2" upper="-1.5" effort="0" velocity="0"'))
+        parse_urdf(limited('"-1.5" upper="2" effort="3" velocity="4"', '"2" upper="-1.5" effort="-1" velocity="0"'))
     assert [line.partition(" limit ")[0] for line in str(caught.value).splitlines()] == [
         "elbow: lower",
         "elbow: velocity",
         "elbow: effort",
     ]
+
+
+def test_an_unknown_effort_matters_to_effort_commands_alone() -> None:
+    unknown = limited('effort="3"', 'effort="0"')
+    assert parse_urdf(unknown).joints["elbow"].effort == 0.0
+    with pytest.raises(DescriptionError, match=r"elbow: effort limit 0.0 is not above zero"):
+        parse_urdf(unknown.replace('<command_interface name="position"/>', '<command_interface name="effort"/>', 1))
 
 
 def test_a_joint_that_takes_no_commands_needs_no_limits() -> None:
