@@ -34,6 +34,8 @@ class Place:
     servo_id: int
     model: ServoModel
     settings: tuple[tuple[str, int], ...] = ()
+    extended: bool = False
+    """Whether its servo, a Dynamixel X, was calibrated in extended position mode."""
 
     @property
     def series(self) -> Series:
@@ -45,7 +47,7 @@ class Place:
         series = self.series
         values = {"return_delay": 0, series.status_level.name: series.answers_all}
         if series.name in POSITION_MODES:
-            values["operating_mode"] = POSITION_MODES[series.name]
+            values["operating_mode"] = x.EXTENDED_POSITION_MODE if self.extended else POSITION_MODES[series.name]
         return self._registers(values)
 
     def wanted(self) -> dict[Register, int]:
@@ -65,7 +67,7 @@ class Place:
 def places_of(robot: RobotFile, bus: str = "") -> list[Place]:
     """The places on one bus of a robot file, in the file's order."""
     return [
-        Place(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()))
+        Place(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()), joint.extended)
         for name, joint in robot.joints_on(bus).items()
     ]
 

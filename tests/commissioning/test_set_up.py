@@ -6,9 +6,9 @@ from collections.abc import Callable
 import pytest
 
 from commissioning.set_up.flow import TRIES, SetUp, Task
-from commissioning.set_up.place import Place, SetUpError, in_order
+from commissioning.set_up.place import Place, SetUpError, in_order, places_of
 from drivers.errors import DriverError, PortLost
-from drivers.servos import sts
+from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
 from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.faults import Disturbance
@@ -304,3 +304,11 @@ def test_a_power_cut_within_a_write_is_asked_again_or_mended(at: int) -> None:
 def test_the_one_with_the_factorys_id_comes_last() -> None:
     odd = [Place("a", 4, sts.STS3215), Place("b", 1, sts.STS3215), Place("c", 2, sts.STS3215, GRIPPER)]
     assert [place.joint for place in in_order(odd)] == ["c", "a", "b"]
+
+
+def test_a_dynamixel_that_was_calibrated_in_extended_position_mode_keeps_it() -> None:
+    file = read_arm_files(find_arm("koch")).robot.file
+    joints = {name: joint.model_copy(update={"extended": name == "gripper"}) for name, joint in file.joints.items()}
+    wanted = places_of(file.model_copy(update={"joints": joints}))
+    modes = {place.joint: place.basics()[x.operating_mode] for place in wanted}
+    assert modes == {name: 4 if name == "gripper" else 3 for name in joints}
