@@ -39,7 +39,7 @@ base_controller: {ros__parameters: {joints: [joint1]}}
 MORE = """
 <link name="camera"/>
 <joint name="camera_mount" type="fixed">
-  <parent link="link6"/><child link="camera"/><origin xyz="0.01 0.02 0.03" rpy="0 0 1.5707963267948966"/>
+  <parent link="link5"/><child link="camera"/><origin xyz="0.01 0.02 0.03" rpy="0 0 1.5707963267948966"/>
 </joint>
 <link name="pointer"/>
 <joint name="pointer_joint" type="continuous">
@@ -118,7 +118,7 @@ def test_moving_links_are_in_tf_and_fixed_ones_in_tf_static(client: Onlooker) ->
     fixed = client.first(TFMessage, "/tf_static", qos=LATCHED)
     assert {child for _, child in frames(moving)} == MOVING
     assert ("base_link", "link1") in frames(moving)
-    assert frames(fixed) == {("link6", "camera")}
+    assert frames(fixed) == {("link5", "camera")}
     assert shift(placed(fixed, "camera")) == pytest.approx((0.01, 0.02, 0.03))
     assert turn(placed(fixed, "camera")) == about_z(math.pi / 2.0)
 
@@ -219,7 +219,7 @@ def test_a_frame_prefix_acts_on_all_links_while_it_runs(client: Onlooker, upstre
         return all(frame.startswith("left/") for pair in frames(message) for frame in pair)
 
     assert ("left/base_link", "left/link1") in frames(client.first(TFMessage, "/tf", prefixed))
-    assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == {("left/link6", "left/camera")}
+    assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == {("left/link5", "left/camera")}
     # The broadcaster with topics of its own shows a part of the arm, and moves no links.
     assert {len(m.transforms) for m in client.some(TFMessage, "/tf", 10, prefixed)} == {len(MOVING)}
     assert client.put(LINKS, "frame_prefix", "") == ""

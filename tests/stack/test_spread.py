@@ -66,6 +66,6 @@ def test_a_light_arm_is_not_driven_to_and_fro_by_what_calms_a_heavy_one(seed: in
     rig = SimulatedStack(files=read_arm_files(arm), build=Build(1.0, seed)).up()
     rig.run(ACTIVATED_S)
     UnpacedJob(rig, "A", load_pick_place(arm.pick_place).settings()).run()
-    rig.run(6.0)
+    rig.run(12.0)
     last = np.array(rig.trace.actual)[-500:, 0]
     assert float(last.max() - last.min()) < 0.002
