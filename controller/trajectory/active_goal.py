@@ -28,6 +28,8 @@ class Cycle:
     state: JointState
     reference: Kinematics
     measured: FloatArray
+    measured_before: FloatArray
+    """In the cycle before."""
     velocity: FloatArray
     """As measured."""
     error: FloatArray
@@ -40,6 +42,12 @@ class Cycle:
     """The defaults for goals that bring none."""
     waits: bool
     """The joints stand: they have not been measured, or are on their way to a command that came late."""
+
+    @property
+    def confirmed(self) -> FloatArray:
+        """The measured positions (n,), as far as this reading and the one before it agree on them."""
+        position: FloatArray = np.median([self.measured, self.measured_before, self.reference.position], axis=0)
+        return position
 
     @property
     def confirmed_error(self) -> FloatArray:

@@ -118,7 +118,7 @@ class Execution:
         if now.parameters.constraints.decelerate_on_cancel:
             self._brake(now)
         else:
-            self._sampler.hold(now.reference.position - now.confirmed_error)
+            self._sampler.hold(now.confirmed)
 
     def _brake(self, now: Cycle) -> None:
         """Come to rest on the path, and press against nothing there."""

@@ -160,10 +160,11 @@ class JointTrajectoryController:
             step_s = standstill.step(state.faults, step_s, self.command, measured, parameters)
         reference = sampler.advance(step_s)
         error = shorter_way(reference.position - measured, self._planner.endless)
-        before = error if self.tracking is None else self.tracking.error
-        waits, tolerances = standstill.waits, self._tolerances
+        last = self.tracking
+        before = (measured, error) if last is None else (last.feedback_position, last.error)
         now = Cycle(
-            state, reference, measured, velocity, error, before, step_s, period_s, parameters, tolerances, waits
+            *(state, reference, measured, before[0], velocity, error, before[1], step_s, period_s, parameters),
+            *(self._tolerances, standstill.waits),
         )
         self._execution.cycle(now)
         if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap

@@ -47,6 +47,10 @@ class ServoGoals:
         self._behind |= dict.fromkeys(counts, 0)
         self._watch.restart(counts)
 
+    def forget_stalls(self) -> None:
+        """The component is inactive: nothing presses any more."""
+        self._watch.restart([joint.name for joint in self._joints])
+
     def towards(
         self,
         positions: Iterable[float],

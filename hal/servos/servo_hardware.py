@@ -105,7 +105,7 @@ class ServoHardware:
     def deactivate(self, relax: bool) -> Sequence[str]:
         require(self.state, LifecycleState.ACTIVE, "deactivate")
         self.state = LifecycleState.INACTIVE
-        self._goals.hold({})  # an inactive component reports no stalls
+        self._goals.forget_stalls()
         return ServoSetup(self._opened("deactivate")).torque_off(self._joints) if relax else []
 
     def cleanup(self) -> None:

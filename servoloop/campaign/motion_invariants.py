@@ -6,6 +6,7 @@ from collections.abc import Callable
 from operator import gt, sub
 from typing import Final
 
+from hal.joint import Joint
 from hal.types import JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -13,7 +14,8 @@ from servoloop.simulation.faulty_stack import FaultyStack
 OVER_STEPS: Final = 100
 """Milliseconds over which a way is taken: a servo goes to each new goal at its own speed, and waits there."""
 LAG_S: Final = 0.03
-"""So long a servo may have been behind its goal (hal/compensation/servo_compliance.py), and makes up for it."""
+"""Least time by which a servo may have been behind its goal, and makes up for it; a soft one lags by more
+(hal/compensation/servo_compliance.py)."""
 OVERSHOOT_RAD: Final = 0.05
 """So much further it may get where it is to stop (bench.fidelity)."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
@@ -30,9 +32,10 @@ class NoFasterThanAllowed(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._mine = {joint.name: joint for joint in self.joints}
-        time_s = OVER_STEPS * 0.001 + stack.loop.period_s + LAG_S  # of the goals that fall into it
-        limits = [self._mine[name].limits.velocity if name in self._mine else math.inf for name in stack.arm.joints]
-        self._furthest = [limit * time_s + OVERSHOOT_RAD for limit in limits]
+        within_s = OVER_STEPS * 0.001 + stack.loop.period_s  # of the goals that fall into it
+        self._furthest = [
+            _furthest(self._mine[name], within_s) if name in self._mine else math.inf for name in stack.arm.joints
+        ]
         self._excused = 0
         self._ways = deque[list[float]](maxlen=OVER_STEPS + 1)
 
@@ -54,3 +57,9 @@ class NoFasterThanAllowed(Invariant):
     def on_state(self, state: JointState) -> None:
         if not self.active:  # what falls or is carried is not driven
             self._ways.clear()
+
+
+def _furthest(joint: Joint, within_s: float) -> float:
+    """The distance (rad or m) that a joint may get in this time."""
+    lag_s = max(LAG_S, joint.compliance.lag_s) if joint.compliance else LAG_S
+    return joint.limits.velocity * (within_s + lag_s) + OVERSHOOT_RAD

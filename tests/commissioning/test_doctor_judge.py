@@ -39,6 +39,13 @@ def test_an_alarm_that_lasted_for_one_sample(alarms: tuple[str, ...], kind: str,
     assert command in finding.command if command and finding.command else finding.command is None
 
 
+def test_servos_of_7_v_on_5_v_are_weak() -> None:
+    pan = files_of("so101").robot.joints[0]
+    servo = ServoSnapshot(pan, "well", {}, (STATE._replace(voltage_v=5.0),), "/dev/ttyACM0")
+    findings = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((pan,))))
+    assert [(one.id, one.severity) for one in findings] == [("supply_low", "warning")]
+
+
 def test_a_dynamixel_keeps_an_alarm_until_it_is_rebooted() -> None:
     servo = ServoSnapshot(DYNAMIXEL, "well", {}, (STATE._replace(alarms=("overload",)),), "/dev/ttyUSB0")
     findings = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
