@@ -44,7 +44,7 @@ class ComponentTransition(Request[None]):
         self.reactivated: frozenset[str] | None = None
         """Of a component that was active already: the joints that are activated again, none where that failed."""
         self.controllers: list[str] = []
-        """Those that end meanwhile, and begin again behind it."""
+        """Those that end meanwhile, and begin again after it."""
 
     def __str__(self) -> str:
         if self.reactivated is not None:

@@ -49,7 +49,7 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
 
 
 def set_aside(robot: Path) -> str:
-    """Take a calibration that proved wrong out of use, and the former one back; what has become of both, in words.
+    """Take a calibration that proved wrong out of use, and restore the former one; returns a sentence about both.
 
     The servos keep the new homing offsets: the arm does not come up with a calibration that has others.
     """

@@ -65,7 +65,7 @@ class Stops:
         return abs(visit.lower - before.lower) <= same and abs(visit.upper - before.upper) <= same
 
     def seen(self, joint: Joint) -> str:
-        """How far the joint was moved, in words."""
+        """A phrase about how far the joint was moved."""
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
             return f"{joint.name}: servo {joint.servo_id} did not answer"

@@ -200,7 +200,7 @@ def test_under_torque_nothing_is_reset_or_rebooted(model: ServoModel) -> None:
     line = line_of(model)
     switched_on(line, 3)
     for function in (factory_reset, reboot):
-        with pytest.raises(CommissioningError, match="while it holds torque, for it would let go"):
+        with pytest.raises(CommissioningError, match="while it holds torque: it would release"):
             told(line, function, 3)
     assert line.held(3, series_of(model).torque_enable) == 1
 

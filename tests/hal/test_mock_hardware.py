@@ -45,7 +45,7 @@ def test_with_dynamics_the_velocity_is_the_difference_quotient(period_s: float) 
 URDF = """
 <robot name="r">
   <joint name="a" type="revolute"><parent link="0"/><child link="1"/><limit lower="-1" upper="1" velocity="1"/></joint>
-  <joint name="b" type="continuous"><parent link="1"/><child link="2"/></joint>
+  <joint name="b" type="continuous"><parent link="1"/><child link="2"/><limit velocity="4"/></joint>
   <joint name="c" type="continuous"><parent link="2"/><child link="3"/></joint>
   <ros2_control name="m" type="system">
     <hardware><plugin>mock_components/GenericSystem</plugin>{}</hardware>

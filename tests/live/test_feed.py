@@ -190,8 +190,10 @@ def test_a_stack_tells_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest
     with StackRecording(None).of(rig.stack.loop, files, 0.0, lambda: False):
         found = find_stack("robot_arm")
         assert found.folder == own and find_stack("./robot_arm") == found
-    described = read_arm_files(find_arm(), urdf=URDF)
-    assert described.folder == URDF.parent, "files that belong to no arm have the poses of no arm"
+    assert read_arm_files(find_arm(), urdf=URDF).folder == find_arm().folder, "the arm's own URDF"
+    (copy := tmp_path / "copy.urdf").write_text(URDF.read_text())
+    described = read_arm_files(find_arm(), urdf=copy)
+    assert described.folder == tmp_path, "files that belong to no arm have the poses of no arm"
 
 
 def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(
