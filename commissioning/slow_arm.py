@@ -92,7 +92,7 @@ class SlowArm:
             )
         except BaseException:
             if self._hardware.state is LifecycleState.ACTIVE:
-                self._hardware.deactivate(relax=True)
+                self._hardware.undo_activation()
             self._hardware.cleanup()
             raise
         return self

@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
 from hal.errors import HalError, LifecycleError
-from hal.hardware import Reactivating
+from hal.hardware import Reactivating, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 
@@ -207,7 +207,7 @@ class ComponentTransitions:
                 self._take_over(component, state, transition.reactivated)
         except Exception as error:
             if component.error is None:
-                self._let_go(component, relax=transition.reactivated is None)
+                self._switch_off(component, undo=transition.reactivated is None)
             transition.refuse(error)
             return
         self._resume(transition.controllers, state)
@@ -216,10 +216,10 @@ class ComponentTransitions:
         else:
             transition.serve()
 
-    def _let_go(self, component: Component, relax: bool) -> None:
-        """Deactivate a component that cannot be commanded; ``relax``: nothing of it held before."""
+    def _switch_off(self, component: Component, undo: bool) -> None:
+        """Deactivate a component that cannot be commanded; ``undo``: servos without torque before have none again."""
         try:
-            problems = component.hardware.deactivate(relax)
+            problems = undo_activation(component.hardware) if undo else component.hardware.deactivate(relax=False)
         except Exception as error:  # a defect of one component loses this one
             problems = [f"could not switch {component.name} off: {error}"]
             self._hardware.lose(component, error)

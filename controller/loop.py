@@ -13,7 +13,7 @@ from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
 from drivers.clock import Clock
 from hal.components.component import Component
-from hal.components.component_lifecycle import activate_all, deactivate_all
+from hal.components.component_lifecycle import activate_all, undo_all
 from hal.components.component_set import ComponentSet
 from hal.confirm import confirmed_positions
 from hal.errors import ActivationError
@@ -89,7 +89,7 @@ class ControlLoop:
                     self.take_over(component, state)
             self.manager.activate(state, self.within_limits)
         except BaseException:
-            for problem in deactivate_all(self.hardware, relax=True):
+            for problem in undo_all(self.hardware):
                 LOG.error("torque may still be on: %s", problem)
             raise
 

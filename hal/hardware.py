@@ -70,3 +70,17 @@ class Reactivating(Protocol):
         Raises what ``activate`` raises. The hardware stays active then, and the joints without torque.
         """
         ...
+
+
+@runtime_checkable
+class Undoing(Protocol):
+    """Hardware that knows which joints had torque before it was activated."""
+
+    def undo_activation(self) -> Sequence[str]:
+        """ACTIVE → INACTIVE: release the joints that had no torque before; returns what went wrong."""
+        ...
+
+
+def undo_activation(hardware: Hardware) -> Sequence[str]:
+    """Take back an activation after which something else failed; returns what went wrong."""
+    return hardware.undo_activation() if isinstance(hardware, Undoing) else hardware.deactivate(relax=True)

@@ -7,6 +7,7 @@ from drivers.errors import DriverError
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
 from hal.errors import HalError
+from hal.hardware import Hardware, undo_activation
 from hal.lifecycle import LifecycleState
 
 LOG = logging.getLogger("servoloop.hal")
@@ -29,8 +30,8 @@ def configure_all(components: ComponentSet, leave_out: Collection[str] = (), kee
 def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), keep_alive: bool = False) -> None:
     """Activate all that are inactive, but for those named.
 
-    Raises what the first one raises, with those before it let go. ``keep_alive``: such a one stays as it is, and
-    the others go on.
+    Raises what the first one raises, with the activation of those before it undone. ``keep_alive``: such a one stays
+    as it is, and the others go on.
     """
     done: list[Component] = []
     try:
@@ -40,18 +41,27 @@ def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), 
                 done.append(component)
     except BaseException:
         for component in (one for one in done if one.hardware.state is LifecycleState.ACTIVE):
-            for problem in component.hardware.deactivate(relax=True):
+            for problem in undo_activation(component.hardware):
                 LOG.error("torque may still be on: %s", problem)
         raise
 
 
 def deactivate_all(components: ComponentSet, relax: bool) -> Sequence[str]:
     """Deactivate all that are active, whatever becomes of the others; returns what went wrong."""
+    return _switch_off(components, lambda hardware: hardware.deactivate(relax))
+
+
+def undo_all(components: ComponentSet) -> Sequence[str]:
+    """Undo the activation of all that are active, whatever becomes of the others; returns what went wrong."""
+    return _switch_off(components, undo_activation)
+
+
+def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[str]]) -> Sequence[str]:
     problems: list[str] = []
     for component in components.components:
         if component.hardware.state is LifecycleState.ACTIVE:
             try:
-                problems += component.hardware.deactivate(relax)
+                problems += step(component.hardware)
             except Exception as error:  # the next component matters more than this one's failure
                 whom = f" {component.name}" if len(components.components) > 1 else ""
                 problems.append(f"could not switch{whom} off: {error}")

@@ -67,8 +67,12 @@ class Activation:
 
     def let_go(self) -> None:
         """Make those limp again that were limp before."""
-        for problem in self._setup.torque_off(self._limp):
+        for problem in self.undo():
             LOG.error("torque may still be on: %s", problem)
+
+    def undo(self) -> list[str]:
+        """Make those limp again that were limp before; returns what failed."""
+        return self._setup.torque_off(self._limp)
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
         """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""

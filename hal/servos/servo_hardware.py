@@ -40,6 +40,7 @@ class ServoHardware:
         self._joints = tuple(joints)
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
+        self._activation: Activation | None = None
         self._clock = clock
         self.compensation = compensation
         self._period_s = FIRST_PERIOD_S
@@ -84,6 +85,15 @@ class ServoHardware:
             self.state = LifecycleState.INACTIVE
             activation.let_go()
             raise
+        self._activation = activation
+
+    def undo_activation(self) -> Sequence[str]:
+        """Servos that a former program left under torque go on holding: without torque the arm would fall."""
+        require(self.state, LifecycleState.ACTIVE, "undo the activation")
+        assert self._activation is not None
+        self.state = LifecycleState.INACTIVE
+        self._goals.forget_stalls()
+        return self._activation.undo()
 
     @property
     def without_torque(self) -> frozenset[str]:

@@ -8,6 +8,7 @@ import pytest
 
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
+from drivers.servos import sts
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
@@ -131,3 +132,23 @@ def test_readings_that_never_agree_keep_the_torque_off() -> None:
     ):
         loop.activate()
     assert hardware.state is LifecycleState.INACTIVE
+
+
+def test_an_activation_that_fails_afterwards_releases_only_what_was_limp_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a former program left under torque holds the arm."""
+    stack = SimulatedStack()
+    configure_all(stack.loop.hardware)
+    left, limp = stack.bus.servos[1], stack.bus.servos[2]
+    left.memory.put(sts.goal_position, left.memory.get(sts.present_position))
+    left.memory.put(sts.torque_enable, 1)
+
+    def refuse(*_: object) -> None:
+        raise ActivationError("not now")
+
+    monkeypatch.setattr(ControlLoop, "take_over", refuse)
+    with pytest.raises(ActivationError, match="not now"):
+        stack.loop.activate()
+    assert left.memory.get(sts.torque_enable) == 1 and limp.memory.get(sts.torque_enable) == 0
+    assert stack.hardware.state is LifecycleState.INACTIVE
