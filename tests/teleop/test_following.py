@@ -88,6 +88,7 @@ def test_a_leader_with_other_settings_that_holds_torque_is_released_before_they_
         lambda: open_buses(LEADER.robot.file, lines.devices, clock, open_port=lines.open),
         clock,
     )
+    line.servo(6).memory.save(sts.max_torque, 1000)
     hold(line, 6)
     leader.configure()
     assert leader.held() == ["leader/gripper (servo 6)"]
