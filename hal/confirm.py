@@ -37,11 +37,11 @@ def confirmed_positions(
         if not doubtful.any():
             return measured
     if missing := [names[i] for i in np.flatnonzero(doubtful & ~np.isfinite(measured)).tolist()]:
-        raise ActivationError(f"{', '.join(missing)} has not been measured, torque is off again: try once more")
+        raise ActivationError(f"not activated: {', '.join(missing)} has not been measured: try once more")
     i = int(np.argmax(doubtful))
     raise ActivationError(
-        f"{names[i]} is measured at {before[i]:.4f} and then at {measured[i]:.4f}, torque is off again: "
-        "hold the arm still, and check the cable"
+        f"not activated: {names[i]} is measured at {before[i]:.4f} and then at {measured[i]:.4f}: hold the arm still, "
+        "and check the cable"
     )
 
 

@@ -357,7 +357,7 @@ def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand._position[:] = np.nan
-    with pytest.raises(Exception, match="finger has not been measured, torque is off again"):
+    with pytest.raises(Exception, match="not activated: finger has not been measured"):
         two.set(ACTIVE).result()
     assert two.hand.changes()[-1] == "relax"
 

@@ -477,7 +477,7 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
     components = ComponentSet([hardware], clock)
     loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
     configure_all(components)
-    with pytest.raises(ActivationError, match=r"^shoulder, elbow has not been measured, torque is off again"):
+    with pytest.raises(ActivationError, match=r"^not activated: shoulder, elbow has not been measured"):
         loop.activate()
 
 
@@ -489,7 +489,7 @@ def test_a_joint_that_was_not_measured_is_named_in_full() -> None:
     limits = {"left/arm": ARM_LIMITS}
     loop = ControlLoop(components, ControllerManager(components, limits), limits, clock, PERIOD_S)
     configure_all(components)
-    with pytest.raises(ActivationError, match=r"^left/arm has not been measured"):
+    with pytest.raises(ActivationError, match=r"^not activated: left/arm has not been measured"):
         loop.activate()
 
 
