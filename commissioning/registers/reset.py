@@ -77,7 +77,7 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
 def _refuse_torque(servo: FoundServo, what: str) -> None:
     if servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo.servo_id}: {what} while it holds torque: it would release, and what it holds would fall. "
+            f"servo {servo.servo_id}: {what} while it holds torque: it would release, and what it holds falls. "
             f"Support the arm, then 'servoloop register write --id {servo.servo_id} torque_enable 0'"
         )
 
