@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ import pytest
 from calibration.eeprom import Eeprom, EepromError
 from drivers.servos import sts, x
 from drivers.servos.register import Register
+from hal.joint import Joint
+from hal.servos.servo_settings import settings_of
 from servoloop import cli
 from servoloop.arms.folder import find_arm, read_arm_files
 from sim_backend.wire.line import ServoLine
@@ -93,10 +95,19 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
         if "import" in command:
             typed = typed.replace("--arm so101", "--arm ./mine")
         with served(link, there) as bus:
+            if len(there) > 1:  # servos that have been set up before
+                hold_settings(bus, joints)
             status = run(monkeypatch, *shlex.split(typed)[1:], answer="y\n" * 9)
             ids = sorted(servo.servo_id for servo in bus.servos)
         assert status == 0, (command, capsys.readouterr())
         assert ids == ([6] if "--to-new" in command else sorted(models))
+
+
+def hold_settings(bus: ServoLine[Any], joints: Sequence[Joint]) -> None:
+    """The servos hold what the robot file says of them."""
+    for joint in joints:
+        for name, value in joint.settings:
+            bus.servo(joint.servo_id).memory.save(settings_of(joint.model)[name], value)
 
 
 @pytest.mark.runs(f"{PAGE} python 1")

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
@@ -116,7 +117,10 @@ def test_two_makes_on_two_lines_and_both_lines_lost(ros_domain: int, tmp_path: P
     hand = tmp_path / "hand.yaml"
     urdf = write_servos(tmp_path)
     text = hand.read_text().replace("sts3215", "xl430-w250").replace("protocol: feetech", "protocol: dynamixel")
-    hand.write_text(text)
+    robot = yaml.safe_load(text)
+    for joint in robot["joints"].values():
+        joint.pop("settings", None)  # those of the other make
+    hand.write_text(yaml.safe_dump(robot))
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
     emulator = StackProcess(tmp_path / "emulate.log", "emulate", str(link), "--urdf", str(urdf))

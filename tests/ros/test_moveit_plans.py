@@ -32,6 +32,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
 """Velocity and acceleration of config/moveit/joint_limits.yaml."""
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
+BESIDE_THE_STAND = (0.0, -0.4943, -0.7719, *READY[3:])
 LEFT, RIGHT = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55), (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55)
 BOWS = {
     "straight": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -76,14 +77,15 @@ def ways(client: TrajectoryClient, first: int) -> FloatArray:
     return np.array([state.feedback.positions for state in client.states[first:]])
 
 
-def test_a_joint_that_is_blocked_aborts_within_a_second_and_is_named(servos: TrajectoryClient) -> None:
-    start = tuple(measured(servos))  # beside the stand
+def test_a_joint_that_is_blocked_aborts_and_is_relieved_within_two_seconds_and_named(servos: TrajectoryClient) -> None:
+    driven(servos, straight(tuple(measured(servos)), BESIDE_THE_STAND), 0.5)
+    start = tuple(measured(servos))
     sent = servos.send(goal_of(message(plan(straight(start, (0.6, *start[1:])), LIMITS))))
     status, code, text = servos.outcome(sent)
     assert (status, code) == (ABORTED, -4)
     assert re.fullmatch(r"Aborted due to path tolerance violation: joint1 is off by 0\.\d+, allowed is 0\.3000", text)
     held = [any(abs(off) > 0.05 for off in message.error.positions) for message in sent.feedback]
-    assert sum(held) * PERIOD_S < 1.0
+    assert sum(held) * PERIOD_S < 2.0
 
 
 def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rests(servos: TrajectoryClient) -> None:
