@@ -64,10 +64,12 @@ class WireMonitor:
     def _goal(self, joint: Joint, goal: int, position: int) -> None:
         self.goals_seen += 1
         lower, upper = joint.counts_range()
-        if not lower <= goal <= upper:
+        before = self._goals.get(joint.servo_id)
+        begins = joint.servo_id not in self._driven and abs(goal - position) <= MEASURED_WITHIN_COUNTS
+        returns = before is not None and (before <= goal < lower or upper < goal <= before)
+        if not (lower <= goal <= upper or begins or returns):
             self.broken.append(f"{joint.name}: goal {goal} is outside {lower} to {upper}")
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
-        before = self._goals.get(joint.servo_id)
         if before is not None and abs(goal - before) > reach:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
         if joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS:
