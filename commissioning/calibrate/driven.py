@@ -39,7 +39,7 @@ DRIVE: Final = 0.5
 
 
 class Watcher(Guide, Protocol):
-    """Whoever looks at the arm while it moves by itself, and brings joints that turn freely into their marked poses."""
+    """A person who watches the arm move by itself, and brings joints that turn freely into their marked poses."""
 
     def moved_so(self, joint: str, text: str) -> bool:
         """Whether the joint just turned the way that ``text`` says (and not the other way), and came back."""

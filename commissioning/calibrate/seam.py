@@ -52,7 +52,7 @@ def homing_register(model: ServoModel) -> Register | None:
 
 
 def can_move_seam(model: ServoModel) -> bool:
-    """Whether the servo can be told where its counts begin."""
+    """Return whether the place where the servo's counts begin can be set."""
     return homing_register(model) is not None
 
 
