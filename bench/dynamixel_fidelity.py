@@ -37,7 +37,7 @@ class Bench:
 
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
-        self.plant.load_nm = [load_nm]
+        self.plant.load_nm[:] = [load_nm]
         self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.Model) else model  # whose table it has
         self.line = _line(self.plant, model)
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})

@@ -41,7 +41,7 @@ class Bench:
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
         self.plant = BenchPlant([1], friction_nm=friction_nm, damping_nm_s=damping_nm_s)
-        self.plant.load_nm = [load_nm]
+        self.plant.load_nm[:] = [load_nm]
         self.clock = SimulatedClock(0.0)
         line = VirtualBus.of(self.plant, model, supply=Supply(model.rated_voltage_v, 0.0), paced=False)
         self.port = VirtualPort(line, self.clock)

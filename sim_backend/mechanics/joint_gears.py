@@ -10,7 +10,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from sim_backend.mechanics.gears import Gears
+from sim_backend.mechanics.gears import Gears, gear_table, renew_friction
 
 LEAST_FRICTION_NM: Final = 1e-9
 """MuJoCo has no constraint for a joint without friction, and the places of the others would shift."""
@@ -24,6 +24,8 @@ class JointGears:
         self._model, self._data = model, data
         self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
         self._dofs = np.array(sorted(self._gears))
+        self._table = gear_table(self._gears[dof] for dof in sorted(self._gears))
+        self._friction = np.zeros(len(self._dofs))
         for dof, own in self._gears.items():
             model.dof_armature[dof] = own.rotor_kg_m2
             model.dof_damping[dof] = own.viscous_nm_s
@@ -33,12 +35,11 @@ class JointGears:
 
     def update(self) -> None:
         """Renew the largest friction from the last timestep's torques."""
-        dofs, data, friction = self._dofs, self._data, self._model.dof_frictionloss
+        dofs, data = self._dofs, self._data
         motor = data.qfrc_actuator[dofs]
         world = data.qfrc_constraint[dofs] - self._friction_now() - data.qfrc_bias[dofs]
-        loads, speeds = (motor - world).tolist(), data.qvel[dofs].tolist()
-        for dof, load, speed in zip(dofs.tolist(), loads, speeds, strict=True):
-            friction[dof] = max(LEAST_FRICTION_NM, self._gears[dof].friction_nm(load, speed))
+        renew_friction(self._table, motor - world, data.qvel[dofs], LEAST_FRICTION_NM, self._friction)
+        self._model.dof_frictionloss[dofs] = self._friction
 
     def _friction_now(self) -> Any:
         """The share of friction in the constraint forces, by degree of freedom: it is not what friction depends on."""

@@ -7,13 +7,13 @@ back by the same ratio, so no energy appears or is lost on the way.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import copysign, pi
+from math import pi
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.mechanics.gears import Gears
+from sim_backend.mechanics.gears import Floats, Gears, GearTable, gear_table, turn_shafts
 from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
 
 
@@ -43,7 +43,6 @@ class Coupling:
         return self.sign * self.transmission
 
 
-Floats = NDArray[np.float64]
 ShaftTable = NDArray[np.void]
 """An array with one record of ``SHAFT`` for each shaft."""
 
@@ -195,11 +194,14 @@ class BenchPlant(Plant):
         joints = JointArrays(angles, np.zeros(len(places)), np.zeros(len(places)), places, places, places)
         # A joint's position is its shaft's angle.
         super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
-        self.load_nm = [0.0] * len(couplings)
-        self._gears = [Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)] * len(couplings)
+        self.load_nm = np.zeros(len(couplings))
+        usual = Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)
+        self._gears: GearTable = gear_table([usual] * len(couplings))
 
     def fit(self, gears: Sequence[Gears | None]) -> None:
-        self._gears = [own or usual for own, usual in zip(gears, self._gears, strict=True)]
+        for i, own in enumerate(gears):
+            if own is not None:
+                self._gears[i] = gear_table([own])[0]
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the shafts to these angles (rad), at rest."""
@@ -207,13 +209,5 @@ class BenchPlant(Plant):
         self.joints.velocity[:] = 0.0
 
     def advance(self) -> None:
-        position, velocities = self.joints.position, self.joints.velocity
-        for i, torque in enumerate(self.joints.effort.tolist()):
-            gears, load, velocity = self._gears[i], self.load_nm[i], float(velocities[i])
-            per_nm = self.timestep_s / gears.rotor_kg_m2
-            friction = gears.friction_nm(torque - load, velocity) * per_nm
-            velocity += (torque + load - gears.viscous_nm_s * velocity) * per_nm
-            # Friction takes speed away but never turns it round.
-            velocity = copysign(max(0.0, abs(velocity) - friction), velocity)
-            velocities[i] = velocity
-            position[i] += velocity * self.timestep_s
+        joints = self.joints
+        turn_shafts(self._gears, self.load_nm, joints.effort, joints.position, joints.velocity, self.timestep_s)

@@ -11,7 +11,8 @@ from math import floor, pi
 from typing import Any, Final
 
 from sim_backend.compiled import compiled
-from sim_backend.mechanics.plant import Floats, ShaftTable
+from sim_backend.mechanics.gears import Floats
+from sim_backend.mechanics.plant import ShaftTable
 from sim_backend.sts.state import States, Supplies
 
 Record = Any

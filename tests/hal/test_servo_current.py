@@ -28,7 +28,7 @@ def test_it_has_the_joints_direction_and_is_nan_where_a_model_measures_none() ->
     hardware = ServoHardware("arm", joints, lambda: Bus(VirtualPort(servos, clock), clock, models), clock)
     hardware.configure()
     hardware.activate()
-    plant.load_nm = [-1.0, -1.0, -1.0]  # pulls backwards, so the motors drive forwards
+    plant.load_nm[:] = [-1.0, -1.0, -1.0]  # pulls backwards, so the motors drive forwards
     clock.sleep_until(clock.now() + 0.5)
     health = hardware.read().health
     for servo_id in (1, 2):

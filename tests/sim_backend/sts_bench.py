@@ -26,7 +26,7 @@ class StsBench:
         supply: Supply | None = None,
     ) -> None:
         self.plant = BenchPlant([1], timestep_s=timestep_s)
-        self.plant.load_nm = [load_nm]
+        self.plant.load_nm[:] = [load_nm]
         self.servo = VirtualServo(model, 1, variant=variant)
         self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
 

@@ -26,7 +26,7 @@ class Wire:
     def __init__(self, *servo_ids: int, load_nm: float = 0.0, paced: bool = False) -> None:
         self.ids = servo_ids or (1,)
         self.plant = BenchPlant(self.ids)
-        self.plant.load_nm = [load_nm] * len(self.ids)
+        self.plant.load_nm[:] = [load_nm] * len(self.ids)
         self.bus = VirtualBus.of(self.plant, sts.STS3215, supply=Supply(12.0, 0.0), paced=paced)
         self.now_s = 0.0
         self.held: float | None = None

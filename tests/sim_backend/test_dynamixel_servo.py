@@ -27,7 +27,7 @@ class Bench:
     def __init__(self, *, load_nm: float = 0.0) -> None:
         self.clock = SimulatedClock()
         self.plant = BenchPlant((1,))
-        self.plant.load_nm = [load_nm]
+        self.plant.load_nm[:] = [load_nm]
         self.bus = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
         self.port = SdkAdapter(Line(VirtualPort(self.bus, self.clock), self.clock))
         self.servo = self.bus.servo(1)
@@ -178,7 +178,7 @@ def test_overload_shuts_down_until_a_reboot() -> None:
     bench.run(5.0)
     assert bench.read(x.hardware_error_status) == 1 << 5
     assert bench.read(x.torque_enable) == 0
-    bench.plant.load_nm = [0.0]
+    bench.plant.load_nm[:] = [0.0]
     assert bench.write(x.torque_enable, 1) == 0x80 | 1
     handler.reboot(bench.port, 1)
     bench.run(REBOOT_S + 0.01)

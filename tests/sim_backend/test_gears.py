@@ -27,7 +27,7 @@ def bench(gears: Gears) -> BenchPlant:
 def moved(plant: BenchPlant, torque_nm: float, load_nm: float) -> float:
     """How far (rad) the shaft goes in a second."""
     before = plant.angles()[0]
-    plant.load_nm = [load_nm]
+    plant.load_nm[:] = [load_nm]
     for _ in range(1000):
         plant.push([torque_nm])
         plant.advance()
@@ -54,7 +54,7 @@ def test_a_shaft_under_load_starts_only_beyond_the_friction_of_both_ends() -> No
 def test_friction_never_turns_a_shaft_round() -> None:
     plant = bench(Gears(0.0001, 0.0, 0.01, 0.9, sticking_share=0.5))
     plant.joints.velocity[0] = 1.0
-    plant.load_nm = [-0.5]
+    plant.load_nm[:] = [-0.5]
     speeds = []
     for _ in range(300):
         plant.push([0.5])
