@@ -31,7 +31,7 @@ SCENARIO = Scenario(seconds=1.0, faults=2, within_s=0.8)
 def with_ray(test: Any) -> Any:
     """A test on a local Ray, which takes ten seconds to come and go."""
     reason = "Ray is not installed: pip install 'servoloop[ray]'"
-    return pytest.mark.slow(pytest.mark.skipif(not RAY, reason=reason)(test))
+    return pytest.mark.slow(pytest.mark.timeout(240)(pytest.mark.skipif(not RAY, reason=reason)(test)))
 
 
 def never() -> bool:

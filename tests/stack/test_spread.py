@@ -13,7 +13,7 @@ from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
 RESTING_RAD = 0.01
-"""Without the leap that a joint makes as the cube leaves the hand."""
+"""Of joint1, which no weight holds against its gear's teeth. The others sag by a cube's weight at first."""
 ACTIVATED_S = 2.5
 """Until then the arm has sunk with the torque, and has been lifted again."""
 FEW, SOME = 2, 5
@@ -56,7 +56,8 @@ def test_at_rest_between_jobs_no_joint_swings_through_its_backlash(seed: int, jo
         rig.run(0.33)
         UnpacedJob(rig, list(BINS)[number % len(BINS)]).run()
         error = rig.trace.following(since_s=begun_s)
-        assert max(error.at_rest_rad) <= RESTING_RAD, number
+        assert error.at_rest_rad[0] <= RESTING_RAD, number
+        assert max(error.at_rest_rad) <= AT_REST_RAD, number
 
 
 @pytest.mark.parametrize("seed", [None, 2])

@@ -23,10 +23,10 @@ def find_chromium() -> str:
 
 
 SELDOM = """
-window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 200);
+window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 500);
 window.cancelAnimationFrame = clearTimeout;
 """
-"""Five pictures a second: as many as it can draw, a browser without a graphics card fills both processors with."""
+"""Two pictures a second: as many as it can draw, a browser without a graphics card fills both processors with."""
 
 
 class OpenPage:
