@@ -104,7 +104,7 @@ def _servo_status(state: JointState, joint: str, servo_id: str, component: str) 
 
 
 def _health(health: ServoHealth) -> tuple[Level, str]:
-    """The level and the message of what a servo says of itself."""
+    """The level and the message of a servo's own report."""
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
     wrong += [f"{supply.kind}: it {supply.text}"] if supply else []

@@ -131,7 +131,7 @@ def segment(
 def _check_positions(
     trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
 ) -> None:
-    """Ruckig knows no position limits: a way-point passed too fast near one would swing beyond it."""
+    """Ruckig has no position limits: a waypoint passed too fast near a limit would swing beyond it."""
     lower, upper = swing_limits(start, limits)
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
         for reached in (swing.min, swing.max):

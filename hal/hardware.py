@@ -74,7 +74,7 @@ class Reactivating(Protocol):
 
 @runtime_checkable
 class Undoing(Protocol):
-    """Hardware that knows which joints had torque before it was activated."""
+    """Hardware that can tell which joints had torque before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
         """ACTIVE → INACTIVE: release the joints that had no torque before; returns what went wrong."""

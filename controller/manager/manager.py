@@ -72,7 +72,7 @@ class ControllerManager:
         self.activate_each([n for n, entry in loaded if entry.state is INACTIVE and n not in fallbacks], state, command)
 
     def activate_each(self, names: Iterable[str], state: JointState, command: FloatArray) -> None:
-        """Activate these controllers one after the other; one that cannot be activated stays inactive."""
+        """Activate these controllers one after the other; a controller that fails to activate stays inactive."""
         self.cycle.seen = state
         for name in names:
             try:

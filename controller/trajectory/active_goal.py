@@ -106,7 +106,7 @@ class ActiveGoal:
 
 
 def commands_timed_out(sampler: TrajectorySampler, parameters: TrajectoryParameters) -> bool:
-    """As upstream: for so long after the last point nothing new has come."""
+    """Time without a new point after which the motion ends, as upstream."""
     allowed_s, path = parameters.cmd_timeout, sampler.path
     if path is None or not sampler.on_goal or allowed_s <= parameters.constraints.goal_time:
         return False

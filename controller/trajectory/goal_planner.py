@@ -127,7 +127,7 @@ def first_ahead(times_s: FloatArray, now_s: float) -> int:
 
 
 def joined_at(times_s: FloatArray, now_s: float) -> int:
-    """The point at which joints in motion join a path: the first one that leaves them time, or else one before it.
+    """The point at which joints in motion join a path: the first point that leaves them time, or else one before it.
 
     The way to a point that is too near ends late, and a stream of short paths would lag further with each message.
     """

@@ -29,7 +29,7 @@ class ErrorCode:
 class GoalResult:
     """The end of a goal. ``stop``: the joints are still on their way, or not where they should be.
 
-    ``at_rest``: the client is told once they rest and press against nothing.
+    ``at_rest``: the goal ends once the joints rest and press against nothing.
     """
 
     status: GoalStatus

@@ -52,7 +52,7 @@ class Relief:
 
     @property
     def done(self) -> bool:
-        """Whether a client may be told the end of its goal: the joints rest, or have had their time to."""
+        """Whether a goal may end: the joints rest, or their time to come to rest is over."""
         return not self.due or self._stood_s > LONGEST_REST_S
 
     def step(self, now: Cycle) -> None:

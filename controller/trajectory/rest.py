@@ -10,7 +10,7 @@ from hal.types import FloatArray
 RESTS_S: Final = 0.09
 """Time that a joint at rest stays in its place; less is where a joint turns round. Two cycles at 20 Hz."""
 HELD_S: Final = 0.25
-"""Time for which a joint rests off its command until it counts as held there; one that catches up stands for less."""
+"""Time for which a joint rests off its command until it counts as held; a joint that catches up rests for less."""
 LONGEST_REST_S: Final = 1.0
 """Maximum time that a goal waits for joints to rest; after it the goal ends although they swing."""
 

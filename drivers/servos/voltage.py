@@ -1,4 +1,4 @@
-"""The supply that each servo model is rated for: the only place that knows how much is too much or too little."""
+"""The rated supply of each servo model, and the limits outside which a voltage is reported."""
 
 from typing import Final, Literal, NamedTuple
 

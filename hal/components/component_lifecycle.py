@@ -52,7 +52,7 @@ def deactivate_all(components: ComponentSet, relax: bool) -> Sequence[str]:
 
 
 def undo_all(components: ComponentSet) -> Sequence[str]:
-    """Undo the activation of all that are active, whatever becomes of the others; returns what went wrong."""
+    """Undo the activation of all active components, even if one of them fails; returns the errors."""
     return _switch_off(components, undo_activation)
 
 

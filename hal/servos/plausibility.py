@@ -22,7 +22,7 @@ SLACK_COUNTS: Final = 8
 
 
 class Plausibility:
-    """The position readings of one joint: the last plausible one, and the one that is in doubt."""
+    """The position readings of one joint: the last plausible reading and the doubtful one after it."""
 
     def __init__(self, joint: Joint) -> None:
         unit = abs(joint.units_per_count)

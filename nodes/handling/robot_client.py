@@ -259,7 +259,7 @@ class RobotClient:
         return frozenset(bytes(one.endpoint_gid) for one in self._node.get_publishers_info_by_topic(topic))
 
     def _unheard_s(self) -> float:
-        """How long this client must still listen before it knows whose goals are under way."""
+        """Time that this client must still listen before it has seen all goals under way."""
         now_s = monotonic()
         since_s = self._listens_since_s if now_s - self._listened_s <= LISTEN_S else now_s
         return max(0.0, LISTEN_S - (now_s - since_s))

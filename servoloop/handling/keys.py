@@ -39,7 +39,7 @@ class HeldKey:
         return not repeats
 
     def release(self) -> None:
-        """The press counts no more. If the key is held on, it counts again only after it was let go and pressed."""
+        """Forget the press. A key that is still held counts again only after it was released and pressed."""
         self._until_s, self._over = -1.0, True
 
     def held(self, now_s: float) -> str:

@@ -64,7 +64,7 @@ class PaddedArm:
 
 
 def fallen(scene: Path, pose: Pose) -> Pose:
-    """Where an arm lies that was let go in this pose."""
+    """The position in which an arm lies after it was released in this pose."""
     start = World(scene)
     world = World(scene, initial_position=[pose.get(joint, 0.0) for joint in start.joints])
     for _ in range(round(FALLING_S / world.timestep_s)):
@@ -73,7 +73,7 @@ def fallen(scene: Path, pose: Pose) -> Pose:
 
 
 def lying_poses(arm: Arm) -> dict[str, Pose]:
-    """The poses in which the arm stands without a plan: at the start of the stack, parked, and let go in either."""
+    """The poses in which the arm stands without a plan: at the start of the stack, parked, and released in either."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}

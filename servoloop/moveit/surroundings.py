@@ -1,4 +1,4 @@
-"""The objects around an arm, as MoveIt is told them: those of its scene, with room where the arm lies and works."""
+"""The objects around an arm for MoveIt: those of its scene, with room where the arm lies and works."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -54,7 +54,7 @@ class Screen(LiveTable):
         return self._keys is not None and self._keys.allowed(now_s)
 
     def ended(self) -> bool:
-        """Whether the person wants it to end."""
+        """Whether the user wants the motion to end."""
         return self._keys is not None and self._keys.ended()
 
     def commands(self) -> Sequence[str]:

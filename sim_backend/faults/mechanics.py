@@ -15,7 +15,7 @@ from sim_backend.faults.targets import Inventory, Mechanics, Targets
 
 
 class Jammed(OfServo, Lasting):
-    """The gears of a servo jam: its joint does not turn, whatever pulls at it."""
+    """The gears of a servo jam: no force turns its joint."""
 
     kind: Literal["jammed"] = "jammed"
 

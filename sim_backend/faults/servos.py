@@ -110,7 +110,7 @@ class DeadEncoder(OfServo, Lasting):
 
 
 class StuckEncoder(OfServo, Lasting):
-    """The encoder goes on saying the angle of this moment, wherever the shaft is: its magnet has come off."""
+    """The encoder reports the same angle from then on, whatever the shaft does: its magnet has come off."""
 
     kind: Literal["stuck_encoder"] = "stuck_encoder"
 

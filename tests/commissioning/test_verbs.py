@@ -104,7 +104,7 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
 
 
 def hold_settings(bus: ServoLine[Any], joints: Sequence[Joint]) -> None:
-    """The servos hold what the robot file says of them."""
+    """The servos have the settings of the robot file."""
     for joint in joints:
         for name, value in joint.settings:
             bus.servo(joint.servo_id).memory.save(settings_of(joint.model)[name], value)

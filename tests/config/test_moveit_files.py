@@ -1,4 +1,4 @@
-"""`servoloop arms moveit` writes what MoveIt needs of any arm, and MoveIt can plan wherever the arm may stand."""
+"""`servoloop arms moveit` writes the files that MoveIt needs for any arm; MoveIt can plan from every pose of it."""
 
 import re
 import sys

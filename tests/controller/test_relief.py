@@ -32,7 +32,7 @@ def ended(bench: Bench, handle: GoalHandle, least_s: float = 2.0) -> FloatArray:
 
 
 def aborts(bench: Bench) -> None:
-    """Run until the goal's end is decided, though its client is not told yet."""
+    """Run until the end of the goal is decided, before its client receives it."""
     bench.cycles_until(lambda: (active := bench.arm._execution.active) is not None and active.ending is not None)
 
 
@@ -115,7 +115,7 @@ def test_the_client_is_told_when_the_arm_rests_and_presses_no_more() -> None:
 
 @pytest.mark.parametrize("offset", [-0.4, 0.4])
 def test_a_joint_whose_readings_are_wrong_is_not_driven_after_them(offset: float) -> None:
-    """It follows its command; what it says is that much beside, for good."""
+    """It follows its command; its measurement has a constant error."""
     bench = Bench().up()
     handle = bench.send(to(1.0, 1.0, path={"elbow": 0.2}))
     bench.cycle(10)

@@ -181,7 +181,7 @@ def test_the_folder_of_a_killed_stack_is_cleared_away() -> None:
 
 
 def test_a_stack_tells_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An arm of one's own has the name of one that ships, and its folder is not that of the other."""
+    """A user's arm may have the name of a shipped arm; its folder stays its own."""
     own = tmp_path / "robot_arm"
     own.mkdir()
     (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")

@@ -1,4 +1,4 @@
-"""A gripper that is jammed does not press for ever, and says so; a cube that is held is no failure."""
+"""A jammed gripper stops pressing and is reported; a held cube is no failure."""
 
 import pytest
 
