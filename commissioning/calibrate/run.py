@@ -85,8 +85,8 @@ class Outcome:
 
 
 def by_hand(asker: Asker) -> Measure:
-    """Measuring with the arm in somebody's hands."""
-    return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run()
+    """Measuring with the arm in the user's hands."""
+    return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run() if joints else {}
 
 
 def calibrate(
@@ -111,8 +111,8 @@ def calibrate(
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)
         if measure is None:
-            made = repeated(bus, joints, plans, made, asker)
-            made = sure_of_directions(bus, joints, plans, made, asker)
+            made |= by_hand(asker)(bus, to_repeat(joints, made, asker), plans)
+            made |= by_hand(asker)(bus, to_turn_round(joints, plans, made, asker), plans)
     differences = tuple(_difference(joint, made[joint.name], plans[joint.name]) for joint in joints)
     for one in differences:
         if one.made.extended and not one.before.extended:
@@ -143,38 +143,28 @@ def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Differ
     return Difference(joint.name, joint.servo_id, joint, made, doubt, off)
 
 
-def repeated(
-    bus: Bus,
-    joints: Sequence[Joint],
-    plans: Mapping[str, JointPlan],
-    made: dict[str, JointCalibration],
-    asker: Asker,
-) -> dict[str, JointCalibration]:
-    """Measure doubtful joints once more by hand if the user wants that; the calibrations of all joints."""
+def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], asker: Asker) -> list[Joint]:
+    """The joints with doubtful calibrations, if the user wants to measure them once more."""
     doubtful = [joint for joint in joints if doubts(joint, made[joint.name])]
     for joint in doubtful:
         asker.say(f"{joint.name}: {doubts(joint, made[joint.name])}")
-    if not doubtful or not asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
-        return made
-    return made | by_hand(asker)(bus, doubtful, plans)
+    if doubtful and asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
+        return doubtful
+    return []
 
 
-def sure_of_directions(
-    bus: Bus,
-    joints: Sequence[Joint],
-    plans: Mapping[str, JointPlan],
-    made: dict[str, JointCalibration],
-    asker: Asker,
-) -> dict[str, JointCalibration]:
-    """Ask about directions that nothing else shows, and measure those joints anew where one was wrong."""
+def to_turn_round(
+    joints: Sequence[Joint], plans: Mapping[str, JointPlan], made: Mapping[str, JointCalibration], asker: Asker
+) -> list[Joint]:
+    """The joints whose direction only the user's hands have shown, if the user says that one of them is wrong."""
     shown = [joint for joint in joints if not place_shows_direction(joint, plans[joint.name], made[joint.name])]
     for joint in shown:
         calibrated_before = joint.homing_offset is not None
         if calibrated_before and made[joint.name].sign != joint.sign:
-            asker.say(f"{joint.name}: its direction is the opposite of what the former calibration says")
-    if not shown or asker.confirm(DIRECTIONS.format(joints=", ".join(joint.name for joint in shown))):
-        return made
-    return made | by_hand(asker)(bus, shown, plans)
+            asker.say(f"{joint.name}: its direction is the opposite of the one in the former calibration")
+    if shown and not asker.confirm(DIRECTIONS.format(joints=", ".join(joint.name for joint in shown))):
+        return shown
+    return []
 
 
 def _try(
