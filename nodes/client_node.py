@@ -7,14 +7,15 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from nodes.ros_process import exit_watchdog, init_rclpy
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
 
 
 @contextmanager
 def client_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """A node of that name on an executor that the caller spins. Signals stay the caller's."""
+    """A node of that name on an executor that the caller spins. Signals stay the caller's. Raises RosError."""
     init_rclpy()
-    node = Node(name)
+    with rcl_errors():
+        node = Node(name)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -2,6 +2,7 @@
 
 import faulthandler
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
@@ -10,23 +11,37 @@ from typing import Final
 
 import rclpy
 from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from nodes.discovery import stay_on_this_machine, who_can_command
+from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
 _TURN_S: Final = 0.1
+RCLError: Final = rclpy_implementation.RCLError
 
 
 def init_rclpy(arguments: Sequence[str] | None = None) -> str:
     """Initialise rclpy with the discovery range of this process; returns in words who can command the arm.
 
     Signals stay the caller's: rclpy's own handlers close the middleware at once, and then no goal could be ended.
+    Raises RosError.
     """
     stay_on_this_machine(os.environ)
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    with rcl_errors():
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     return who_can_command(os.environ)
+
+
+@contextmanager
+def rcl_errors() -> Iterator[None]:
+    """Raise errors of rcl as RosError, without the places in rcl's own source."""
+    try:
+        yield
+    except RCLError as error:
+        raise RosError(f"ROS 2 does not start: {re.sub(r', at /[^,]*', '', str(error)).strip()}") from error
 
 
 def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:

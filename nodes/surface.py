@@ -22,7 +22,7 @@ from nodes.rclpy_patches import cycle_executor, gil_release
 from nodes.rclpy_patches.guard import usable_patches
 from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.robot_state_publisher import RobotStatePublisher
-from nodes.ros_process import exit_watchdog, init_rclpy
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
 from nodes.ros_time import RosTime
 from nodes.simulation_node import SimulationNode
 from nodes.stack import Stack
@@ -49,7 +49,8 @@ class Surface:
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
+        with rcl_errors():  # of the first node: the others come up where it does
+            self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         kept = cycle_executor.PATCH in patches
         self._executor = cycle_executor.CycleExecutor() if kept else PlainExecutor(self._manager.node)
         HardwareServices(self._manager.node, stack, self._pending)

@@ -10,8 +10,8 @@ from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
 from hal.errors import HalError
+from nodes.ros_environment import RosError
 from servoloop.processes import Interrupted
-from servoloop.ros import RosError
 from servoloop.terminal_output import outlive_terminal
 from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
 from servoloop.verbs.calibrate import calibrate, hand

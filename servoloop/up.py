@@ -16,6 +16,7 @@ from controller.manager.manager import ControllerManager
 from drivers.clock import Clock, MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
 from hal.components.component_lifecycle import clean_up_all, configure_all
+from nodes.ros_environment import require_ros
 from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.emulator_process import virtual_servos
@@ -25,7 +26,6 @@ from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread
 from servoloop.realtime import claim_realtime_priority
 from servoloop.recorder.link_poses import Scene
-from servoloop.ros import require_ros
 from servoloop.signals import Signals
 from servoloop.stack_recording import StackRecording
 

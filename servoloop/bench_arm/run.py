@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.port.serial_port import SerialPort
+from nodes.ros_environment import RosError, require_ros
 from servoloop.arms.folder import Arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.bench_arm.buses import measure_buses
@@ -23,7 +24,6 @@ from servoloop.bench_bus import Run
 from servoloop.demo.following_error import following_error
 from servoloop.processes import Interrupted
 from servoloop.realtime import claim_realtime_priority
-from servoloop.ros import RosError, require_ros
 
 if TYPE_CHECKING:
     from servoloop.simulation.virtual_lines import VirtualLines

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from nodes.ros_environment import require_ros
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.files import make_folder
 from servoloop.recorder.record_option import RecordOption, check_path
-from servoloop.ros import require_ros
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
 from servoloop.view.installed import require_view
 

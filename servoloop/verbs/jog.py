@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from servoloop.ros import require_ros
+from nodes.ros_environment import require_ros
 from servoloop.verbs.ros_options import NetworkOption, set_network
 
 if TYPE_CHECKING:

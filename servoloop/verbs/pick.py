@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from nodes.ros_environment import require_ros
 from servoloop.processes import Interrupted
-from servoloop.ros import require_ros
 from servoloop.verbs.ros_options import NetworkOption, set_network
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from nodes.ros_environment import require_ros
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.handling.poses import FILE, Poses, check
-from servoloop.ros import require_ros
 from servoloop.verbs.ros_options import NetworkOption, set_network
 
 app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved, gone to slowly.")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 from controller.diagnostics import CONTROLLERS
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from nodes.ros_environment import RosError, require_ros
 from servoloop.handling.offer import NOTHING, Offer, offer
 from servoloop.handling.presses import Presses
 from servoloop.handling.watched_robot import WatchedRobot
 from servoloop.handling.wishes import Moves
 from servoloop.live.live_source import LiveSource
-from servoloop.ros import RosError, require_ros
 
 if TYPE_CHECKING:
     from nodes.handling.robot_client import RobotClient
