@@ -11,7 +11,6 @@ from typing import Final
 
 import rclpy
 from rclpy.executors import Executor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -20,7 +19,8 @@ from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
 _TURN_S: Final = 0.1
-RCLError: Final = rclpy_implementation.RCLError
+MIXED_LIST: Final = "Sequence should be of same type"
+"""What rcl says of a list with whole numbers among others."""
 
 
 def init_rclpy(arguments: Sequence[str] | None = None) -> str:
@@ -37,11 +37,13 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
 
 @contextmanager
 def rcl_errors() -> Iterator[None]:
-    """Raise errors of rcl as RosError, without the places in rcl's own source."""
+    """Raise errors of rcl, all of which are RuntimeErrors, as RosError without the places in rcl's own source."""
     try:
         yield
-    except RCLError as error:
-        raise RosError(f"ROS 2 does not start: {re.sub(r', at /[^,]*', '', str(error)).strip()}") from error
+    except RuntimeError as error:
+        reason = re.sub(r", at /[^,]*", "", str(error)).strip()
+        remedy = "; write each number of the list with a decimal point" if MIXED_LIST in reason else ""
+        raise RosError(f"ROS 2 does not start: {reason}{remedy}") from error
 
 
 def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:

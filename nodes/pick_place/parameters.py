@@ -1,6 +1,7 @@
 """The node's ROS parameters: declared with the defaults of ``Settings``, read once."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -13,6 +14,27 @@ AUTO_GOAL = "auto_goal_from_vision"
 ACTION_NAME = "pick_place_action_name"
 _SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
             "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
+_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def take_given(node: Node) -> set[str]:
+    """The names of the parameters that files and arguments give the node; ``declare`` declares those of this node.
+
+    The node was created with ``automatically_declare_parameters_from_overrides``: rclpy shows them in no other way.
+    """
+    given = {name for name in node.get_parameters_by_prefix("") if not name.startswith(_OF_RCLPY)}
+    for name in given:
+        node.undeclare_parameter(name)
+    return given
+
+
+def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[str]:
+    """Warnings about parameters that this node does not have, and about files without parameters for it."""
+    for name in sorted(name for name in given if not node.has_parameter(name)):
+        yield f"the parameter '{name}' is not used: this node has no parameter of that name"
+    files = [value for option, value in pairwise(arguments) if option == "--params-file"]
+    if files and not given:
+        yield f"{', '.join(files)} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
 
 
 def declare(node: Node) -> Settings:

@@ -11,6 +11,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from nodes.discovery import open_to_network
+from nodes.pick_place import parameters
 from nodes.pick_place.node import PickPlaceNode
 from nodes.pick_place.signals import on_stop_signal
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
@@ -26,7 +27,9 @@ def _options(args: Sequence[str]) -> argparse.Namespace:
 
 def run(args: Sequence[str]) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP; the exit status. ``args`` as in ``sys.argv``. Raises RosError."""
-    if _options(args).network:
+    with rcl_errors():
+        options = _options(args)
+    if options.network:
         open_to_network(os.environ)
     reach = init_rclpy(args)
     executor = SingleThreadedExecutor()
@@ -38,11 +41,14 @@ def run(args: Sequence[str]) -> int:
 
     on_stop_signal(lambda: executor.create_task(stop))
     with rcl_errors():
-        node = rclpy.create_node(NODE_NAME)
+        node = rclpy.create_node(NODE_NAME, automatically_declare_parameters_from_overrides=True)
     node.get_logger().info(reach)
     executor.add_node(node)
     try:
+        given = parameters.take_given(node)
         controller = PickPlaceNode(node)
+        for warning in parameters.unused(node, given, args):
+            node.get_logger().warning(warning)
         spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException) as error:
         node.get_logger().fatal(f"wrong parameters: {error}")

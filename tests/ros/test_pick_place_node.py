@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 
 from tests.ros.fake_arm import SILENT_SERVO, Plan
 from tests.ros.pick_place_cell import FEEDBACK, STORY, Cell, wait_until
+from tests.ros.stack_process import StackProcess, until
 
 pytestmark = pytest.mark.ros
 
@@ -422,3 +423,28 @@ def test_wrong_parameters_are_named(ros_domain: int) -> None:
     assert done.returncode == 2
     assert "bins.D is missing" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+NODE_NAME = "vision_pick_place_controller"
+GIVEN = [
+    (
+        "/**:\n  ros__parameters:\n    poses: {ready: [0, -0.35, 0.1, 0.0, 0.0, 0.0]}\n",
+        "write each number of the list with",
+    ),
+    (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "the parameter 'move_times_s' is not used"),
+    ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml has no parameters for /{NODE_NAME}"),
+]
+"""A parameter file and what the node says of it."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("text", "words"), GIVEN, ids=["mixed list", "misspelled key", "another node"])
+def test_what_a_parameter_file_does_not_do_is_said(ros_domain: int, tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "given.yaml").write_text(text)
+    command = ["--ros-args", "--params-file", str(tmp_path / "given.yaml")]
+    node = StackProcess(tmp_path / "node.log", *command, module=f"nodes.{NODE_NAME}")
+    try:
+        until(lambda: words in node.words)
+        assert "Traceback" not in node.words
+    finally:
+        node.end()
