@@ -28,7 +28,7 @@ TRIES = 3
 """How often the lock is written (RAM), or closed after interrupts, and a servo with a new ID is looked for: none of it
 wears.
 """
-HOLDS = "the servo holds torque, switch it off first; support the arm, which falls without torque"
+HOLDS = "the servo holds torque, switch it off first; support the arm, because what it holds falls"
 """Why no setting is written."""
 OPEN, CLOSED = 0, 1
 """What the lock holds."""
