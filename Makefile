@@ -14,9 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 CYCLES ?= 10000
 
-# Four files at a time for two cores, up to three of them in real time (tests/distribution.py): those mostly wait. More
-# stacks would keep each other from their cycles.
-PYTEST := $(BIN)/python -m pytest -rR -n 4 --dist loadfile --no-loadscope-reorder
+# Three files at a time for two cores, up to two of them in real time (tests/distribution.py): those mostly wait. Three
+# stacks keep each other from their cycles on a slow machine.
+PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorder
 
 help:
 	@echo 'make setup   everything into .venv; a second time within seconds'

@@ -90,24 +90,26 @@ def test_a_joint_that_is_blocked_aborts_and_is_relieved_within_two_seconds_and_n
     driven(servos, straight(tuple(measured(servos)), start), 0.5)  # away from the stand, the way it came
 
 
-def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rests(servos: TrajectoryClient) -> None:
+@pytest.mark.parametrize(("turn", "bow"), enumerate(BOWS.values()), ids=BOWS)
+def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rests(
+    servos: TrajectoryClient, turn: int, bow: tuple[float, ...]
+) -> None:
     for pose in (READY, RIGHT):
         driven(servos, straight(tuple(measured(servos)), pose), 0.5)
-    for turn, bow in enumerate(BOWS.values()):
-        whole = driven(servos, curved(tuple(measured(servos)), LEFT, bow))
+    whole = driven(servos, curved(tuple(measured(servos)), LEFT, bow))
+    driven(servos, straight(tuple(measured(servos)), RIGHT))
+    for moment in (0.05 + 0.1 * n for n in range(turn, 10, len(BOWS))):
+        points = plan(curved(tuple(measured(servos)), LEFT, bow), LIMITS)
+        first = len(servos.states)
+        sent = servos.send(goal_of(message(points)))
+        canceled_on(servos, sent, moment * points[-1].time_from_start_s)
+        here = tuple(measured(servos))
+        assert off_line(references(servos, first), whole) < 0.01
+        assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
+        servos.cycles(4)
+        # One that arrived before the cancel comes nearer still; and the gears leave every link a degree.
+        assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), "told while the arm still moved"
         driven(servos, straight(tuple(measured(servos)), RIGHT))
-        for moment in (0.05 + 0.1 * n for n in range(turn, 10, len(BOWS))):
-            points = plan(curved(tuple(measured(servos)), LEFT, bow), LIMITS)
-            first = len(servos.states)
-            sent = servos.send(goal_of(message(points)))
-            canceled_on(servos, sent, moment * points[-1].time_from_start_s)
-            here = tuple(measured(servos))
-            assert off_line(references(servos, first), whole) < 0.01
-            assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
-            servos.cycles(4)
-            # One that arrived before the cancel comes nearer still; and the gears leave every link a degree.
-            assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), "told while the arm still moved"
-            driven(servos, straight(tuple(measured(servos)), RIGHT))
 
 
 def canceled_on(client: TrajectoryClient, sent: Sent, after_s: float) -> bool:
