@@ -29,7 +29,9 @@ class JointGears:
         for dof, own in self._gears.items():
             model.dof_armature[dof] = own.rotor_kg_m2
             model.dof_damping[dof] = own.viscous_nm_s
-            model.dof_frictionloss[dof] = max(LEAST_FRICTION_NM, own.friction_nm(0.0, 0.0))
+        # At rest, and so that the first timestep does not wait until the compiled code is loaded.
+        renew_friction(self._table, self._friction.copy(), self._friction.copy(), LEAST_FRICTION_NM, self._friction)
+        model.dof_frictionloss[self._dofs] = self._friction
         mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the inertias
         mujoco.mj_forward(model, data)
 

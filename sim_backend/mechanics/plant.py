@@ -197,6 +197,8 @@ class BenchPlant(Plant):
         self.load_nm = np.zeros(len(couplings))
         usual = Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)
         self._gears: GearTable = gear_table([usual] * len(couplings))
+        # The first timestep does not wait until the compiled code is loaded.
+        turn_shafts(self._gears[:0], self.load_nm, joints.effort, joints.position, joints.velocity, timestep_s)
 
     def fit(self, gears: Sequence[Gears | None]) -> None:
         for i, own in enumerate(gears):
