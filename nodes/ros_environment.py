@@ -1,6 +1,6 @@
 """Checks of the ROS 2 on which nodes/ is built, and of the environment that it reads, before rclpy is imported.
 
-rclpy, rcl and Fast DDS say what they miss in a traceback, or end the process.
+rclpy, rcl and Fast DDS report a missing or wrong setting in a traceback, or end the process.
 """
 
 import os
@@ -28,7 +28,7 @@ LAST_DOMAIN: Final = 232
 
 
 class RosError(Exception):
-    """ROS 2 is missing, or another one is there. The text says what to do."""
+    """ROS 2 is missing, of another distribution, or has settings that cannot work. The text has the remedy."""
 
 
 def require_ros() -> None:
@@ -67,7 +67,8 @@ def _check_middleware(environment: Mapping[str, str]) -> None:
     name = environment.get("RMW_IMPLEMENTATION", "")
     folders = [Path(folder) for folder in environment.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
     folders += [Path(prefix) / "lib" for prefix in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    if name and find_spec(name) is None and not any((folder / f"lib{name}.so").exists() for folder in folders):
+    packaged = name.isidentifier() and find_spec(name) is not None
+    if name and not packaged and not any((folder / f"lib{name}.so").exists() for folder in folders):
         raise RosError(f"RMW_IMPLEMENTATION is {name}, which is not installed: unset it, or install {name}")
 
 
@@ -76,7 +77,7 @@ def _check_log_folder(environment: Mapping[str, str]) -> None:
     if text := environment.get("ROS_LOG_DIR"):
         variable, folder = "ROS_LOG_DIR", Path(text).expanduser()
     elif text := environment.get("ROS_HOME"):
-        variable, folder = "ROS_HOME", Path(text) / "log"
+        variable, folder = "ROS_HOME", Path(text).expanduser() / "log"
     elif text := environment.get("HOME"):
         variable, folder = "HOME", Path(text) / ".ros" / "log"
     else:

@@ -46,6 +46,7 @@ SETTINGS = [
     ("ROS_DOMAIN_ID", "-1", "ROS_DOMAIN_ID is '-1': set it"),
     ("ROS_DOMAIN_ID", "\u0661", "ROS_DOMAIN_ID is '\u0661': set it"),
     ("RMW_IMPLEMENTATION", "rmw_nope", "RMW_IMPLEMENTATION is rmw_nope, which is not installed: unset it, or install"),
+    ("RMW_IMPLEMENTATION", "rmw.no/pe", "RMW_IMPLEMENTATION is rmw.no/pe, which is not installed: unset it"),
     ("ROS_LOG_DIR", "/proc/nope", "ROS_LOG_DIR makes ROS 2 write its logs to /proc/nope, which it cannot (No such"),
     ("ROS_HOME", "/proc/nope", "ROS_HOME makes ROS 2 write its logs to /proc/nope/log, which it cannot"),
     ("HOME", "/proc/nope", "HOME makes ROS 2 write its logs to /proc/nope/.ros/log, which it cannot"),

@@ -108,7 +108,9 @@ def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rest
         assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
         servos.cycles(4)
         # One that arrived before the cancel comes nearer still; and the gears leave every link a degree.
-        assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), "told while the arm still moved"
+        assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), (
+            "the goal ended while the arm still moved"
+        )
         driven(servos, straight(tuple(measured(servos)), RIGHT))
 
 
