@@ -15,6 +15,7 @@ from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
+from hal.text_file import read_xml
 from hal.types import JointLimits
 
 LOG = logging.getLogger("servoloop")
@@ -125,11 +126,7 @@ def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path =
 def read_description(urdf: Path) -> Description:
     """Read the URDF. Raises DescriptionError."""
     try:
-        return parse_urdf(urdf.read_text(), str(urdf))
-    except OSError as error:
-        raise DescriptionError(f"cannot read the URDF {urdf}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise DescriptionError(f"the URDF {urdf} is not text: {error}") from error
+        return parse_urdf(read_xml(urdf, DescriptionError, "the URDF"), str(urdf))
     except DescriptionError as error:
         named = str(urdf) in str(error)
         raise DescriptionError(str(error) if named else f"{urdf}: {error}") from error

@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from controller.manager.controller_spec import ControllerSpec, name_mistake
-from controller.manager.node_parameters import Content, merged, names, parameters_of, read_content
+from controller.manager.node_parameters import PARAMETERS, Content, merged, names, parameters_of, read_content
 from controller.manager.plugins import broken_plugins, controller_types
-from controller.parameters import ManagerParameters, Parameters
+from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
-from hal.yaml_file import place
+from hal.yaml_file import YamlFile, mistakes
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -35,11 +35,16 @@ class ControllersFileError(Exception):
 class ControllersFile:
     """The whole file, checked; ``content`` is all that it says, also of nodes that the manager does not name."""
 
-    path: Path
+    yaml: YamlFile
     update_rate_hz: int
     controllers: tuple[ControllerSpec, ...]
     content: Content = field(default_factory=dict)
     defaults: Defaults = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The path of the file."""
+        return self.yaml.path
 
     @property
     def manager(self) -> Mapping[str, Any]:
@@ -52,17 +57,17 @@ def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInf
 
     Raises ControllersFileError with every mistake.
     """
-    content = read_content(path, ControllersFileError)
+    file, content = read_content(path, ControllersFileError)
     if not names(content, MANAGER):
         raise ControllersFileError(f"{path} has no {MANAGER}")
-    reader = _Reader(path, content, component, [])
+    reader = _Reader(file, content, component, [])
     controllers = reader.controllers(defaults)
     manager = reader.checked(MANAGER, ManagerParameters, parameters_of(content, MANAGER))
     if reader.problems or not isinstance(manager, ManagerParameters):
         raise ControllersFileError("\n".join(reader.problems))
     if not controllers:
         LOG.warning("%s: %s names no controllers: a spawner has to bring them", path, MANAGER)
-    return ControllersFile(path, manager.update_rate, tuple(controllers), content, defaults)
+    return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
 
 
 def load_controller(
@@ -77,14 +82,14 @@ def load_controller(
 
     Required parameters may still be missing. Raises ControllersFileError with every other mistake.
     """
-    contents = [(path, read_content(path, ControllersFileError)) for path in paths]
+    contents = [read_content(path, ControllersFileError) for path in paths]
     if paths and not any(names(content, name) or "/**" in content for _, content in contents):
         listed = ", ".join(map(str, paths))
         raise ControllersFileError(f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'")
     parameters = merged(file.defaults.get(name, {}), parameters_of(file.content, name))
     for said in (*(parameters_of(content, name) for _, content in contents), given or {}):
         parameters = merged(parameters, said)
-    reader = _Reader(*(contents[-1] if contents else (file.path, file.content)), component, [], complete=False)
+    reader = _Reader(*(contents[-1] if contents else (file.yaml, file.content)), component, [], complete=False)
     found = list(reader.controller(name, {**_entry(file.content, name), "type": kind}, parameters))
     if reader.problems:
         raise ControllersFileError("\n".join(reader.problems))
@@ -101,7 +106,7 @@ def _entry(content: Content, name: str) -> Mapping[str, Any]:
 class _Reader:
     """One file being read, and the mistakes found so far."""
 
-    path: Path
+    file: YamlFile
     content: Content
     component: HardwareInfo
     problems: list[str]
@@ -110,7 +115,7 @@ class _Reader:
 
     def say(self, node: str, key: str, text: str) -> None:
         """A mistake with file and line."""
-        self.problems.append(f"{place(self.path, (node, 'ros__parameters', key))}: {node}.{key} {text}")
+        self.problems.append(f"{self.file.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
         """The controllers that the manager names and whose parameters are right."""
@@ -127,9 +132,7 @@ class _Reader:
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
-            for item in error.errors():
-                where = place(self.path, (name, "ros__parameters", *item["loc"]))
-                self.problems.append(f"{where}: {'.'.join((name, *map(str, item['loc'])))}: {item['msg']}")
+            self.problems += mistakes(self.file, error, (name, PARAMETERS), name)
             return None
 
     def controller(
@@ -146,7 +149,10 @@ class _Reader:
             self.say(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in FOR_THE_MANAGER}
-        checked = self.checked(name, controller_types()[kind].parameters_type, own)
+        impossible = list(ros_mistakes(own))
+        for key, text in impossible:
+            self.say(name, key, text)
+        checked = None if impossible else self.checked(name, controller_types()[kind].parameters_type, own)
         if checked is None:
             return
         if missing := checked.missing():
@@ -160,7 +166,7 @@ class _Reader:
         for key, text in claim_mistakes(parameters, self.component):
             self.say(name, key, text)
         if unused := parameters.unused():
-            LOG.warning("%s: %s: not used: %s", self.path, name, ", ".join(unused))
+            LOG.warning("%s: %s: not used: %s", self.file.path, name, ", ".join(unused))
 
     def _check_waits(self, name: str, waits: Any) -> None:
         """A controller must wait for another of this file; the robot file's defaults may name one that is not there."""

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, RootModel
+from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
-from hal.yaml_file import load
+from hal.yaml_file import YamlFile, mistakes, read
 
 ALL = "/**"
 PARAMETERS = "ros__parameters"
@@ -26,10 +26,13 @@ class _File(RootModel[dict[str, _Node]]):
     pass
 
 
-def read_content(path: Path, error: type[Exception]) -> Content:
+def read_content(path: Path, error: type[Exception]) -> tuple[YamlFile, Content]:
     """The whole file. Raises ``error`` with every mistake in its shape."""
-    content: Content = load(path, _File, error).model_dump()
-    return content
+    file, content = read(path, error)
+    try:
+        return file, _File.model_validate(content).model_dump()
+    except ValidationError as reason:
+        raise error("\n".join(mistakes(file, reason))) from reason
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from hal.yaml_file import load
 if TYPE_CHECKING:
     from nodes.pick_place.settings import Settings
 
-Pose = Annotated[tuple[float, ...], Field(min_length=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Pose = Annotated[tuple[Finite, ...], Field(min_length=1)]
 
 
 class PickPlacePoses(BaseModel):
@@ -30,9 +31,9 @@ class PickPlace(BaseModel):
     grades: tuple[str, ...]
     bins: dict[str, Pose]
     """By grade."""
-    hand_open_m: float
+    hand_open_m: Finite
     """rad for a hand whose joint is revolute."""
-    hand_closed_m: float
+    hand_closed_m: Finite
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -42,6 +43,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} has not one number for each of the {len(self.joints)} joints" for name in short]
             raise ValueError("; ".join(problems))
+        self.settings()  # raises ValueError for all that the node's own code refuses
         return self
 
     def all_poses(self) -> dict[str, Pose]:

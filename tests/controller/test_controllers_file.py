@@ -392,3 +392,27 @@ def test_the_house_files_are_right() -> None:
         "arm_controller",
         "hand_controller",
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("'': 1", ":15: arm_controller. has an empty name: give the parameter a name"),
+        ("own: {'': 1}", ":15: arm_controller.own. has an empty name"),
+        ("own..part: 1", "arm_controller.own. has an empty name"),
+        ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: write all in the same way"),
+        ("own: [[1, 2]]", ":15: arm_controller.own has a value of type list, which no ROS parameter has"),
+        ("own: [{a: 1}]", ":15: arm_controller.own has a value of type dict, which no ROS parameter has"),
+        ("own:", ":15: arm_controller.own has no value"),
+    ],
+)
+def test_what_no_ros_parameter_can_be_is_refused(tmp_path: Path, line: str, says: str) -> None:
+    text = PLAIN.replace("    state_interfaces:", f"    {line}\n    state_interfaces:")
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, text)
+    assert says in str(error.value)
+
+
+def test_defaults_of_a_robot_file_are_checked_likewise(tmp_path: Path) -> None:
+    with pytest.raises(ControllersFileError, match=r"arm_controller\. has an empty name"):
+        load(tmp_path, PLAIN, {"arm_controller": {"": 1}})
