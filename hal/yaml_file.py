@@ -29,8 +29,10 @@ class YamlFile:
 
     path: Path
     root: yaml.Node | None
-    _entries: dict[int, dict[str, tuple[int, yaml.Node]]] = field(default_factory=dict)
-    """Line and value by key, of each mapping in which ``line`` has searched."""
+    aliases: Sequence[int] = ()
+    """The lines of its aliases."""
+    _entries: dict[int, dict[str, list[tuple[int, yaml.Node]]]] = field(default_factory=dict)
+    """Lines and values by key, of each mapping in which ``line`` has searched."""
 
     def place(self, location: Sequence[int | str]) -> str:
         """``path:line`` of the innermost part of ``location`` that the file has."""
@@ -38,21 +40,27 @@ class YamlFile:
 
     def line(self, location: Sequence[int | str]) -> int:
         """The line of the innermost part of ``location`` that the file has."""
-        node, line = self.root, 1
-        for key in location:
-            if isinstance(node, yaml.MappingNode):
-                found = self._entries_of(node).get(str(key))
-                if found is None:
-                    return line
-                line, node = found
-            elif isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
-                node = node.value[key]
-                line = node.start_mark.line + 1
-        return line
+        return max(self._reached(self.root, tuple(map(str, location)), 0, 1))[1]
 
-    def _entries_of(self, node: yaml.MappingNode) -> dict[str, tuple[int, yaml.Node]]:
+    def _reached(
+        self, node: yaml.Node | None, location: tuple[str, ...], depth: int, line: int
+    ) -> Iterator[tuple[int, int]]:
+        """Yields depth and line of each way along ``location``: parameter files may name a node several times."""
+        yield depth, line
+        if not location:
+            return
+        if isinstance(node, yaml.MappingNode):
+            for start, value in self._entries_of(node).get(location[0], ()):
+                yield from self._reached(value, location[1:], depth + 1, start)
+        elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
+            part = node.value[int(location[0])]
+            yield from self._reached(part, location[1:], depth + 1, part.start_mark.line + 1)
+
+    def _entries_of(self, node: yaml.MappingNode) -> dict[str, list[tuple[int, yaml.Node]]]:
         if id(node) not in self._entries:
-            self._entries[id(node)] = {str(k.value): (k.start_mark.line + 1, v) for k, v in node.value}
+            entries = self._entries.setdefault(id(node), {})
+            for key, value in node.value:
+                entries.setdefault(str(key.value), []).append((key.start_mark.line + 1, value))
         return self._entries[id(node)]
 
 
@@ -60,7 +68,7 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
     """Read a file as nodes. Raises ``error`` if it is not YAML, or larger or deeper than any file of an arm."""
     text = read_text(path, error)
     try:
-        check_size(yaml.parse(text, Loader=LOADER))
+        aliases = check_size(yaml.parse(text, Loader=LOADER))
         root = LOADER(text).get_single_node()
         check_expanded(root)
     except yaml.YAMLError as reason:
@@ -71,7 +79,7 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
         raise error(
             f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
         ) from reason
-    return YamlFile(path, root)
+    return YamlFile(path, root, aliases)
 
 
 def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:

@@ -21,16 +21,23 @@ class TooDeep(Exception):
     """Values are nested too deeply, or within themselves."""
 
 
-def check_size(events: Iterable[yaml.Event]) -> None:
-    """Count a document's values before nodes are made of them. Raises TooLarge or TooDeep."""
+def check_size(events: Iterable[yaml.Event]) -> list[int]:
+    """Count a document's values before nodes are made of them; returns the lines of its aliases.
+
+    Raises TooLarge or TooDeep.
+    """
     values = depth = 0
+    aliases: list[int] = []
     for event in events:
         values += isinstance(event, yaml.NodeEvent)
+        if isinstance(event, yaml.AliasEvent):
+            aliases.append(event.start_mark.line + 1)
         depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
         if depth > DEEPEST:
             raise TooDeep
         if values > MOST_VALUES:
             raise TooLarge(f"has more than {MOST_VALUES} values: shorten it, or choose another file")
+    return aliases
 
 
 def check_expanded(root: yaml.Node | None) -> None:

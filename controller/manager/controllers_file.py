@@ -9,7 +9,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from controller.manager.controller_spec import ControllerSpec, name_mistake
-from controller.manager.node_parameters import PARAMETERS, Content, merged, names, parameters_of, read_content
+from controller.manager.node_parameters import Content, merged, names, parameters_of
+from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from controller.manager.plugins import broken_plugins, controller_types
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
@@ -57,7 +58,7 @@ def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInf
 
     Raises ControllersFileError with every mistake.
     """
-    file, content = read_content(path, ControllersFileError)
+    file, content = read_parameter_file(path, ControllersFileError)
     if not names(content, MANAGER):
         raise ControllersFileError(f"{path} has no {MANAGER}")
     reader = _Reader(file, content, component, [])
@@ -82,8 +83,8 @@ def load_controller(
 
     Required parameters may still be missing. Raises ControllersFileError with every other mistake.
     """
-    contents = [read_content(path, ControllersFileError) for path in paths]
-    if paths and not any(names(content, name) or "/**" in content for _, content in contents):
+    contents = [read_parameter_file(path, ControllersFileError) for path in paths]
+    if paths and not any(names(content, name) or ALL in content for _, content in contents):
         listed = ", ".join(map(str, paths))
         raise ControllersFileError(f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'")
     parameters = merged(file.defaults.get(name, {}), parameters_of(file.content, name))

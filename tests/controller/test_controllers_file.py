@@ -401,8 +401,8 @@ def test_the_house_files_are_right() -> None:
         ("own: {'': 1}", ":15: arm_controller.own. has an empty name"),
         ("own..part: 1", "arm_controller.own. has an empty name"),
         ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: write all in the same way"),
-        ("own: [[1, 2]]", ":15: arm_controller.own has a value of type list, which no ROS parameter has"),
-        ("own: [{a: 1}]", ":15: arm_controller.own has a value of type dict, which no ROS parameter has"),
+        ("own: [[1, 2]]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
+        ("own: [{a: 1}]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
         ("own:", ":15: arm_controller.own has no value"),
     ],
 )

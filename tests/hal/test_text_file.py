@@ -9,7 +9,7 @@ import pytest
 from commissioning.calibrate.result import CalibrationError
 from commissioning.lerobot import read_lerobot
 from controller.manager.controllers_file import ControllersFileError
-from controller.manager.node_parameters import read_content
+from controller.manager.parameter_file import read_parameter_file
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
@@ -83,7 +83,7 @@ def test_a_urdf_in_an_encoding_that_is_not_shown_is_refused_in_one_sentence(
 def test_yaml_and_json_are_read_in_the_encoding_of_their_first_bytes(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "file"
     path.write_bytes("arm:\r\n  ros__parameters: {text: Länge}".encode(encoding))
-    assert read_content(path, ControllersFileError)[1]["arm"]["ros__parameters"] == {"text": "Länge"}
+    assert read_parameter_file(path, ControllersFileError)[1]["arm"]["ros__parameters"] == {"text": "Länge"}
     path.write_bytes('{"größe": {"id": 1}}'.encode(encoding))
     with pytest.raises(CalibrationError, match=r"größe\.drive_mode: Field required"):
         read_lerobot(path)
