@@ -27,3 +27,11 @@ def parse_xml(text: str, file: str) -> Element:
 def place(element: Element) -> str:
     """The file and the line of an element that ``parse_xml`` made."""
     return element.get(_PLACE, "")
+
+
+def is_xacro(root: Element) -> bool:
+    """Whether a document has macros of xacro, or values that xacro computes."""
+    return any(
+        "xacro}" in element.tag or "xacro:" in element.tag or any("${" in value for value in element.attrib.values())
+        for element in root.iter()
+    )

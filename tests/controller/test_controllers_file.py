@@ -416,3 +416,9 @@ def test_what_no_ros_parameter_can_be_is_refused(tmp_path: Path, line: str, says
 def test_defaults_of_a_robot_file_are_checked_likewise(tmp_path: Path) -> None:
     with pytest.raises(ControllersFileError, match=r"arm_controller\. has an empty name"):
         load(tmp_path, PLAIN, {"arm_controller": {"": 1}})
+
+
+def test_joints_whose_names_are_numbers_are_to_be_put_in_quotes(tmp_path: Path) -> None:
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, PLAIN.replace("[joint1, joint2]", "[1, 2]"))
+    assert ":13: arm_controller.joints.0: 1 is a number here: put the text in quotes ('1')" in str(error.value)
