@@ -176,6 +176,9 @@ def initial_states(files: Files) -> InitialStates:
     known = [component.name for component in files.description.components]
     lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
     for state, names in said.items() if isinstance(said, Mapping) else [("", said)]:
+        if state == "shutdown_on_initial_state_failure":
+            LOG.warning("%s.%s has no effect: a component that fails is named, and keep-alive decides", where, state)
+            continue
         if state not in lists or not isinstance(names, list):
             raise ControllersFileError(f"{where} has the lists unconfigured and inactive, not {state or said}")
         if strangers := [str(name) for name in names if name not in known]:
