@@ -5,7 +5,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from hal.plausible import NoTruth, UpdateRate
+
+NotNegative = Annotated[float, NoTruth, Field(ge=0, allow_inf_nan=False)]
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -70,4 +72,4 @@ class Parameters(BaseModel):
 class ManagerParameters(Parameters):
     """Parameters of the controller manager itself."""
 
-    update_rate: int = Field(100, gt=0, le=1000)  # upstream's default
+    update_rate: UpdateRate = 100  # upstream's default

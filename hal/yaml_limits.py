@@ -30,7 +30,7 @@ def check_size(events: Iterable[yaml.Event]) -> list[int]:
     aliases: list[int] = []
     for event in events:
         values += isinstance(event, yaml.NodeEvent)
-        if isinstance(event, yaml.AliasEvent):
+        if isinstance(event, yaml.AliasEvent) and event.start_mark is not None:
             aliases.append(event.start_mark.line + 1)
         depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
         if depth > DEEPEST:

@@ -97,7 +97,7 @@ class _Reader:
 
 def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
     """A value with the type that rcl gives it: a quoted one is a text, and ``1e3`` is a number."""
-    text = node.value
+    text = str(node.value)
     if node.style in ("'", '"') or _tagged_as_text(node):
         return text
     if text in _TRUE or text in _FALSE:
@@ -111,7 +111,8 @@ def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
 
 def _tagged_as_text(node: yaml.ScalarNode) -> bool:
     """Whether ``!!str`` stands before a value that would be of another type without it."""
-    return node.tag == _TEXT and LOADER("").resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT
+    resolver: Any = LOADER("")
+    return bool(node.tag == _TEXT and resolver.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
 
 
 def _integer(text: str) -> int | None:

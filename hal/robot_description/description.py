@@ -11,7 +11,7 @@ from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hard
 from hal.robot_description.limit_check import limit_problems
 from hal.robot_description.links import Link, link_problems, parse_links
 from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints, with_leaders
-from hal.robot_description.xml_places import is_xacro, parse_xml
+from hal.robot_description.xml_places import is_xacro, not_finite, parse_xml
 
 __all__ = ["Description", "HardwareInfo", "Link", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
 
@@ -62,7 +62,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         )
     whole = merged(components)
     joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
-    if problems := [*link_problems(joints, links), *limit_problems(joints)]:
+    if problems := [*link_problems(joints, links), *limit_problems(joints), *not_finite(robot)]:
         raise DescriptionError("\n".join(problems))
     limited, warnings = _narrowed(joints, whole)
     return Description(xml, limited, components, links, warnings)

@@ -8,14 +8,14 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from controller.manager.node_parameters import names, parameters_of
 from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from hal.errors import ArmFileError
+from hal.plausible import Position
 from hal.yaml_file import mistakes
 
 if TYPE_CHECKING:
     from nodes.pick_place.settings import Settings
 
 NODE: Final = "vision_pick_place_controller"
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Pose = Annotated[tuple[Finite, ...], Field(min_length=1)]
+Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
 class PickPlacePoses(BaseModel):
@@ -34,9 +34,9 @@ class PickPlace(BaseModel):
     grades: tuple[str, ...]
     bins: dict[str, Pose]
     """By grade."""
-    hand_open_m: Finite
+    hand_open_m: Position
     """rad for a hand whose joint is revolute."""
-    hand_closed_m: Finite
+    hand_closed_m: Position
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -474,7 +474,7 @@ def test_parameter_files_and_arguments_of_the_entry_count_as_the_spawners(tmp_pa
             "node_options_args: ['-p', 'a:=[']",
             ":9: controller_manager.hand_controller cannot be loaded: hand_contr",
         ),
-        ("fallback_controllers: [nope]", ":11: controller_manager.hand_controller.fallback_controllers names nope, which"),
+        ("fallback_controllers: [nope]", ":11: controller_manager.hand_controller.fallback_controllers names nope"),
         ("fallback_controllers: hand_controller", "fallback_controllers names hand_controller, which is no other"),
     ],
 )
