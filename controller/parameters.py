@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hal.plausible import NoTruth, UpdateRate
 
-NotNegative = Annotated[float, NoTruth, Field(ge=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

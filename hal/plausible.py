@@ -56,11 +56,11 @@ NoTruth: Final = BeforeValidator(without_truth)
 Finite: Final = Field(allow_inf_nan=False)
 Positive: Final = Field(gt=0, allow_inf_nan=False)
 Share: Final = Field(gt=0, le=1, allow_inf_nan=False)
-Position = Annotated[float, NoTruth, Finite, AfterValidator(partial(_plausible, "position"))]
-Acceleration = Annotated[float, NoTruth, Positive, AfterValidator(partial(_plausible, "acceleration"))]
-Jerk = Annotated[float, NoTruth, Positive, AfterValidator(partial(_plausible, "jerk"))]
-Baud = Annotated[int, NoTruth, Field(gt=0), AfterValidator(partial(_plausible, "baud"))]
-VelocityScale = Annotated[float, NoTruth, Share, AfterValidator(partial(_plausible, "velocity_scale"))]
-TorqueLimit = Annotated[float, NoTruth, Share, AfterValidator(partial(_plausible, "torque_limit"))]
-MetresPerRadian = Annotated[float, NoTruth, Positive, AfterValidator(partial(_plausible, "metres_per_radian"))]
+Position = Annotated[float, Finite, AfterValidator(partial(_plausible, "position")), NoTruth]
+Acceleration = Annotated[float, Positive, AfterValidator(partial(_plausible, "acceleration")), NoTruth]
+Jerk = Annotated[float, Positive, AfterValidator(partial(_plausible, "jerk")), NoTruth]
+Baud = Annotated[int, Field(gt=0), AfterValidator(partial(_plausible, "baud")), NoTruth]
+VelocityScale = Annotated[float, Share, AfterValidator(partial(_plausible, "velocity_scale")), NoTruth]
+TorqueLimit = Annotated[float, Share, AfterValidator(partial(_plausible, "torque_limit")), NoTruth]
+MetresPerRadian = Annotated[float, Positive, AfterValidator(partial(_plausible, "metres_per_radian")), NoTruth]
 UpdateRate = Annotated[int, NoTruth, AfterValidator(partial(_plausible, "update_rate"))]
