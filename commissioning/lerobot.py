@@ -9,6 +9,7 @@ Both name a servo's ID, its homing offset and the ends of its travel in counts. 
 """
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -18,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from calibration.angles import LARGEST_OFFSET
 from commissioning.calibrate.result import CalibrationError
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
+from hal.text_file import read_text
+from hal.yaml_file import listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
 """LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""
@@ -48,10 +51,8 @@ _FILE: Final = TypeAdapter(LerobotFile)
 def read_lerobot(path: Path) -> LerobotFile:
     """Read LeRobot's file. Raises CalibrationError with every mistake."""
     try:
-        content = json.loads(path.read_text(), object_pairs_hook=_once)
-    except OSError as error:
-        raise CalibrationError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:  # JSON's and Unicode's errors too, and brackets without end
+        content = json.loads(read_text(path, CalibrationError), object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:  # JSON's errors too, and brackets without end
         raise CalibrationError(f"{path} is no JSON file of LeRobot's: {error}") from error
     if isinstance(content, dict) and OLD_KEYS & content.keys():
         raise CalibrationError(f"{path} is of an older LeRobot, whose offsets are none of the servos': calibrate anew")
@@ -59,7 +60,7 @@ def read_lerobot(path: Path) -> LerobotFile:
         return _FILE.validate_python(content)
     except ValidationError as error:
         lines = [f"{path}: {'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()]
-        raise CalibrationError("\n".join(lines)) from error
+        raise CalibrationError("\n".join(listed(lines))) from error
 
 
 def lerobot_text(file: LerobotFile) -> str:
@@ -126,6 +127,6 @@ def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """An object of JSON whose keys are all different."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{', '.join(sorted({n for n in names if names.count(n) > 1}))} stands there twice")
+        counts = Counter(name for name, _ in pairs)
+        raise ValueError(f"{', '.join(sorted(n for n, count in counts.items() if count > 1))} stands there twice")
     return found

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.whole_file import write_whole
 from drivers.errors import DriverError
+from hal.plausible import Position
 from hal.types import JointLimits
 from hal.yaml_file import load
 
@@ -24,7 +25,7 @@ class PosesFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    poses: dict[str, dict[str, float]] = Field(default_factory=dict)
+    poses: dict[str, dict[str, Position]] = Field(default_factory=dict)
 
 
 class Poses:

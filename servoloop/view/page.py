@@ -8,7 +8,9 @@ from typing import Final
 import numpy as np
 import viser
 
+from hal.errors import DescriptionError
 from hal.robot_description.description import Description, parse_urdf
+from hal.text_file import read_xml
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
@@ -25,7 +27,7 @@ NO_JOINTS: Final = ("–",)
 
 def known_arm(xml: str) -> Arm | None:
     """The arm in config/arms with this robot description; None where there is none."""
-    return next((arm for arm in arms() if arm.urdf.read_text() == xml), None)
+    return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
 
 
 def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
