@@ -25,7 +25,7 @@ from sim_backend.sts.servo import VirtualServo
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.wire.instructions import Instruction
 from sim_backend.wire.line import Reply, ServoLine, Turn, named
-from sim_backend.wire.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
+from sim_backend.wire.sts_wire import BROADCAST, LONGEST_DATA, STATUS_OVERHEAD, Code, InstructionParser, StsParser
 
 __all__ = ["Reply", "VirtualBus"]
 
@@ -154,12 +154,15 @@ def servo_of(
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
-    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain."""
+    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain.
+
+    A servo that is asked for more bytes than an answer can hold stays silent (assumed).
+    """
     turns: list[Turn] = []
     for at in range(1, len(parameters) - 2, 3):
         size, servo_id, address = parameters[at : at + 3]
         asked = named(servo_id, servos)
-        if not asked:
+        if not asked or size > LONGEST_DATA:
             break
         turns.append((asked[0].return_delay_s, [servo.read_status(address, size) for servo in asked]))
     return turns

@@ -14,6 +14,8 @@ HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 6
 """Bytes of a status packet beside its data."""
+LONGEST_DATA: Final = 0xFF - 2
+"""Maximum number of data bytes that a status packet's length can count."""
 
 
 class Code(IntEnum):
