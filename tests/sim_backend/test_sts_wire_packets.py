@@ -92,6 +92,40 @@ def test_ff_ff_within_a_packet_begins_another() -> None:
     assert wire.send(packet(1, 3, 42, 1, 1)[:5] + packet(1, 1)) == [packet(1, 0)]
 
 
+@pytest.mark.parametrize(("servos", "size"), [(16, 7), (31, 7), (83, 2)])
+def test_a_sync_write_is_as_long_as_its_length_can_count(servos: int, size: int) -> None:
+    goals = {servo_id: word(2048 + servo_id) for servo_id in range(1, servos + 1)}
+    wire = Wire(*goals)
+    entries = [value for servo_id, goal in goals.items() for value in (servo_id, *goal.ljust(size, b"\0"))]
+    assert wire.send(packet(0xFE, 0x83, 42, size, *entries)) == []
+    assert {servo_id: wire.bus.servo(servo_id).memory.read(42, 2) for servo_id in goals} == goals
+
+
+def test_other_instructions_have_128_parameters_at_most() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 41, *range(1, 128))) == [packet(1, 0)]
+    assert wire.send(packet(1, 3, 41, *range(2, 130))) == []
+    assert wire.read(41) == 1
+    assert wire.send(packet(0xFE, 0x82, 56, 2, *range(2, 128), 1)) == []
+
+
+@pytest.mark.parametrize("damaged", [packet(1, 3, 42, 0, 8), packet(1, 2, 56, 2), packet(9, 3, 41, 1), packet(1, 1)])
+def test_the_request_after_a_damaged_one_is_answered(damaged: bytes) -> None:
+    asked, answer = packet(1, 2, 5, 1), packet(1, 0, 1)
+    for place in range(len(damaged)):
+        for left in (damaged[:place] + damaged[place + 1 :], damaged[:place]):
+            wire = Wire()
+            wire.send(left)
+            assert wire.send(asked)[-1:] == [answer], left.hex()
+
+
+def test_a_checksum_of_ff_counts_as_the_first_byte_of_a_header() -> None:
+    wire = Wire()
+    whole = next(sent for sent in (packet(1, 3, 50, value) for value in range(256)) if sent[-1] == 0xFF)
+    assert wire.send(whole) == [packet(1, 0)]
+    assert wire.send(packet(1, 1)[1:]) == [packet(1, 0)]
+
+
 def test_sync_read_slots_are_an_answer_and_three_bytes_and_an_absent_servo_leaves_its_empty() -> None:
     wire = Wire(1, 2, paced=True)
     asked = packet(0xFE, 0x82, 56, 8, 1, 9, 2)
