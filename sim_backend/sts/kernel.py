@@ -81,6 +81,18 @@ def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
 
 
 @compiled
+def homing_offset(s: Record) -> int:
+    """Register 31: bits 0 to 10 and 12 are the size, bit 11 the sign; with bit 15 it is two's complement."""
+    value = word(s, 31)
+    if value >= 1 << 15:
+        return value - (1 << 16)
+    if value >= 1 << 13:
+        return 0
+    size = (value & 0x7FF) + (0x800 if value & 1 << 12 else 0)
+    return -size if value & 1 << 11 else size
+
+
+@compiled
 def clip(value: int, limit: int) -> int:
     return max(-limit, min(limit, value))
 
@@ -114,7 +126,7 @@ def see(s: Record) -> None:
     """Take the encoder's angle; follow it over the seam where the mode counts turns."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, 33)
-    offset = signed(s, 31, 11) if counts_turns(s) else 0
+    offset = homing_offset(s) if counts_turns(s) else 0
     reading = (raw - offset) % TURN
     if s.recount or mode != s.mode or offset != s.offset:
         jump_to(s, reading, s.recount != 0 or mode != s.mode)
@@ -170,8 +182,10 @@ def take_goal(s: Record) -> None:
     if byte(s, 33) == STEP:
         goal += s.goal
     lowest, highest = word(s, 9), word(s, 11)
-    if lowest != highest:
-        goal = min(max(goal, lowest), highest)
+    if lowest != highest and goal < lowest:
+        goal = lowest
+    elif lowest != highest and goal > highest:
+        goal = highest
     s.goal = goal
 
 
@@ -402,7 +416,9 @@ def tick(s: Record) -> None:
         asked = 0
     watch_push(s, asked)
     blind = s.status & byte(s, 19) & ENCODER
-    s.drive = 0 if unsupplied or blind else clip(protected(s, asked), BRIDGE_LIMIT)
+    s.drive = 0 if unsupplied or blind else protected(s, asked)
+    if word(s, 28):  # with a limit of the current the bridge's limit shows, too
+        s.drive = clip(s.drive, BRIDGE_LIMIT)
     s.on = on
     report(s)
 
@@ -463,7 +479,7 @@ def turn_motor(s: Record, dt_s: float, velocity_rad_s: float, voltage_v: float) 
     duty = 0.0
     s.current_a = 0.0
     if byte(s, 40) == 1 or byte(s, 40) == 2:
-        duty = -0.001 * s.drive
+        duty = -0.001 * clip(s.drive, BRIDGE_LIMIT)
         s.current_a = (duty * voltage_v - s.back_emf_v_s * velocity_rad_s) / s.resistance_ohm
     loss_w = s.current_a * s.current_a * s.resistance_ohm
     warm_c = s.ambient_c + loss_w * s.thermal_resistance_k_w - s.temperature_c

@@ -126,8 +126,10 @@ class Trapezoid:
         if self.settings.mode == 3:
             wanted += self.goal
         if self.settings.min_position != self.settings.max_position:
-            wanted = max(self.settings.min_position, wanted)
-            wanted = min(self.settings.max_position, wanted)
+            if wanted < self.settings.min_position:
+                wanted = self.settings.min_position
+            elif wanted > self.settings.max_position:
+                wanted = self.settings.max_position
         self.goal = wanted
 
     def advance(self) -> None:
@@ -314,7 +316,7 @@ class PlainServo:
         self._millisecond(int(voltage_v * 10 + 0.5), temperature, units)
         self.current_a = 0.0
         if self.settings.torque in (1, 2):
-            self.current_a = (-self.drive / 1000 * voltage_v - self.ke * velocity_rad_s) / self.ohm
+            self.current_a = (-within(self.drive, 970) / 1000 * voltage_v - self.ke * velocity_rad_s) / self.ohm
         return self.kt * self.current_a
 
     def _millisecond(self, voltage: int, temperature: int, units: int) -> None:
@@ -341,7 +343,7 @@ class PlainServo:
         guard.push(asked, seen.snapshot)
         if guard.acts(5) and s.mode != 2:
             asked = guard.pushed * s.protective * 10
-        self.drive = 0 if dead or guard.acts(1) else within(asked, 970)
+        self.drive = 0 if dead or guard.acts(1) else within(asked, 970 if s.current_limit else 65535)
         running = not self.profile.done if s.by_position else False
         self.moving = running or (seen.speed != 0 and (self.moving or not s.by_position))
 

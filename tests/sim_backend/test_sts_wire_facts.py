@@ -59,6 +59,25 @@ def test_full_drive_is_0_97() -> None:
     assert wire.read(60, 2) & 0x3FF == 970
 
 
+def test_without_a_limit_of_the_current_register_60_shows_what_is_asked() -> None:
+    wire = stalled()
+    wire.wait(1.0)
+    assert wire.read(60, 2) == 1000 | 1 << 10
+    wire.write(48, word(980))
+    wire.wait(0.1)
+    assert wire.read(60, 2) == 980 | 1 << 10
+
+
+@pytest.mark.parametrize(("goal", "expected"), [(500, 3000), (2000, 3000), (3500, 1000)])
+def test_reversed_limits_send_a_goal_to_the_one_that_it_is_beyond(goal: int, expected: int) -> None:
+    wire = Wire()
+    wire.write(9, word(3000))
+    wire.write(11, word(1000))
+    wire.go(goal)
+    wire.wait(1.5)
+    assert wire.read(56, 2) == pytest.approx(expected, abs=5)
+
+
 def test_load_has_a_sign_and_current_has_none() -> None:
     seen = []
     for goal in (2048 + 60, 2048 - 60):
@@ -168,7 +187,7 @@ def stalled(limit: int = 0) -> Wire:
 def test_a_stall_ends_in_the_protective_torque_and_a_near_goal_ends_that() -> None:
     wire = stalled()
     wire.wait(1.9)
-    assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (0, 970)
+    assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (0, 1000)
     wire.wait(0.2)
     assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (OVERLOAD, 200)
     wire.go(2048 + 500)
@@ -193,7 +212,7 @@ def test_what_moves_never_overloads() -> None:
         errors.add(wire.error_byte())
         loads.append(wire.read(60, 2) & 0x3FF)
     assert errors == {0}
-    assert loads[-1] == 970
+    assert loads[-1] == 1000
 
 
 def test_too_much_current_takes_the_torque_and_the_next_goal_gives_it_back() -> None:
