@@ -104,9 +104,6 @@ class StsMemory:
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
                 self._write_byte(at, self._sensible(at, value))
-        largest = self._table[sts.max_acceleration.address]
-        if largest and self._table[sts.acceleration.address] > largest:
-            self._table[sts.acceleration.address] = largest
         self._decode()
 
     def save(self, register: Register, value: int) -> None:

@@ -108,6 +108,7 @@ def test_modes_that_are_unknown_or_left_out_drive_nothing(mode: int) -> None:
 def test_acceleration_0_is_85_times_86(written: tuple[int, ...], counts_s2: int) -> None:
     wire = Wire()
     wire.write(83, bytes((1, 150, *written[2:])))
+    wire.write(41, b"\x00")
     wire.go(4000)
     wire.wait(0.05)
     assert wire.read(71, 2) == pytest.approx(counts_s2 * 0.052, rel=0.1)
@@ -124,11 +125,98 @@ def test_speed_0_runs_ahead_of_the_motor() -> None:
     wire.write(11, word(0))
     wire.write(9, word(0))
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.go(20_000)
     wire.wait(0.1)
     assert wire.read(71, 2) == 7500
     ahead = wire.read(67, 2) - wire.read(56, 2)
     assert ahead % 4096 > 300
+
+
+@pytest.mark.parametrize("units", [1, 5, 100])
+def test_a_lower_speed_acts_at_once(units: int) -> None:
+    wire = Wire()
+    wire.write(41, bytes((units,)))
+    wire.go(4000, 800)
+    wire.wait(0.8 if units > 1 else 1.5)
+    before = wire.read(71, 2)
+    assert before > 130
+    wire.write(46, word(100))
+    wire.wait(0.01)
+    assert wire.read(71, 2) == 100
+    wire.wait(0.09)
+    assert wire.read(58, 2) <= 150
+
+
+@pytest.mark.parametrize(("speed", "units"), [(1000, 10), (2000, 50), (500, 3), (3000, 100)])
+@pytest.mark.parametrize("goal", [2148, 2500, 3300, 1700])
+def test_the_set_point_of_an_accelerated_goal_never_passes_it(speed: int, units: int, goal: int) -> None:
+    wire = Wire()
+    wire.write(41, bytes((units,)))
+    wire.go(goal, speed)
+    seen = []
+    for _ in range(4500):
+        wire.wait(0.001)
+        seen.append(wire.servo.firmware.setpoint)
+    assert min(seen) >= min(goal, 2047) and max(seen) <= max(goal, 2048)
+    assert seen[-1] == goal
+
+
+def test_85_and_86_act_at_the_next_write_of_41() -> None:
+    wire = Wire()
+    wire.write(85, bytes((20, 1)))
+    wire.go(4000)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == pytest.approx(100 * 100 * 0.052, rel=0.1)
+    wire.go(2048)
+    wire.wait(1.0)
+    wire.write(41, b"\x00")
+    wire.go(4000)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == pytest.approx(20 * 100 * 0.052, abs=60)
+
+
+def test_phase_bit_3_acts_at_the_next_write_of_46_and_speed_0_without_it_is_not_moving() -> None:
+    wire = Wire()
+    wire.write(18, bytes((4,)))
+    wire.write(42, word(2300))
+    wire.wait(1.0)
+    assert wire.read(56, 2) == pytest.approx(2300, abs=5)
+    wire.write(46, word(0))
+    wire.write(42, word(2600))
+    wire.wait(0.5)
+    assert (wire.read(56, 2), wire.read(66)) == (pytest.approx(2300, abs=5), 0)
+    wire.write(46, word(200))
+    wire.wait(0.1)
+    assert wire.read(66) == 1
+
+
+@pytest.mark.parametrize(("address", "value"), [(41, bytes((5,))), (46, word(100))])
+def test_41_or_46_and_another_write_within_a_millisecond(address: int, value: bytes) -> None:
+    wire = Wire()
+    wire.wait(0.1)
+    wire.send(packet(1, 3, address, *value) + packet(1, 3, 21, 32))
+    wire.write(42, word(3500))
+    wire.wait(0.1)
+    assert wire.read(71, 2) == pytest.approx(1000, abs=80)
+    wire.write(address, value)
+    wire.wait(0.01)
+    assert wire.read(71, 2) == (100 if address == 46 else pytest.approx(1000, abs=80))
+
+
+def test_register_30_divides_56_and_67_where_they_are_unfolded() -> None:
+    wire = Wire()
+    wire.write(30, b"\x04")
+    wire.write(42, word(600))
+    wire.wait(0.5)
+    assert (wire.read(56, 2), wire.read(67, 2)) == (pytest.approx(2400, abs=3), 2400)
+    wire.write(18, bytes((12 | 16,)))
+    assert (wire.read(56, 2), wire.read(67, 2)) == (pytest.approx(600, abs=1), 600)
+    wire.write(18, bytes((12,)))
+    wire.write(33, b"\x03")
+    wire.write(42, word(100))
+    wire.wait(1.0)
+    assert (wire.read(56, 2) & 0x7FFF, wire.read(67, 2)) == (pytest.approx(0, abs=1), pytest.approx(700, abs=1))
 
 
 # Goals and torque.
@@ -179,6 +267,7 @@ def stalled(limit: int = 0) -> Wire:
     wire = Wire()
     wire.write(28, word(limit))
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.held = 2048
     wire.go(2048 + 500)
     return wire
@@ -205,6 +294,7 @@ def test_what_moves_never_overloads() -> None:
     wire.write(11, word(0))
     wire.write(40, ON)
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.go(30_000)
     errors, loads = set(), []
     for _ in range(30):
