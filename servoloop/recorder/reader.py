@@ -102,7 +102,7 @@ class _Numbers:
 
     def _column(self, joints: Sequence[str], kind: str) -> FloatArray:
         """One kind of measurement of all joints (n, joints), by the names of each message."""
-        table = _by_name([one.message for one in self._states], joints, kind)[self._rows]
+        table: FloatArray = _by_name([one.message for one in self._states], joints, kind)[self._rows]
         for column in table.T:
             known = np.isfinite(column)
             if known.any() and not known.all():
@@ -112,9 +112,10 @@ class _Numbers:
 
     def _commands(self, joints: Sequence[str], rows: Sequence[int]) -> FloatArray:
         commands = [one.message for one in self._received.get(COMMANDS, [])]
-        found = np.full((len(self._states), len(joints)), np.nan)
+        found: FloatArray = np.full((len(self._states), len(joints)), np.nan)
         found[rows] = _by_name(commands, joints, "position")
-        return found[self._rows]
+        found = found[self._rows]
+        return found
 
     def _faults(self) -> Iterator[tuple[str, float, float]]:
         begun: dict[str, float] = {}
