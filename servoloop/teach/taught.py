@@ -15,7 +15,7 @@ from commissioning.whole_file import write_whole
 from controller.teach.hand_path import HandPath, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
 from hal.joint import Joint
-from hal.types import AT_LIMIT, FloatArray, JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load
 from servoloop.files import make_folder
 from servoloop.teach.errors import TeachError
@@ -114,7 +114,7 @@ class Taught:
         """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
         lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
         wrong = [
-            f"{name} would go to {far:.4f}, its limits are {limits[index].lower:.4f} to {limits[index].upper:.4f}"
+            "{} would go to {}, its limits are {} to {}".format(name, *beyond_range(far, lower[index], upper[index]))
             for index, name in enumerate(self.joints)
             for far in (self.position[:, index].min(), self.position[:, index].max())
             if not lower[index] <= far <= upper[index]
