@@ -16,7 +16,9 @@ app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved
 
 TICK_S: Final = 0.05
 Name = Annotated[str, typer.Argument(help="The pose's name.")]
-RunningArm = Annotated[str | None, typer.Option("--arm", help="Which running arm, of several: its name or folder.")]
+RunningArm = Annotated[
+    str | None, typer.Option("--arm", help="Which running arm, of several: name, folder or process.")
+]
 AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
 
 

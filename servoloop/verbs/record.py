@@ -17,7 +17,7 @@ def record(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE.mcap]", help="Without: below out/, by date and arm.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="So long; without: until Ctrl-C, or until the stack ends.")
     ] = None,

@@ -167,6 +167,7 @@ def test_two_arms_whose_folders_have_one_name_are_told_apart_by_the_folder(tmp_p
         assert (found.pid, found.folder) == (pid, folder)
     with pytest.raises(LiveError, match=r"no stack of \./so101 is running"):
         find_stack("./so101")
+    assert find_stack("2").pid == 2
     for rig in rigs:
         rig.feed.close((), failed=False)
     assert not list(live_folder().iterdir())
