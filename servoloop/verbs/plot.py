@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from servoloop.extras import install_command
 from servoloop.verbs.output import JsonOption, print_json
 
 
@@ -23,7 +24,7 @@ def plot(
     from servoloop.recorder.reader import read_recording
 
     if not possible():
-        raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
+        raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
     run = read_recording(recording)
     from servoloop.recorder.page import write_page
 
