@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from nodes.discovery import stay_on_this_machine, who_can_command
+from nodes.ros_environment import check_environment
 
 EXIT_LIMIT_S: Final = 10.0
 _TURN_S: Final = 0.1
@@ -23,7 +24,9 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
     """Initialise rclpy with the discovery range of this process; returns in words who can command the arm.
 
     Signals stay the caller's: rclpy's own handlers close the middleware at once, and then no goal could be ended.
+    Raises DriverError if the environment's settings of ROS are wrong.
     """
+    check_environment(os.environ)
     stay_on_this_machine(os.environ)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     return who_can_command(os.environ)

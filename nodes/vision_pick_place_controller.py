@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
+from drivers.errors import DriverError
 from nodes.discovery import open_to_network
 from nodes.pick_place.node import PickPlaceNode
 from nodes.pick_place.signals import on_stop_signal
@@ -33,7 +34,11 @@ def main(args: Sequence[str] | None = None) -> int:
     args = sys.argv if args is None else args
     if _options(args).network:
         open_to_network(os.environ)
-    reach = init_rclpy(args)
+    try:
+        reach = init_rclpy(args)
+    except DriverError as error:
+        print(f"{NODE_NAME}: {error}", file=sys.stderr)
+        return 2
     executor = SingleThreadedExecutor()
     stopped = Future()
 
