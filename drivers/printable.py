@@ -37,3 +37,8 @@ class PrintableFormatter(logging.Formatter):
         """Return the line of a record, printable."""
         record.message = printable(record.message).replace("\n", "\n    ")
         return super().formatMessage(record)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is 1: "1 cycle", "2 cycles"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

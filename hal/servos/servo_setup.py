@@ -64,7 +64,7 @@ class ServoSetup:
         with self._buses.named(name):
             errors = _failed(joints, bus, _settle)
         told = (EepromError, ServoRefused)
-        problems = {i: str(e) if isinstance(e, told) else now_and_then(i) for i, e in errors.items()}
+        problems = {i: str(e) if isinstance(e, told) else now_and_then(i, bus.name) for i, e in errors.items()}
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _strangers(self, name: str, bus: Bus) -> list[str]:
@@ -80,7 +80,9 @@ class ServoSetup:
         if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
-        problems = {i: now_and_then(i) if i in unheard else str(error) for i, error in errors.items()} | causes
+        problems = {
+            i: now_and_then(i, bus.name) if i in unheard else str(error) for i, error in errors.items()
+        } | causes
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def measure(self) -> dict[str, Reading]:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from servoloop.extras import install_command
 from servoloop.verbs.output import JsonOption, print_json
 
@@ -33,4 +34,6 @@ def plot(
     if json:
         print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})
     else:
-        typer.echo(f"{path}: {len(run.time_s)} cycles, {run.missed} missed, {len(run.faults)} faults")
+        typer.echo(
+            f"{path}: {counted(len(run.time_s), 'cycle')}, {run.missed} missed, {counted(len(run.faults), 'fault')}"
+        )

@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.handling.poses import FILE, Poses, check
 from servoloop.ros import require_ros
@@ -37,7 +38,7 @@ def save(name: Name, arm: RunningArm = None) -> None:
         raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
     poses = Poses(robot.folder)
     poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
-    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}")
+    typer.echo(f"{name}: {counted(len(now.joints), 'joint')} of {robot.arm}")
     typer.echo(f"kept in {poses.path}", err=True)
 
 

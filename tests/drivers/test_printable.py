@@ -1,12 +1,16 @@
 """Text from outside on its way to logs and terminals."""
 
 import logging
+import os
 
 import pytest
 import typer
 
+from controller.loop_figures import LoopFigures
 from drivers.errors import DriverError
-from drivers.printable import PrintableFormatter, printable
+from drivers.port.owners import line_advice
+from drivers.printable import PrintableFormatter, counted, printable
+from hal.servos.diagnose import now_and_then
 from servoloop import cli
 from servoloop.verbs.ros_options import log_to_terminal
 from tests.complaint import complaint
@@ -49,3 +53,17 @@ def test_errors_of_the_command_line_go_through_it(
     monkeypatch.setattr(cli, "app", app)
     said = complaint(capsys, monkeypatch)
     assert "\x1b[2J" not in said and "\\x1b[2J" in said
+
+
+def test_nouns_follow_their_numbers() -> None:
+    assert [counted(number, "cycle") for number in (0, 1, 2)] == ["0 cycles", "1 cycle", "2 cycles"]
+    assert LoopFigures(missed=1, unmeasured=1).summary == "1 cycle missed, 1 cycle without a measurement"
+
+
+def test_a_virtual_line_has_no_plugs() -> None:
+    master, slave = os.openpty()
+    device = os.ttyname(slave)
+    assert "plugs" not in line_advice(device) and "virtual line" in line_advice(device)
+    assert line_advice("/dev/ttyUSB0") == "the cable's plugs"
+    assert "virtual line" in now_and_then(1, device)
+    os.close(master), os.close(slave)
