@@ -39,7 +39,7 @@ class LerobotJoint(BaseModel):
 
     id: int = Field(ge=0, le=253)
     drive_mode: Literal[0, 1]
-    homing_offset: int = Field(ge=-LARGEST_OFFSET, le=LARGEST_OFFSET)
+    homing_offset: int
     range_min: int
     range_max: int
 
@@ -63,6 +63,20 @@ def read_lerobot(path: Path) -> LerobotFile:
         raise CalibrationError("\n".join(listed(lines))) from error
 
 
+def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
+    """The entries whose names begin with this prefix, without it. Raises CalibrationError if there are none."""
+    found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
+    if not found:
+        raise CalibrationError(f"no joint in LeRobot's file begins with {prefix}: it has {', '.join(file) or 'none'}")
+    return found
+
+
+def prefix_of(file: LerobotFile, joints: Sequence[str]) -> str:
+    """The prefix with which the file names all of these joints; empty if there is none."""
+    prefixes = (name.removesuffix(joints[0]) for name in file if name.endswith(joints[0])) if joints else ()
+    return next((prefix for prefix in prefixes if all(prefix + joint in file for joint in joints)), "")
+
+
 def lerobot_text(file: LerobotFile) -> str:
     """The file as LeRobot writes it."""
     return json.dumps({name: joint.model_dump() for name, joint in file.items()}, indent=4)
@@ -77,7 +91,7 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
         if theirs is None:
             problems.append(f"{name}: {_no_place(ours)}")
         else:
-            problems += [f"{name}: {mistake}" for mistake in range_mistakes(theirs)]
+            problems += [f"{name}: {mistake}" for mistake in entry_mistakes(theirs)]
             file[name] = theirs
     if problems:
         raise CalibrationError("\n".join(problems))
@@ -108,9 +122,14 @@ def _no_place(ours: CalibratedJoint) -> str:
     )
 
 
-def range_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
-    """What cannot be right about the travel of a servo with the counts 0 to ``last``."""
+def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
+    """What cannot be right about the offset and the travel of a servo with the counts 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
+    if abs(theirs.homing_offset) > LARGEST_OFFSET:
+        return [
+            f"its homing offset {theirs.homing_offset} is none that its servo ({theirs.id}) takes, "
+            f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate anew"
+        ]
     if not (0 <= low <= last and 0 <= high <= last):
         return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate anew"]
     if low == high:

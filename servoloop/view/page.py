@@ -134,13 +134,18 @@ class Page:
 
     def _show_goal(self, watched: Watched, snapshot: Snapshot) -> None:
         """Draw the path of the newest goal while it is under way."""
-        going = [goal for goal in snapshot.goals.values() if not goal.ended and len(goal.joints) > 1]
+        going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
         goal = max(going, key=lambda goal: goal.begun_s, default=None)
         if goal is self._goal or self._arm is None or self._model is None:
             return
         self._goal = goal
         points = None if goal is None else self._model.path(goal.joints, goal.positions, watched.start(goal))
         self._arm.show_path(points)
+
+    def _can_draw(self, goal: GoalPath) -> bool:
+        """Whether a goal has several joints, all of them measured and in the robot description."""
+        known = set(self._description.joints if self._description else ()) & set(self._joints)
+        return len(goal.joints) > 1 and set(goal.joints) <= known
 
     def _limits(self, snapshot: Snapshot) -> FloatArray:
         """The largest efforts (n,) of the robot description, N m or N."""
