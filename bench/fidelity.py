@@ -63,6 +63,7 @@ class Bench:
     def unlimited(self) -> "Bench":
         """No limit of acceleration where none is asked for."""
         self.write(sts.acceleration_multiplier, 0)
+        self.write(sts.acceleration, 0)  # at which the servo looks at it
         return self
 
     def write(self, register: Register, value: int) -> None:

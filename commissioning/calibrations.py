@@ -7,8 +7,8 @@ from pathlib import Path
 from commissioning.calibrate.file import save
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
-from commissioning.lerobot import lerobot_text, read_lerobot, to_lerobot
-from commissioning.lerobot_import import Imported, from_lerobot
+from commissioning.lerobot import lerobot_text, read_lerobot, to_lerobot, without_prefix
+from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
 from commissioning.whole_file import write_whole
 from hal.errors import RobotFileError
 from hal.joint import Joint
@@ -33,13 +33,16 @@ class Row:
 
 
 def import_calibration(
-    lerobot: Path, robot: Path, joints: Sequence[Joint], plans: Mapping[str, JointPlan]
+    lerobot: Path, robot: Path, joints: Sequence[Joint], plans: Mapping[str, JointPlan], prefix: str = ""
 ) -> tuple[list[Imported], Path]:
     """Make LeRobot's calibration that of this robot file; what became of each joint, and the file written.
 
-    Raises CalibrationError with every mistake: nothing is written then.
+    ``prefix``: of the names in LeRobot's file; entries without it are left out. Raises CalibrationError with every
+    mistake: nothing is written then.
     """
-    made = from_lerobot(read_lerobot(lerobot), joints, built_signs(robot), plans, load_calibration(robot))
+    require_offsets(joints)
+    file = without_prefix(read_lerobot(lerobot), prefix)
+    made = from_lerobot(file, joints, built_signs(robot), plans, load_calibration(robot))
     return made, save(robot, {one.joint.name: (one.joint.servo_id, one.made) for one in made})
 
 

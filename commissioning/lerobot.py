@@ -9,6 +9,7 @@ Both name a servo's ID, its homing offset and the ends of its travel in counts. 
 """
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -18,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from calibration.angles import LARGEST_OFFSET
 from commissioning.calibrate.result import CalibrationError
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
+from hal.text_file import read_text
+from hal.yaml_file import listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
 """LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""
@@ -36,7 +39,7 @@ class LerobotJoint(BaseModel):
 
     id: int = Field(ge=0, le=253)
     drive_mode: Literal[0, 1]
-    homing_offset: int = Field(ge=-LARGEST_OFFSET, le=LARGEST_OFFSET)
+    homing_offset: int
     range_min: int
     range_max: int
 
@@ -48,10 +51,8 @@ _FILE: Final = TypeAdapter(LerobotFile)
 def read_lerobot(path: Path) -> LerobotFile:
     """Read LeRobot's file. Raises CalibrationError with every mistake."""
     try:
-        content = json.loads(path.read_text(), object_pairs_hook=_once)
-    except OSError as error:
-        raise CalibrationError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:  # JSON's and Unicode's errors too, and brackets without end
+        content = json.loads(read_text(path, CalibrationError), object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:  # JSON's errors too, and brackets without end
         raise CalibrationError(f"{path} is no JSON file of LeRobot's: {error}") from error
     if isinstance(content, dict) and OLD_KEYS & content.keys():
         raise CalibrationError(f"{path} is of an older LeRobot, whose offsets are none of the servos': calibrate anew")
@@ -59,7 +60,21 @@ def read_lerobot(path: Path) -> LerobotFile:
         return _FILE.validate_python(content)
     except ValidationError as error:
         lines = [f"{path}: {'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()]
-        raise CalibrationError("\n".join(lines)) from error
+        raise CalibrationError("\n".join(listed(lines))) from error
+
+
+def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
+    """The entries whose names begin with this prefix, without it. Raises CalibrationError if there are none."""
+    found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
+    if not found:
+        raise CalibrationError(f"no joint in LeRobot's file begins with {prefix}: it has {', '.join(file) or 'none'}")
+    return found
+
+
+def prefix_of(file: LerobotFile, joints: Sequence[str]) -> str:
+    """The prefix with which the file names all of these joints; empty if there is none."""
+    prefixes = (name.removesuffix(joints[0]) for name in file if name.endswith(joints[0])) if joints else ()
+    return next((prefix for prefix in prefixes if all(prefix + joint in file for joint in joints)), "")
 
 
 def lerobot_text(file: LerobotFile) -> str:
@@ -76,7 +91,7 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
         if theirs is None:
             problems.append(f"{name}: {_no_place(ours)}")
         else:
-            problems += [f"{name}: {mistake}" for mistake in range_mistakes(theirs)]
+            problems += [f"{name}: {mistake}" for mistake in entry_mistakes(theirs)]
             file[name] = theirs
     if problems:
         raise CalibrationError("\n".join(problems))
@@ -107,9 +122,14 @@ def _no_place(ours: CalibratedJoint) -> str:
     )
 
 
-def range_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
-    """What cannot be right about the travel of a servo with the counts 0 to ``last``."""
+def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
+    """What cannot be right about the offset and the travel of a servo with the counts 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
+    if abs(theirs.homing_offset) > LARGEST_OFFSET:
+        return [
+            f"its homing offset {theirs.homing_offset} is none that its servo ({theirs.id}) takes, "
+            f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate anew"
+        ]
     if not (0 <= low <= last and 0 <= high <= last):
         return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate anew"]
     if low == high:
@@ -126,6 +146,6 @@ def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """An object of JSON whose keys are all different."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{', '.join(sorted({n for n in names if names.count(n) > 1}))} stands there twice")
+        counts = Counter(name for name, _ in pairs)
+        raise ValueError(f"{', '.join(sorted(n for n, count in counts.items() if count > 1))} stands there twice")
     return found

@@ -10,9 +10,15 @@ from typing import Literal
 
 from commissioning.calibrate.flow import as_joint
 from commissioning.calibrate.plan import JointPlan, Zero
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, unit
+from commissioning.calibrate.result import (
+    SWEPT_SHARE,
+    CalibrationError,
+    JointCalibration,
+    doubts,
+    unit,
+)
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, can_move_seam
-from commissioning.lerobot import LEROBOT_ZERO_COUNTS, LerobotFile, LerobotJoint, entry_of, range_mistakes
+from commissioning.lerobot import LEROBOT_ZERO_COUNTS, LerobotFile, LerobotJoint, entry_mistakes, entry_of, prefix_of
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
@@ -49,6 +55,11 @@ def from_lerobot(
     ``built``: the sign by joint with which such arms are built. ``former``: the calibration that is there; where
     LeRobot's file says the same of a joint, its zero stays.
     """
+    require_offsets(joints)
+    if prefix := prefix_of(file, [joint.name for joint in joints]):
+        raise CalibrationError(
+            f"LeRobot's file names this arm's joints with {prefix} before them: import it with --prefix {prefix}"
+        )
     by_name = {joint.name: joint for joint in joints}
     problems = [f"LeRobot's file has {name}, which the robot file has not" for name in file if name not in by_name]
     problems += [f"LeRobot's file has no {joint.name}, which the robot file has" for joint in joints
@@ -65,6 +76,21 @@ def from_lerobot(
     return made
 
 
+def require_offsets(joints: Sequence[Joint]) -> None:
+    """Check that the servos of these joints have homing offsets like those in LeRobot's file.
+
+    Raises:
+        CalibrationError: Some of them have not, so that no such file fits this arm.
+    """
+    other = [one for one in joints if series_of(one.model).make != "feetech" or not can_move_seam(one.model)]
+    if other:
+        models = " or ".join(f"{name}" for name in dict.fromkeys(one.model.name for one in other))
+        raise CalibrationError(
+            f"LeRobot's files cannot be imported for this arm: a servo of the model {models} has no homing offset like "
+            f"the one in the file ({', '.join(one.name for one in other)}). Calibrate the arm with servoloop calibrate"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class _Import:
     """One joint's way from LeRobot's file into ours."""
@@ -78,12 +104,21 @@ class _Import:
     def mistakes(self) -> list[str]:
         """What cannot be right."""
         joint, theirs = self.joint, self.theirs
-        if series_of(joint.model).make != "feetech" or not can_move_seam(joint.model):
-            return [f"a {joint.model.name} has no homing offset like the one that LeRobot's file names"]
-        found = range_mistakes(theirs, joint.model.last_count)
+        found = entry_mistakes(theirs, joint.model.last_count)
         if theirs.id != joint.servo_id:
             found.append(f"it has servo {theirs.id} in LeRobot's file and {joint.servo_id} in the robot file")
-        return found
+        return found or self._not_swept()
+
+    def _not_swept(self) -> list[str]:
+        """Whether the joint was moved too little for its stops to be known."""
+        joint, made = self.joint, self.result()
+        travel, range_ = made.made.travel(joint), joint.limits.upper - joint.limits.lower
+        if made.source == "kept" or travel >= SWEPT_SHARE * range_:
+            return []
+        return [
+            f"it was moved through {travel:.3f} of {range_:.3f} in the URDF (counts {self.theirs.range_min} to "
+            f"{self.theirs.range_max}), so its stops are not known: calibrate anew, from stop to stop"
+        ]
 
     def out_of_reach(self) -> list[str]:
         """Whether the joint's limits lie beyond the servo's counts with this zero: the robot file would be refused."""

@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from drivers.printable import counted
 from hal.components.component_set import ComponentSet
 from hal.types import JointState
 
@@ -38,8 +39,8 @@ class LoopFigures:
     @property
     def summary(self) -> str:
         """The cycles that were not as they should be, in words."""
-        told = [f"{self.missed} cycles missed"] if self.missed else []
-        told += [f"{self.unmeasured} cycles without a measurement"] if self.unmeasured else []
+        told = [f"{counted(self.missed, 'cycle')} missed"] if self.missed else []
+        told += [f"{counted(self.unmeasured, 'cycle')} without a measurement"] if self.unmeasured else []
         return ", ".join(told) or "every cycle on time"
 
     def count_cycle(self, due_s: float, woke_s: float, now_s: float, period_s: float) -> float:
@@ -67,7 +68,9 @@ class LoopFigures:
             return
         before = f" ({self._untold} more since the last such line)" if self._untold else ""
         late_ms, busy_ms = self.last_late_s * 1e3, self.last_busy_s * 1e3
-        LOG.warning("missed %d cycles: the loop was %.0f ms late, busy %.0f ms%s", missed, late_ms, busy_ms, before)
+        LOG.warning(
+            "missed %s: the loop was %.0f ms late, busy %.0f ms%s", counted(missed, "cycle"), late_ms, busy_ms, before
+        )
         self._told_s, self._told, self._untold = now_s, missed, 0
 
     def look_for_measurements(self, state: JointState, hardware: ComponentSet) -> None:
@@ -83,5 +86,7 @@ class LoopFigures:
                 why = next(iter(state.faults.values())).text
                 LOG.warning("no joint was measured in this cycle: %s", why)
         elif asked and self.unmeasured_in_a_row:
-            LOG.warning("joints are measured again, after %d cycles without a measurement", self.unmeasured_in_a_row)
+            LOG.warning(
+                "joints are measured again, after %s without a measurement", counted(self.unmeasured_in_a_row, "cycle")
+            )
             self.unmeasured_in_a_row = 0

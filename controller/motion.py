@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
-from hal.types import AT_LIMIT, FloatArray, JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 
 _ROUNDING = 1e-6
 """The rounding of positions (rad, m) and times (s)."""
@@ -136,9 +136,10 @@ def _check_positions(
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
         for reached in (swing.min, swing.max):
             if not lower[index] <= reached <= upper[index]:
+                said, low, high = beyond_range(reached, limit.lower, limit.upper)
                 raise MotionError(
-                    f"{names[index] if names else f'joint {index + 1}'} would swing to {reached:.4f}, outside its "
-                    f"limits {limit.lower:.4f} to {limit.upper:.4f}: pass the points near it slower"
+                    f"{names[index] if names else f'joint {index + 1}'} would swing to {said}, outside its "
+                    f"limits {low} to {high}: pass the points near it slower"
                 )
 
 

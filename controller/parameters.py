@@ -1,11 +1,40 @@
 """Parameters of nodes in general; those of a controller stand beside the controller."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from hal.plausible import NoTruth, UpdateRate
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
+
+
+def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yields the dotted name of each value that a ROS parameter cannot have, and the mistake."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if not all(name.split(".")):
+            yield name, "has an empty name: give the parameter a name"
+        elif isinstance(value, Mapping):
+            yield from ros_mistakes(value, f"{name}.")
+        elif mistake := _value_mistake(value):
+            yield name, mistake
+
+
+def _value_mistake(value: Any) -> str | None:
+    parts = value if isinstance(value, list | tuple) else [value]
+    kinds = {type(part) for part in parts}
+    if value is None:
+        return "has no value: give it one, or take it out"
+    if strange := kinds - {bool, int, float, str}:
+        return f"has a value of type {strange.pop().__name__}, which no ROS parameter has: write numbers or texts"
+    if len(kinds) > 1:
+        mixed = " and ".join(sorted(kind.__name__ for kind in kinds))
+        return f"mixes {mixed} in one list: write all in the same way, for instance 0.0 instead of 0"
+    if kinds == {int} and not all(-(2**63) <= part < 2**63 for part in parts):
+        return "is larger than any whole number of ROS: correct it"
+    return None
 
 
 class Parameters(BaseModel):
@@ -43,4 +72,4 @@ class Parameters(BaseModel):
 class ManagerParameters(Parameters):
     """Parameters of the controller manager itself."""
 
-    update_rate: int = Field(100, gt=0, le=1000)  # upstream's default
+    update_rate: UpdateRate = 100  # upstream's default

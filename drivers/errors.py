@@ -16,6 +16,10 @@ class PortMissing(PortError):
     """There is no such device."""
 
 
+class PortNotSerial(PortError):
+    """The path is not a serial device."""
+
+
 class PortBusy(PortError):
     """Another program holds the device, or this one a second time."""
 

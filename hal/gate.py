@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray, JointLimits, apart, beyond_range
 
 RETURN_SHARE: Final = 0.1
 """Share of its velocity limit at which a joint returns to its limits from outside."""
@@ -55,10 +55,7 @@ class SafetyGate:
         safe = np.clip(inside, last - reach, last + reach)
         # A command that follows the limit exactly differs from it by rounding only.
         if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:  # NaN is not smaller either
-            returning = {
-                i: f"{last[i]:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}: returning slowly"
-                for i in np.flatnonzero(outside).tolist()
-            }
+            returning = {i: f"{self._outside(i, last[i])}: returning slowly" for i in np.flatnonzero(outside).tolist()}
             return Gated(safe, self._reasons(wanted, inside, safe) | returning)
         return Gated(safe, {})
 
@@ -78,12 +75,16 @@ class SafetyGate:
             if not np.isfinite(value):
                 reasons[i] = f"the command is {value}: {'holding' if self._held[i] else 'stopping'}"
             elif abs(inside[i] - value) > 1e-9 and self._lower[i] <= value <= self._upper[i]:
-                reasons[i] = f"{value:.4f} is too fast so near to the end of the joint's range: going at {safe[i]:.4f}"
+                said, going = apart(value, safe[i])
+                reasons[i] = f"{said} is too fast so near to the end of the joint's range: going at {going}"
             elif abs(inside[i] - value) > 1e-9:
-                reasons[i] = f"{value:.4f} is outside the limits {self._lower[i]:.4f} to {self._upper[i]:.4f}"
+                reasons[i] = self._outside(i, value)
             elif not abs(safe[i] - value) <= 1e-9:
-                reasons[i] = f"{value:.4f} is too far for one period: going to {safe[i]:.4f}"
+                reasons[i] = "{} is too far for one period: going to {}".format(*apart(value, safe[i]))
         return reasons
+
+    def _outside(self, i: int, value: float) -> str:
+        return "{} is outside the limits {} to {}".format(*beyond_range(value, self._lower[i], self._upper[i]))
 
 
 def _bounds(kind: str, limit: JointLimits) -> tuple[float, float, float]:

@@ -69,6 +69,10 @@ class Joint:
         """How far the joint gives way and lags; None where nobody knows."""
         return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
+    def turns(self, counts: int) -> int:
+        """The whole turns that a servo's reading has counted beyond its own; a servo begins anew at power-on."""
+        return counts // self.model.counts_per_turn
+
     def position(self, counts: int) -> float:
         """Joint position in rad or m."""
         return (counts - self.zero_counts) * self.units_per_count

@@ -57,12 +57,37 @@ OUTSIDE_TOLERANCE: Final = 0.05
 """Share of a joint's range by which it may be outside its limits when it is activated: play, a soft stop, sag."""
 
 
+def apart(value: float, limit: float) -> tuple[str, str]:
+    """Format a value and its limit with as many digits, four at least, as it takes to tell them apart and from 0."""
+    for digits in range(4, 16):
+        said, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
+        vanish = any(number and not float(text) for text, number in ((said, value), (end, limit)))
+        if not vanish and said != end:
+            break
+    return _trimmed(said), _trimmed(end)
+
+
+def _trimmed(text: str) -> str:
+    """A number without the zeros behind its fourth decimal."""
+    whole, _, decimals = text.partition(".")
+    return f"{whole}.{decimals[:4]}{decimals[4:].rstrip('0')}"
+
+
+def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
+    """Format a value that is outside a range, the range's lower end and its upper end, as ``apart`` does."""
+    if value < lower:
+        return *apart(value, lower), f"{upper:.4f}"
+    said, end = apart(value, upper)
+    return said, f"{lower:.4f}", end
+
+
 def far_outside(position: float, limits: JointLimits) -> str:
     """Describe a position (rad or m) that is too far outside the limits to be driven back; empty if it is not."""
     slack = OUTSIDE_TOLERANCE * (limits.upper - limits.lower)
     if limits.lower - slack <= position <= limits.upper + slack:
         return ""
-    return f"stands at {position:.4f}, outside its limits {limits.lower:.4f} to {limits.upper:.4f}"
+    said, lower, upper = beyond_range(position, limits.lower, limits.upper)
+    return f"stands at {said}, outside its limits {lower} to {upper}"
 
 
 @dataclass(frozen=True, slots=True)

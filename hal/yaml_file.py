@@ -1,53 +1,144 @@
 """YAML with line numbers: all mistakes of a file at once, each with file and line."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Final, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from hal.text_file import read_text
+from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
+
 Model = TypeVar("Model", bound=BaseModel)
+
+LOADER: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The loader in C, which is about eight times as fast, if PyYAML was built with it."""
+MOST_MISTAKES: Final = 50
+"""Number of mistakes that are listed one by one."""
+_BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
+"""Errors of PyYAML's constructors for a value that does not fit its tag, such as ``!!bool maybe``."""
+
+
+@dataclass(frozen=True, slots=True)
+class YamlFile:
+    """A YAML file as its nodes, which know their lines."""
+
+    path: Path
+    root: yaml.Node | None
+    aliases: Sequence[int] = ()
+    """The lines of its aliases."""
+    _entries: dict[int, dict[str, list[tuple[int, yaml.Node]]]] = field(default_factory=dict)
+    """Lines and values by key, of each mapping in which ``line`` has searched."""
+
+    def place(self, location: Sequence[int | str]) -> str:
+        """``path:line`` of the innermost part of ``location`` that the file has."""
+        return f"{self.path}:{self.line(location)}"
+
+    def line(self, location: Sequence[int | str]) -> int:
+        """The line of the innermost part of ``location`` that the file has."""
+        return max(self._reached(self.root, tuple(map(str, location)), 0, 1))[1]
+
+    def _reached(
+        self, node: yaml.Node | None, location: tuple[str, ...], depth: int, line: int
+    ) -> Iterator[tuple[int, int]]:
+        """Yields depth and line of each way along ``location``: parameter files may name a node several times."""
+        yield depth, line
+        if not location:
+            return
+        if isinstance(node, yaml.MappingNode):
+            for start, value in self._entries_of(node).get(location[0], ()):
+                yield from self._reached(value, location[1:], depth + 1, start)
+        elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
+            part = node.value[int(location[0])]
+            yield from self._reached(part, location[1:], depth + 1, part.start_mark.line + 1)
+
+    def _entries_of(self, node: yaml.MappingNode) -> dict[str, list[tuple[int, yaml.Node]]]:
+        if id(node) not in self._entries:
+            entries = self._entries.setdefault(id(node), {})
+            for key, value in node.value:
+                entries.setdefault(str(key.value), []).append((key.start_mark.line + 1, value))
+        return self._entries[id(node)]
+
+
+def compose(path: Path, error: type[Exception]) -> YamlFile:
+    """Read a file as nodes. Raises ``error`` if it is not YAML, or larger or deeper than any file of an arm."""
+    text = read_text(path, error)
+    try:
+        aliases = check_size(yaml.parse(text, Loader=LOADER))
+        root = LOADER(text).get_single_node()
+        check_expanded(root)
+    except yaml.YAMLError as reason:
+        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
+    except TooLarge as reason:
+        raise error(f"{path} {reason}") from reason
+    except (TooDeep, RecursionError) as reason:
+        raise error(
+            f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
+        ) from reason
+    return YamlFile(path, root, aliases)
+
+
+def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
+    """Read a file as nodes and as values. Raises ``error`` also if a key stands twice in one mapping."""
+    file = compose(path, error)
+    doubles = list(_doubles(file.root))  # before merge keys (<<) are replaced by what they stand for
+    try:
+        content = None if file.root is None else LOADER("").construct_document(file.root)
+    except yaml.YAMLError as reason:
+        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
+    except _BAD_VALUES as reason:  # of a date, say: it has no line
+        raise error(f"{path} has a value that cannot be: {reason}") from reason
+    if doubles:
+        raise error("\n".join(listed([f"{path}:{double}" for double in doubles])))
+    return file, content
 
 
 def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     """Read ``path`` as ``model``. Raises ``error`` whose text lists every mistake with its line."""
-    try:
-        text = path.read_text()
-    except OSError as reason:
-        raise error(f"cannot read {path}: {reason.strerror}") from reason
-    except UnicodeDecodeError as reason:
-        raise error(f"{path} is not text: {reason}") from reason
-    try:
-        loader = yaml.SafeLoader(text)
-        root = loader.get_single_node()
-        doubles = list(_doubles(root))  # before merge keys (<<) are replaced by what they stand for
-        content = None if root is None else loader.construct_document(root)
-    except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {reason}") from reason
-    except ValueError as reason:  # of a date, say: it has no line
-        raise error(f"{path} has a value that cannot be: {reason}") from reason
-    except RecursionError as reason:
-        raise error(
-            f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
-        ) from reason
-    if doubles:
-        raise error("\n".join(f"{path}:{double}" for double in doubles))
+    file, content = read(path, error)
     try:
         return model.model_validate(content)
     except ValidationError as reason:
-        lines = [f"{path}:{_line(root, item['loc'])}: {_said(item)}" for item in reason.errors()]
-        raise error("\n".join(lines)) from reason
+        raise error("\n".join(mistakes(file, reason))) from reason
 
 
-def place(path: Path, location: Sequence[int | str]) -> str:
-    """``path:line`` of the innermost part of ``location`` that the file, which has been read before, has."""
-    return f"{path}:{_line(yaml.compose(path.read_text(), Loader=yaml.SafeLoader), location)}"
+def mistakes(file: YamlFile, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
+    """Each mistake of a model, with file and line. ``within``: where the model's values are; ``name``: their owner."""
+    return listed([partial(_mistake, file, item, within, name) for item in error.errors(include_url=False)])
 
 
-def _said(item: ErrorDetails) -> str:
-    return f"{'.'.join(map(str, item['loc']))}: {item['msg'].removeprefix('Value error, ')}"
+def listed(lines: Sequence[str | partial[str]]) -> list[str]:
+    """The first lines, and how many more there are."""
+    shown = [line if isinstance(line, str) else line() for line in lines[:MOST_MISTAKES]]
+    more = len(lines) - len(shown)
+    return [*shown, f"and {more} more mistakes"] if more else shown
+
+
+def said(item: ErrorDetails) -> str:
+    """Pydantic's message, without the class of our own errors, and with the remedy for a missing pair of quotes."""
+    value = item["input"]
+    if item["type"] == "string_type" and isinstance(value, bool):
+        return f"{str(value).lower()} is a truth value here: put the text in quotes"
+    if item["type"] == "string_type" and isinstance(value, int | float):
+        return f"{value} is a number here: put the text in quotes ('{value}')"
+    return item["msg"].removeprefix("Value error, ")
+
+
+def _mistake(file: YamlFile, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
+    names = [name] if name else []
+    return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {said(item)}"
+
+
+def _problem(error: yaml.YAMLError) -> str:
+    """The parser's words with the line, on one line."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        context = f"{error.context}: " if error.context else ""
+        return f"{context}{error.problem} (line {error.problem_mark.line + 1})"
+    return " ".join(str(error).split())
 
 
 def _doubles(node: yaml.Node | None) -> Iterator[str]:
@@ -63,18 +154,3 @@ def _doubles(node: yaml.Node | None) -> Iterator[str]:
                 yield f"{line}: {name} stands here for the second time, first in line {first[name]}"
             first.setdefault(name, line)
             yield from _doubles(value)
-
-
-def _line(node: yaml.Node | None, location: Sequence[int | str]) -> int:
-    """The line of the innermost node of ``location`` that the file has."""
-    line = 1
-    for key in location:
-        if isinstance(node, yaml.MappingNode):
-            found = [(k, v) for k, v in node.value if k.value == str(key)]
-            if not found:
-                return line
-            line, node = found[-1][0].start_mark.line + 1, found[-1][1]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(key, int):
-            node = node.value[key]
-            line = node.start_mark.line + 1
-    return line

@@ -1,6 +1,8 @@
 """The command line: all verbs, and how errors are said."""
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -9,6 +11,7 @@ from controller.manager.controllers_file import ControllersFileError
 from controller.manager.plugins import PluginError
 from controller.manager.registry import ClaimError
 from drivers.errors import DriverError
+from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from servoloop.processes import Interrupted
@@ -73,6 +76,21 @@ for group, name in (
 app.add_typer(teach.app, name="teach", rich_help_panel="Move it by hand")
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"servoloop {version('servoloop')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Options of the program itself."""
+
+
 def main() -> None:
     """Run a verb. What a user can mend is said in words, without a traceback."""
     outlive_terminal()
@@ -80,8 +98,8 @@ def main() -> None:
         app()
     except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
         for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
-            typer.secho(text, fg="red", err=True)
+            typer.secho(printable(text), fg="red", err=True)
         raise SystemExit(1) from None
     except Interrupted as error:
-        typer.echo(f"servoloop: {error}", err=True)
+        typer.echo(printable(f"servoloop: {error}"), err=True)
         raise SystemExit(INTERRUPTED) from None

@@ -15,6 +15,7 @@ from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
+from hal.text_file import read_xml
 from hal.types import JointLimits
 
 LOG = logging.getLogger("servoloop")
@@ -125,11 +126,7 @@ def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path =
 def read_description(urdf: Path) -> Description:
     """Read the URDF. Raises DescriptionError."""
     try:
-        return parse_urdf(urdf.read_text(), str(urdf))
-    except OSError as error:
-        raise DescriptionError(f"cannot read the URDF {urdf}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise DescriptionError(f"the URDF {urdf} is not text: {error}") from error
+        return parse_urdf(read_xml(urdf, DescriptionError, "the URDF"), str(urdf))
     except DescriptionError as error:
         named = str(urdf) in str(error)
         raise DescriptionError(str(error) if named else f"{urdf}: {error}") from error
@@ -179,6 +176,9 @@ def initial_states(files: Files) -> InitialStates:
     known = [component.name for component in files.description.components]
     lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
     for state, names in said.items() if isinstance(said, Mapping) else [("", said)]:
+        if state == "shutdown_on_initial_state_failure":
+            LOG.warning("%s.%s has no effect: a component that fails is named, and keep-alive decides", where, state)
+            continue
         if state not in lists or not isinstance(names, list):
             raise ControllersFileError(f"{where} has the lists unconfigured and inactive, not {state or said}")
         if strangers := [str(name) for name in names if name not in known]:

@@ -58,6 +58,8 @@ PLUGINS = {
     "servoloop/MujocoHardware": HardwareKind.MUJOCO,
     "mock_components/GenericSystem": HardwareKind.MOCK,
 }
+SUCCESSORS = {"fake_components/GenericSystem": "mock_components/GenericSystem"}
+"""Plugins of older releases, and those that took their place."""
 ENTRY_POINTS = "servoloop.hardware"
 """The group of entry points in which a user's package names its hardware: ``package/Class = module:make``, where
 ``make(component, clock)`` returns a hal.hardware.Hardware of that ``<ros2_control>`` block."""
@@ -83,7 +85,7 @@ class HardwareSetup:
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
     """Choose a component's hardware: what the command line says, or else its ``<plugin>``, ours or a user's."""
-    plugin = component.plugin
+    plugin = SUCCESSORS.get(component.plugin, component.plugin)
     users = sorted(entry_points(group=ENTRY_POINTS).names)
     if kind is None and plugin not in PLUGINS and plugin not in users:
         known = ", ".join([*PLUGINS, *users])
@@ -105,6 +107,9 @@ def build(
     """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
+    for component in (component for component in components if component.plugin in SUCCESSORS):
+        successor = SUCCESSORS[component.plugin]
+        LOG.warning("%s: <plugin> %s is outdated: write %s", component.name, component.plugin, successor)
     in_mujoco = [component for component in components if kinds[component.name] is HardwareKind.MUJOCO]
     if len(in_mujoco) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")

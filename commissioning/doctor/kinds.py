@@ -23,6 +23,7 @@ KINDS: Final[dict[str, Kind]] = {
     "port_missing": _kind("fault", 97),
     "port_denied": _kind("fault", 97),
     "port_busy": _kind("fault", 97),
+    "port_not_serial": _kind("fault", 97),
     "port_unsuitable": _kind("fault", 97),
     "port_lost": _kind("fault", 96, "no_power", *_SILENT),
     "latency_timer": _kind("warning", 72, "slow_round_trip", "servo_late", "line_late"),
@@ -85,6 +86,7 @@ KINDS: Final[dict[str, Kind]] = {
     "damped": _kind("note", 12),
     # The arm.
     "outside_limits": _kind("fault", 65),
+    "turn_counted": _kind("fault", 65),
     "seam_in_range": _kind("fault", 64),
     "travel_differs": _kind("warning", 33),
     "not_calibrated": _kind("note", 20),

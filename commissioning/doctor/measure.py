@@ -11,13 +11,14 @@ from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapsho
 from commissioning.doctor.table import read_table
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
 from drivers.port import Port
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 
 PROBLEMS: Final[tuple[tuple[type[PortError], PortProblem], ...]] = (
     (PortMissing, "missing"),
+    (PortNotSerial, "not_serial"),
     (PortDenied, "denied"),
     (PortBusy, "busy"),
     (PortLost, "lost"),

@@ -11,7 +11,7 @@ from hal.robot_file.calibration_file import CalibrationFile
 
 Heard = Literal["well", "unsteady", "broken", "late", "mute", "silent"]
 """States in one piece; only now and then; never in one piece; only too late; pings but no state; nothing."""
-PortProblem = Literal["missing", "denied", "busy", "unsuitable", "lost"]
+PortProblem = Literal["missing", "denied", "busy", "not_serial", "unsuitable", "lost"]
 
 
 @dataclass(frozen=True, slots=True)

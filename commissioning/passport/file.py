@@ -12,6 +12,7 @@ from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.whole_file import cannot_write, write_whole
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
+from hal.text_file import read_text
 from hal.yaml_file import load
 
 HEADER: Final = """\
@@ -82,7 +83,7 @@ class Passport(_Strict):
 def read_passport(path: Path) -> Passport:
     """Read a passport. Raises PassportError with every mistake."""
     passport = load(path, Passport, PassportError)
-    if not path.read_text().endswith(END):
+    if not read_text(path, PassportError).endswith(END):
         raise PassportError(f"{path} was cut off: its last line is not {END.strip()}")
     return passport
 

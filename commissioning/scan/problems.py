@@ -7,6 +7,7 @@ from typing import Final, Literal
 from commissioning.scan.identify import Identity
 from drivers.bus.types import FaultKind, ServoState
 from drivers.port.latency import HELD_BACK, latency_advice
+from drivers.port.owners import line_advice
 from drivers.servos.series import Read, Series
 
 Kind = Literal[
@@ -37,28 +38,29 @@ def line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], cor
     """What the tries say of the line rather than of the servo."""
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
-        return collision(servo_id)
+        return collision(servo_id, port)
     # A first one that comes after a silence counts as late too, for it may be.
     never_in_time = kinds[None] == kinds["corrupt"] == 0 and kinds["late"] > 0
     if never_in_time or kinds["late"] > 1 + kinds[None]:
         return Problem("late", f"answers too late: {latency_advice(port) or HELD_BACK}")
     if kinds[None] == 0 and kinds["corrupt"] == 0:
         return (
-            collision(servo_id)
+            collision(servo_id, port)
             if corrupt
             else Problem("no_reads", "answers a ping but no read: set its status return level so that it answers reads")
         )
     if failed >= BAD_SHARE * kinds.total():
-        return Problem("bad_line", "answers now and then, and broken: check the cable's plugs and the supply")
+        advice = line_advice(port, "the cable's plugs and the supply")
+        return Problem("bad_line", f"answers now and then, and broken: check {advice}")
     return None
 
 
-def collision(servo_id: int) -> Problem:
+def collision(servo_id: int, port: str) -> Problem:
     """Two servos with one ID, as far as one can tell."""
     return Problem(
         "collision",
         f"answers, but never in one piece: two servos probably have ID {servo_id}. Unplug all of them but one and give "
-        f"that another ID: servoloop set-id {servo_id} NEW. If there is only one, check the cable's plugs",
+        f"that another ID: servoloop set-id {servo_id} NEW. If there is only one, check {line_advice(port)}",
     )
 
 

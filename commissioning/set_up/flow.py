@@ -17,6 +17,7 @@ from commissioning.who import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError
+from drivers.printable import counted
 
 TRIES: Final = 10
 """So often the user is asked for the same thing."""
@@ -159,7 +160,7 @@ class SetUp:
             changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.basics())
             gear = self._gear(place, answer.servo_id)
         changes += provision(self._bus, self._clock, answer.servo_id, place.model, place.wanted())
-        what = f"{len(changes)} registers written, read back, locked" if changes else "nothing to write"
+        what = f"{counted(len(changes), 'register')} written, read back, locked" if changes else "nothing to write"
         self._guide.say(f"{place.joint}: servo {place.servo_id}, {what}")
         return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud, gear)
 

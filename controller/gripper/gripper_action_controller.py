@@ -26,7 +26,7 @@ from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_s
 from controller.parameters import Parameters
 from controller.settling import Settling
 from controller.unmeasured import Unmeasured
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointLimits, JointState, apart
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -200,7 +200,7 @@ class GripperActionController:
         elif self._stalls(self.state, before, step_s):
             good = self.parameters.allow_stalling
             status = GoalStatus.SUCCEEDED if good else GoalStatus.ABORTED
-            text = f"stalled at {self.state.position:.4f}, short of {handle.goal.position:.4f}"
+            text = "stalled at {}, short of {}".format(*apart(self.state.position, handle.goal.position))
             self._end(handle, status, text, stalled=True)
 
     def _stalls(self, now: GripperState, before: GripperState | None, step_s: float) -> bool:

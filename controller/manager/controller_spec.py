@@ -1,9 +1,13 @@
 """The spec of a controller, as a controllers file or a spawner gives it."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from controller.parameters import Parameters
+
+ROS_ARGUMENTS: Final = "--ros-args"
 
 
 def name_mistake(name: str) -> str | None:
@@ -11,6 +15,11 @@ def name_mistake(name: str) -> str | None:
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         return None
     return "cannot be a controller's name: ROS nodes' names are letters, digits and _, and begin with no digit"
+
+
+def with_ros_flag(arguments: Sequence[str]) -> tuple[str, ...]:
+    """ROS arguments behind ``--ros-args``, which rcl asks for and the user may leave out."""
+    return tuple(arguments) if not arguments or ROS_ARGUMENTS in arguments else (ROS_ARGUMENTS, *arguments)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,18 +8,21 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from controller.manager.controller_spec import ControllerSpec, name_mistake
-from controller.manager.node_parameters import Content, merged, names, parameters_of, read_content
-from controller.manager.plugins import broken_plugins, controller_types
-from controller.parameters import ManagerParameters, Parameters
+from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
+from controller.manager.node_parameters import Content, merged, names, parameters_in, parameters_of
+from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
+from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
-from hal.yaml_file import place
+from hal.yaml_file import YamlFile, mistakes
 
 LOG = logging.getLogger("servoloop.controller")
 
 MANAGER = "controller_manager"
 GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overruns", "qos_overrides")
 """Groups of the manager's own parameters, which look like controllers."""
+HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
+"""Parameters of the manager that have an effect, or that every node has."""
 FOR_THE_MANAGER = ("type", "fallback_controllers", "params_file", "node_options_args")
 """Names among a controller's parameters that are for the spawner, and not for the controller."""
 
@@ -35,11 +38,16 @@ class ControllersFileError(Exception):
 class ControllersFile:
     """The whole file, checked; ``content`` is all that it says, also of nodes that the manager does not name."""
 
-    path: Path
+    yaml: YamlFile
     update_rate_hz: int
     controllers: tuple[ControllerSpec, ...]
     content: Content = field(default_factory=dict)
     defaults: Defaults = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The path of the file."""
+        return self.yaml.path
 
     @property
     def manager(self) -> Mapping[str, Any]:
@@ -52,17 +60,18 @@ def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInf
 
     Raises ControllersFileError with every mistake.
     """
-    content = read_content(path, ControllersFileError)
+    file, content = read_parameter_file(path, ControllersFileError)
     if not names(content, MANAGER):
         raise ControllersFileError(f"{path} has no {MANAGER}")
-    reader = _Reader(path, content, component, [])
+    reader = _Reader(file, content, component, [])
     controllers = reader.controllers(defaults)
     manager = reader.checked(MANAGER, ManagerParameters, parameters_of(content, MANAGER))
     if reader.problems or not isinstance(manager, ManagerParameters):
         raise ControllersFileError("\n".join(reader.problems))
+    reader.name_unused(manager)
     if not controllers:
         LOG.warning("%s: %s names no controllers: a spawner has to bring them", path, MANAGER)
-    return ControllersFile(path, manager.update_rate, tuple(controllers), content, defaults)
+    return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
 
 
 def load_controller(
@@ -77,31 +86,63 @@ def load_controller(
 
     Required parameters may still be missing. Raises ControllersFileError with every other mistake.
     """
-    contents = [(path, read_content(path, ControllersFileError)) for path in paths]
-    if paths and not any(names(content, name) or "/**" in content for _, content in contents):
-        listed = ", ".join(map(str, paths))
-        raise ControllersFileError(f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'")
-    parameters = merged(file.defaults.get(name, {}), parameters_of(file.content, name))
-    for said in (*(parameters_of(content, name) for _, content in contents), given or {}):
-        parameters = merged(parameters, said)
-    reader = _Reader(*(contents[-1] if contents else (file.path, file.content)), component, [], complete=False)
-    found = list(reader.controller(name, {**_entry(file.content, name), "type": kind}, parameters))
+    source = _Source(file.yaml, file.content, file.defaults)
+    last, content, parameters = source.parameters(name, paths, given or {})
+    reader = _Reader(last, content, component, [], complete=False)
+    found = list(reader.controller(name, {**source.entry(name), "type": kind}, parameters))
     if reader.problems:
         raise ControllersFileError("\n".join(reader.problems))
     return found[0]
 
 
-def _entry(content: Content, name: str) -> Mapping[str, Any]:
-    """The entry of a controller in the manager's own section."""
-    said = parameters_of(content, MANAGER).get(name)
-    return said if isinstance(said, Mapping) else {}
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """The controllers file and the robot file's defaults, to which a controller's parameter files add."""
+
+    file: YamlFile
+    content: Content
+    defaults: Defaults
+
+    def entry(self, name: str) -> dict[str, Any]:
+        """What the file says of a controller for the manager: in the manager's section, or else in its own."""
+        own, said = parameters_of(self.content, name), parameters_of(self.content, MANAGER).get(name)
+        found = {key: own[key] for key in FOR_THE_MANAGER if key in own}
+        return {**found, **said} if isinstance(said, Mapping) else found
+
+    def controllers(self) -> list[str]:
+        """The controllers that the manager names, and those whose own section has a type of controllers."""
+        named = [n for n, said in parameters_of(self.content, MANAGER).items() if isinstance(said, Mapping)]
+        own = [n.removeprefix("/") for n in self.content if n.removeprefix("/").isidentifier()]
+        known = {*controller_types(), *SUCCESSORS}
+        typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
+        return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
+
+    def parameters(
+        self, name: str, paths: Sequence[Path], given: Mapping[str, Any]
+    ) -> tuple[YamlFile, Content, dict[str, Any]]:
+        """A controller's parameters, and the file that counts most. Raises ControllersFileError."""
+        contents = [read_parameter_file(path, ControllersFileError) for path in paths]
+        if paths and not any(names(content, name) or ALL in content for _, content in contents):
+            listed = ", ".join(map(str, paths))
+            raise ControllersFileError(
+                f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'"
+            )
+        found = merged(self.defaults.get(name, {}), parameters_of(self.content, name))
+        for said in (*(parameters_of(content, name) for _, content in contents), given):
+            found = merged(found, said)
+        return (*(contents[-1] if contents else (self.file, self.content)), found)
+
+
+def texts(value: Any) -> tuple[str, ...]:
+    """A setting of one or several texts, as upstream takes it."""
+    return (value,) * bool(value) if isinstance(value, str) else tuple(map(str, value or ()))
 
 
 @dataclass(slots=True)
 class _Reader:
     """One file being read, and the mistakes found so far."""
 
-    path: Path
+    file: YamlFile
     content: Content
     component: HardwareInfo
     problems: list[str]
@@ -110,26 +151,44 @@ class _Reader:
 
     def say(self, node: str, key: str, text: str) -> None:
         """A mistake with file and line."""
-        self.problems.append(f"{place(self.path, (node, 'ros__parameters', key))}: {node}.{key} {text}")
+        self.problems.append(f"{self.file.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
-        """The controllers that the manager names and whose parameters are right."""
+        """The controllers of the file whose parameters are right, each with its parameter files and arguments."""
+        source = _Source(self.file, self.content, defaults)
+        known = source.controllers()
         found: list[ControllerSpec] = []
-        for name, said in parameters_of(self.content, MANAGER).items():
-            if isinstance(said, Mapping) and name not in GROUPS:
-                own = parameters_of(self.content, name)
-                self._check_waits(name, own.get("wait_for"))
-                found += self.controller(name, said, merged(defaults.get(name, {}), own))
+        for name in known:
+            entry = source.entry(name)
+            waits = parameters_of(self.content, name).get("wait_for")
+            for other in self._strangers(name, waits, known):
+                self.say(name, "wait_for", f"names {other}, which is no other controller of this file")
+            for other in self._strangers(name, texts(entry.get("fallback_controllers")), known):
+                key = f"{name}.fallback_controllers"
+                self.say(MANAGER, key, f"names {other}, which is no other controller of this file: correct it")
+            try:
+                given = parameters_in(texts(entry.get("node_options_args")), name)
+                paths = [Path(path) for path in texts(entry.get("params_file"))]
+                last, content, parameters = source.parameters(name, paths, given)
+            except (ControllersFileError, ValueError) as error:
+                self.say(MANAGER, name, f"cannot be loaded: {error}")
+                continue
+            found += _Reader(last, content, self.component, self.problems).controller(name, entry, parameters)
         return found
+
+    def name_unused(self, manager: ManagerParameters) -> None:
+        """Name the manager's parameters that have no effect here."""
+        extra = manager.model_extra or {}
+        unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
+        if unused := [key for key in unused if key not in HONORED]:
+            LOG.warning("%s: %s: not used: %s", self.file.path, MANAGER, ", ".join(unused))
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
         """The parameters as ``model``, or None and each mistake noted."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
-            for item in error.errors():
-                where = place(self.path, (name, "ros__parameters", *item["loc"]))
-                self.problems.append(f"{where}: {'.'.join((name, *map(str, item['loc'])))}: {item['msg']}")
+            self.problems += mistakes(self.file, error, (name, PARAMETERS), name)
             return None
 
     def controller(
@@ -137,37 +196,47 @@ class _Reader:
     ) -> Iterator[ControllerSpec]:
         """The controller, unless there are mistakes. ``entry`` is its entry in the manager's section."""
         kind = str(entry.get("type") or "")
+        if kind in SUCCESSORS and self.complete:
+            LOG.error("%s: %s is not loaded: %s", self.file.path, name, outdated(kind))
+            return
         if kind not in controller_types():
             what = f"unknown type '{kind}'" if kind else "no type"
-            why = broken_plugins().get(kind) or f"has {what}, known types are {', '.join(controller_types())}"
+            why = (
+                broken_plugins().get(kind)
+                or outdated(kind)
+                or f"has {what}, known types are {', '.join(controller_types())}"
+            )
             self.say(MANAGER, name, why)
             return
         if mistake := name_mistake(str(name)):
             self.say(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in FOR_THE_MANAGER}
-        checked = self.checked(name, controller_types()[kind].parameters_type, own)
+        impossible = list(ros_mistakes(own))
+        for key, text in impossible:
+            self.say(name, key, text)
+        checked = None if impossible else self.checked(name, controller_types()[kind].parameters_type, own)
         if checked is None:
             return
         if missing := checked.missing():
             LOG.info("%s is loaded without %s: to be set on its node before it is configured", name, ", ".join(missing))
         else:
             self._check_use(name, checked)
-        fallback = entry.get("fallback_controllers") or ()
-        yield ControllerSpec(name, kind, checked, (fallback,) if isinstance(fallback, str) else tuple(fallback))
+        fallback = texts(entry.get("fallback_controllers"))
+        if name in fallback and not self.complete:  # of the controllers file it was said before
+            self.say(name, "fallback_controllers", f"names {name} itself: name another controller, or take it out")
+        yield ControllerSpec(name, kind, checked, fallback, with_ros_flag(texts(entry.get("node_options_args"))))
 
     def _check_use(self, name: str, parameters: Parameters) -> None:
         for key, text in claim_mistakes(parameters, self.component):
             self.say(name, key, text)
         if unused := parameters.unused():
-            LOG.warning("%s: %s: not used: %s", self.path, name, ", ".join(unused))
+            LOG.warning("%s: %s: not used: %s", self.file.path, name, ", ".join(unused))
 
-    def _check_waits(self, name: str, waits: Any) -> None:
-        """A controller must wait for another of this file; the robot file's defaults may name one that is not there."""
-        known = parameters_of(self.content, MANAGER)
-        for other in waits if isinstance(waits, list) else []:
-            if other == name or other not in known:
-                self.say(name, "wait_for", f"names {other}, which is no other controller of this file")
+    @staticmethod
+    def _strangers(name: str, others: Any, known: Sequence[str]) -> list[str]:
+        """The controllers of a list that the file does not have, and the controller itself."""
+        return [one for one in (others if isinstance(others, list | tuple) else ()) if one == name or one not in known]
 
 
 def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:

@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from controller.interface import Controller, ControllerContext
-from controller.manager.controller_spec import ControllerSpec
+from controller.manager.controller_spec import ControllerSpec, with_ros_flag
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.node_parameters import parameters_in
 from controller.manager.plugins import controller_types
-
-ROS_ARGUMENTS = "--ros-args"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +33,9 @@ class Factory:
         """
         given = parameters_in(node_arguments, name)
         spec = load_controller(self.file, name, kind, paths, self.context.component, given)
-        arguments = tuple(node_arguments)
-        if arguments and ROS_ARGUMENTS not in arguments:  # the spawner's user may leave it out, rcl asks for it
-            arguments = (ROS_ARGUMENTS, *arguments)
+        if name in fallback:
+            raise ControllersFileError(f"{name} cannot be its own fallback: name another controller")
+        arguments = with_ros_flag(node_arguments) or spec.node_arguments
         return replace(spec, fallback=tuple(fallback) or spec.fallback, node_arguments=arguments)
 
     def make(self, spec: ControllerSpec) -> Controller:

@@ -1,45 +1,29 @@
 """The parameters of one node in ROS parameter files, by upstream's rules of which entry counts."""
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import BaseModel, ConfigDict, RootModel
-
-from hal.yaml_file import load
-
-ALL = "/**"
-PARAMETERS = "ros__parameters"
+from controller.manager.parameter_file import ALL, PARAMETERS, parse_value
 
 Content = Mapping[str, Mapping[str, Any]]
-"""A file as it is: node names (or patterns), below them ``ros__parameters``."""
-
-
-class _Node(BaseModel):
-    model_config = ConfigDict(extra="allow")
-    ros__parameters: dict[str, Any] = {}
-
-
-class _File(RootModel[dict[str, _Node]]):
-    pass
-
-
-def read_content(path: Path, error: type[Exception]) -> Content:
-    """The whole file. Raises ``error`` with every mistake in its shape."""
-    content: Content = load(path, _File, error).model_dump()
-    return content
+"""A file's nodes (or patterns of nodes) in its order, below each ``ros__parameters``."""
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
-    """The parameters of ``node``, which is in no namespace: entries for it alone win over entries for all nodes."""
-    general = content.get(ALL, {})
-    found = merged({}, general.get(PARAMETERS, {}))
-    for said in (general.get(node), content.get(f"{ALL}/{node}"), content.get(node), content.get(f"/{node}")):
-        if isinstance(said, Mapping):
+    """The parameters of ``node``, which is in no namespace: as in rclcpp, later entries of a file count more."""
+    found: dict[str, Any] = {}
+    for pattern, said in content.items():
+        if _matches(pattern, node):
             found = merged(found, said.get(PARAMETERS) or {})
     return found
+
+
+def _matches(pattern: str, node: str) -> bool:
+    """Whether rclcpp takes a name with the wildcards ``*`` and ``**`` for this node."""
+    absolute = pattern if pattern.startswith("/") else f"/{pattern}"
+    return re.fullmatch(absolute.replace("/*", r"(/\w+)"), f"/{node}") is not None
 
 
 def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
@@ -53,8 +37,8 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
         whose, _, name = name.rpartition(":")
         if flag in ("-p", "--param") and given and whose in ("", node, f"/{node}", ALL):
             try:
-                found = merged(found, {name: yaml.safe_load(value)})
-            except yaml.YAMLError as error:
+                found = merged(found, {name: parse_value(value)})
+            except ValueError as error:
                 raise ValueError(f"{node} gets the argument '{flag} {rule}', whose value is no YAML") from error
     return found
 
@@ -74,4 +58,4 @@ def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any
 
 def names(content: Content, node: str) -> bool:
     """Whether the file says anything of this very node."""
-    return any(name in content for name in (node, f"/{node}", f"{ALL}/{node}")) or node in content.get(ALL, {})
+    return any(pattern.rpartition("/")[2] == node and _matches(pattern, node) for pattern in content)

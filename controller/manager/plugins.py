@@ -35,6 +35,23 @@ _OURS: Final[tuple[ControllerType, ...]] = (
 )
 
 
+_TRAJECTORIES: Final = "joint_trajectory_controller/JointTrajectoryController"
+SUCCESSORS: Final[Mapping[str, str]] = {
+    "joint_state_controller/JointStateController": "joint_state_broadcaster/JointStateBroadcaster",
+    "position_controllers/JointTrajectoryController": _TRAJECTORIES,
+    "velocity_controllers/JointTrajectoryController": _TRAJECTORIES,
+    "effort_controllers/JointTrajectoryController": _TRAJECTORIES,
+    "position_controllers/JointPositionController": "position_controllers/JointGroupPositionController",
+    "effort_controllers/GripperActionController": "parallel_gripper_action_controller/GripperActionController",
+}
+"""Types of older releases, and the types that took their place."""
+
+
+def outdated(kind: str) -> str | None:
+    """The remedy for a type of an older release; None for any other type."""
+    return f"its type {kind} is outdated: write {SUCCESSORS[kind]}" if kind in SUCCESSORS else None
+
+
 class PluginError(Exception):
     """An installed plug-in cannot be loaded."""
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 from typing import Final
 
 from controller.action_goals import GoalStatus
-from controller.trajectory.goal_result import ErrorCode, apart
+from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.tolerances import Tolerances
-from hal.types import AT_LIMIT, FloatArray, JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits, apart, beyond_range
 
 LARGEST_GOAL: Final = 5_000
 """Points of one goal: the ROS thread prepares them in some tenths of a second."""
@@ -113,17 +113,14 @@ def limits_reason(
         for name, position in zip(goal.joints, point.positions, strict=False):
             if not ends[name][0] <= position <= ends[name][1]:
                 limit = by_name[name]
-                near = limit.lower if position < limit.lower else limit.upper
-                return (
-                    f"{name} would go to {apart(position, near)} at point #{index}, outside its limits "
-                    f"{limit.lower:.4f} to {limit.upper:.4f}"
-                )
+                said, lower, upper = beyond_range(position, limit.lower, limit.upper)
+                return f"{name} would go to {said} at point #{index}, outside its limits {lower} to {upper}"
         rates = ("move", point.velocities, "velocity"), ("accelerate", point.accelerations, "acceleration")
         for verb, values, kind in rates:
             for name, value in zip(goal.joints, values, strict=False):
                 if abs(value) > (bound := getattr(by_name[name], kind)) * (1.0 + ROUNDING):
-                    said = apart(value, bound)
-                    return f"{name} would {verb} at {said} at point #{index}, beyond its limit {bound:.4f}"
+                    said, most = apart(value, math.copysign(bound, value))
+                    return f"{name} would {verb} at {said} at point #{index}, beyond its limit {most.lstrip('-')}"
     return None
 
 

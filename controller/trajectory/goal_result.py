@@ -80,11 +80,3 @@ def _success(path: Path) -> str:
     if stretched(path):
         text += f" The limits stretched it from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
     return text
-
-
-def apart(value: float, limit: float) -> str:
-    """The value with so many digits, four at least, that it is seen to differ from the limit."""
-    for digits in range(4, 16):
-        if f"{abs(value):.{digits}f}" != f"{abs(limit):.{digits}f}":
-            break
-    return f"{value:.{digits}f}"

@@ -60,7 +60,8 @@ class TrajectoryParameters(Parameters):
     """Parameters of the trajectory controller. The last three are ours, and so is ``interpolation_method: ruckig``."""
 
     joints: tuple[str, ...] = Field(min_length=1)
-    command_interfaces: tuple[Literal["position"], ...] = ("position",)
+    command_interfaces: tuple[Literal["position", "velocity", "acceleration", "effort"], ...] = ("position",)
+    """Servos take positions: the others of a list that has position are not used."""
     state_interfaces: tuple[Literal["position", "velocity"], ...] = ("position", "velocity")
     allow_partial_joints_goal: bool = False
     allow_integration_in_goal_trajectories: bool = False
@@ -79,6 +80,13 @@ class TrajectoryParameters(Parameters):
     raise its ``allowed_goal_duration_margin``."""
     wait_for_timeout: NotNegative = 1.5
 
+    @field_validator("command_interfaces")
+    @classmethod
+    def _has_position(cls, kinds: tuple[str, ...]) -> tuple[str, ...]:
+        if "position" not in kinds:
+            raise ValueError(f"'position' is not among {', '.join(kinds) or 'no interfaces'}: write [position]")
+        return kinds
+
     @field_validator("constraints")
     @classmethod
     def _every_joint(cls, constraints: Constraints, info: ValidationInfo) -> Constraints:
@@ -88,11 +96,12 @@ class TrajectoryParameters(Parameters):
         return Constraints.model_validate(constraints.model_dump() | others) if others else constraints
 
     def claims(self) -> tuple[str, ...]:
-        return tuple(f"{joint}/{name}" for joint in self.joints for name in self.command_interfaces)
+        return tuple(f"{joint}/position" for joint in self.joints)
 
     def unused(self) -> list[str]:
         others = set(self.constraints.by_joint()) - set(self.joints)
-        return super().unused() + [f"constraints.{other}" for other in sorted(others)]
+        kinds = [f"command_interfaces: {kind}" for kind in self.command_interfaces if kind != "position"]
+        return super().unused() + [f"constraints.{other}" for other in sorted(others)] + kinds
 
     def tolerances(self) -> Tolerances:
         """The defaults for goals that bring none."""

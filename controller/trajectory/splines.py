@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.motion import Kinematics, MotionError, swing_limits
 from controller.trajectory.waypoints import BoolArray, Waypoints
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray, JointLimits, beyond_range
 
 ATTEMPTS: Final = 20
 """So often a segment that is too fast is given more time before the goal is refused."""
@@ -138,7 +138,8 @@ def _check_positions(positions: FloatArray, limits: Sequence[JointLimits], names
     row, _, joint = (int(found[0]) for found in np.nonzero(outside))
     reached = positions[row, :, joint]
     far = reached[np.argmax(np.maximum(reached - upper[joint], lower[joint] - reached))]
+    said, low, high = beyond_range(float(far), limits[joint].lower, limits[joint].upper)
     raise MotionError(
-        f"{names[joint] if names else f'joint {joint + 1}'} would swing to {far:.4f} on the way to point #{row}, "
-        f"outside its limits {limits[joint].lower:.4f} to {limits[joint].upper:.4f}: pass the points near it slower"
+        f"{names[joint] if names else f'joint {joint + 1}'} would swing to {said} on the way to point #{row}, "
+        f"outside its limits {low} to {high}: pass the points near it slower"
     )

@@ -4,7 +4,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from hal.types import FloatArray
+from hal.types import FloatArray, apart
 
 ERASE: Final = -1.0
 """A tolerance that a goal switches off (control_msgs/JointTolerance)."""
@@ -55,7 +55,7 @@ def excess(
     Of a joint that is ``unmeasured`` that is not known.
     """
     found = [
-        (abs(off) / allowed, f"{name} is off by {abs(off):.4f}, allowed is {allowed:.4f}")
+        (abs(off) / allowed, "{} is off by {}, allowed is {}".format(name, *apart(abs(off), allowed)))
         for name, off in zip(joints, error.tolist(), strict=True)
         if 0.0 < (allowed := tolerance.get(name, 0.0)) < abs(off) and name not in unmeasured
     ]

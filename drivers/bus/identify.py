@@ -18,7 +18,8 @@ def check_model_number(single: SingleServo, servo_id: int, model: ServoModel) ->
         raise ServoRefused(
             servo_id,
             f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
-            "correct the model that it is said to be, or swap the servo",
+            "write its real model into the robot file, or swap the servo. docs/add-a-servo.md shows how to add a model "
+            "that servoloop does not know",
         )
 
 

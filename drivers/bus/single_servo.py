@@ -9,6 +9,8 @@ from drivers.bus.late_replies import LateReplies
 from drivers.bus.sdk_adapter import CORRUPT, SdkAdapter
 from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
 from drivers.port.line import Line
+from drivers.port.owners import line_advice
+from drivers.printable import counted
 from drivers.servos.register import Register
 from drivers.servos.series import WireProtocol
 
@@ -110,7 +112,7 @@ class SingleServo:
         account = self._counters.of(servo_id)
         if result in CORRUPT:
             account.corrupt += 1
-            raise ServoCorrupt(servo_id, "answered with a broken packet: check the cable's plugs")
+            raise ServoCorrupt(servo_id, f"answered with a broken packet: check {line_advice(self._line.port.name)}")
         account.silent += 1
         raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")
 
@@ -125,7 +127,7 @@ class SingleServo:
         if size is not None and len(data) != size:
             account.late += 1
             self._late.add_single(servo_id, self._line.now())
-            raise ServoCorrupt(servo_id, f"answered {len(data)} bytes for {what}")
+            raise ServoCorrupt(servo_id, f"answered {counted(len(data), 'byte')} for {what}")
         account.replies += 1
         account.alarms += error != 0
         self._late.answered(servo_id, self._line.now())

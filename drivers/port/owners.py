@@ -49,3 +49,10 @@ def _command(process: Path) -> str:
         return (process / "comm").read_text().strip()
     except OSError:
         return "a program"
+
+
+def line_advice(device: str, plugs: str = "the cable's plugs") -> str:
+    """Return the parts of a line to check: the plugs, or on a pseudo-terminal the program that serves it."""
+    if is_pseudo_terminal(Path(device)):
+        return "the program that serves this virtual line, the faults set in it and the load of this machine"
+    return plugs

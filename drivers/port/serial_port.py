@@ -13,7 +13,7 @@ from pathlib import Path
 import serial
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
 from drivers.port.latency import latency_advice
 from drivers.port.owners import held_by_us, is_pseudo_terminal, port_owners
 
@@ -34,7 +34,7 @@ _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
 class SerialPort:
     """Opens a device exclusively and waits on its file descriptor, never spinning.
 
-    Raises PortMissing, PortBusy (with the owner's name) or PortDenied (with the group to join).
+    Raises PortMissing, PortNotSerial, PortBusy (with the owner's name) or PortDenied (with the group to join).
     """
 
     def __init__(self, device: str, baud: int = 1_000_000, clock: Clock | None = None) -> None:
@@ -172,6 +172,8 @@ def _open(device: str, baud: int) -> serial.Serial:
     path = Path(device)
     if not path.exists():
         raise PortMissing(_missing_text(device))
+    if not _may_be_serial(path):
+        raise PortNotSerial(not_serial_text(device))
     # A program that does not lock the device (the SDKs do not) is seen only in the process table.
     owners = list(port_owners(path))
     if owners:
@@ -223,14 +225,35 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
             return PortBusy(f"{path} is in use by this very program: close it first")
         owners = owners or "a program of another user"
         return PortBusy(f"{path} is in use by {owners}: end that program first")
+    if error.errno in (errno.ENOTTY, errno.EINVAL) or isinstance(error.__context__, termios.error):
+        return PortNotSerial(not_serial_text(str(path)))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         return PortMissing(_missing_text(str(path)))
     return PortError(f"cannot open {path}: {error}")
 
 
+def _may_be_serial(path: Path) -> bool:
+    """Whether a path is a terminal, as far as the kernel tells without opening it."""
+    if not path.is_char_device():
+        return False
+    number = path.stat().st_rdev
+    subsystem = Path(f"/sys/dev/char/{os.major(number)}:{os.minor(number)}/subsystem")  # pseudo-terminals have none
+    return not subsystem.exists() or subsystem.resolve().name == "tty"
+
+
 def _missing_text(device: str) -> str:
+    return f"there is no {device}: plug in the adapter or name another port (there is {_there()})"
+
+
+def not_serial_text(device: str) -> str:
+    """The message about a path that is not a serial device."""
+    what = "a folder" if Path(device).is_dir() else "a file" if Path(device).is_file() else "another kind of device"
+    return f"{device} is not a serial device but {what}: name the adapter's port (there is {_there()})"
+
+
+def _there() -> str:
     found = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
-    return f"there is no {device}: plug in the adapter or name another port (there is {', '.join(found) or 'none'})"
+    return ", ".join(found) or "none"
 
 
 def _denied_text(path: Path) -> str:

@@ -2,17 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 from xml.parsers.expat import ExpatError
 
 from hal.errors import DescriptionError
 from hal.robot_description.command_ranges import narrowed, range_problems, range_warnings
-from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info
+from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
 from hal.robot_description.limit_check import limit_problems
 from hal.robot_description.links import Link, link_problems, parse_links
-from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints
-from hal.robot_description.xml_places import parse_xml
+from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints, with_leaders
+from hal.robot_description.xml_places import is_xacro, not_finite, parse_xml
 
 __all__ = ["Description", "HardwareInfo", "Link", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
+
+XACRO: Final = "this is xacro and not yet a URDF: run 'xacro FILE > robot.urdf', and name robot.urdf instead"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +44,16 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     try:
         robot = parse_xml(xml, file)
     except ExpatError as error:
+        if "<xacro:" in xml:
+            raise DescriptionError(XACRO) from error
         raise DescriptionError(f"the URDF is not well-formed XML: {error}") from error
     if robot.tag != "robot":
         raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot>")
-    joints, links = parse_joints(robot), parse_links(robot)
-    components = tuple(parse_hardware_info(block, joints) for block in robot.findall("ros2_control"))
+    if is_xacro(robot):
+        raise DescriptionError(XACRO)
+    blocks, links = robot.findall("ros2_control"), parse_links(robot)
+    joints = with_leaders(without_refused_mimics(blocks, parse_joints(robot)))
+    components = tuple(parse_hardware_info(block, joints) for block in blocks)
     _check_apart(components, joints)
     if not components:
         raise DescriptionError(
@@ -54,7 +62,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         )
     whole = merged(components)
     joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
-    if problems := [*link_problems(joints, links), *limit_problems(joints)]:
+    if problems := [*link_problems(joints, links), *limit_problems(joints), *not_finite(robot)]:
         raise DescriptionError("\n".join(problems))
     limited, warnings = _narrowed(joints, whole)
     return Description(xml, limited, components, links, warnings)

@@ -1,12 +1,13 @@
 """The ``<ros2_control>`` blocks of a URDF: one hardware component each."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
+from hal.robot_description.xml_places import place
 
 TYPES = ("system", "actuator", "sensor")
 COMMANDS = ("position", "velocity", "effort")
@@ -96,6 +97,28 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
     )
 
 
+def without_refused_mimics(blocks: Sequence[Element], joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
+    """The joints, without the ``<mimic>`` of those that a block drives by themselves with ``mimic="false"``.
+
+    Raises DescriptionError where the attribute contradicts the URDF.
+    """
+    found = dict(joints)
+    for element in (element for block in blocks for element in block.findall("joint")):
+        name, said = element.get("name", ""), element.get("mimic")
+        if name not in joints or said is None:
+            continue
+        if said.lower() not in ("true", "false"):
+            raise DescriptionError(f"joint '{name}': mimic '{said}' is not true or false ({place(element)}): fix it")
+        if said.lower() == "false":
+            found[name] = replace(joints[name], mimic=None)
+        elif joints[name].mimic is None:
+            raise DescriptionError(
+                f"joint '{name}' has mimic=\"true\" and no <mimic> in the URDF ({place(element)}): take it out, "
+                "or add a <mimic> to the joint"
+            )
+    return found
+
+
 def _kind(name: str, block: Element) -> str:
     kind = attribute(block, "type", f"<ros2_control name='{name}'>")
     if kind not in TYPES:
@@ -142,7 +165,7 @@ def _check_commands(
         if own and mimic is not None:
             raise DescriptionError(
                 f"<ros2_control name='{name}'>: joint '{joint}' follows '{mimic.joint}' by its <mimic>: "
-                "take its <command_interface> out"
+                'take its <command_interface> out, or write mimic="false" in its <joint> of the block'
             )
         for command in own:
             if command not in COMMANDS:

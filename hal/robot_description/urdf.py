@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
@@ -83,6 +83,19 @@ def _check_led(joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> None:
                 f"{joint.name}: its <mimic> leads back to {leader.name} ({joint.place}): name a joint that is driven."
             )
         seen.add(leader.name)
+
+
+def with_leaders(joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
+    """Let each joint that mimics a mimic follow the joint at the end of the chain, which mimics no other."""
+    return {name: replace(joint, mimic=_at_the_end(joint, joints)) for name, joint in joints.items()}
+
+
+def _at_the_end(joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> Mimic | None:
+    mimic = joint.mimic
+    while mimic is not None and (above := joints[mimic.joint].mimic) is not None:
+        offset = mimic.multiplier * above.offset + mimic.offset
+        mimic = Mimic(above.joint, mimic.multiplier * above.multiplier, offset)
+    return mimic
 
 
 def _joint(element: Element) -> UrdfJoint:

@@ -10,6 +10,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2, X
 from hal.errors import RobotFileError
+from hal.plausible import (
+    Acceleration,
+    Baud,
+    Jerk,
+    MetresPerRadian,
+    NoTruth,
+    Position,
+    TorqueLimit,
+    VelocityScale,
+)
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
 from hal.robot_file.protection import protection_problems
 from hal.servos.servo_settings import homing_mistake, mistakes
@@ -18,9 +28,7 @@ from hal.yaml_file import load
 LOG = logging.getLogger("servoloop.hal")
 
 ExitPolicy = Literal["hold", "relax"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 BusName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 LARGEST_IDS: dict[Make, int] = {"feetech": 253, "dynamixel": 252}
 
@@ -33,7 +41,7 @@ class BusFile(_Strict):
     """The line to the servos. Which device it is, the command line says."""
 
     protocol: Make = "feetech"
-    baud: int = Field(default=1_000_000, gt=0)
+    baud: Baud = 1_000_000
 
 
 class JointFile(_Strict):
@@ -41,23 +49,23 @@ class JointFile(_Strict):
 
     bus: str | None = None
     """Which of the file's ``buses``; not said where there is only one."""
-    servo_id: int = Field(ge=0, le=253)
+    servo_id: Annotated[int, NoTruth, Field(ge=0, le=253)]
     model: str
     sign: Literal[1, -1] = 1
-    zero_counts: int | None = Field(None, ge=-32767, le=32767)
+    zero_counts: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
     """Not said: the middle of the servo's range."""
-    homing_offset: int | None = Field(None, ge=-32767, le=32767)
+    homing_offset: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
     """What the servo's register must hold for ``zero_counts`` to be true; not said: it is not looked at."""
     extended: bool = False
     """Whether the servo, a Dynamixel X, must be in extended position mode."""
-    metres_per_radian: Positive | None = None
-    torque_limit: float = Field(1.0, gt=0, le=1)
-    position_p: int | None = Field(None, ge=0, le=16383)
+    metres_per_radian: MetresPerRadian | None = None
+    torque_limit: TorqueLimit = 1.0
+    position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
     """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
-    settings: dict[str, int] = {}
+    settings: dict[str, Annotated[int, NoTruth]] = {}
     """Registers of the servo's EEPROM, by name: gains, dead zones, protections. Written where the servo has others."""
-    acceleration: Positive
-    jerk: Positive
+    acceleration: Acceleration
+    jerk: Jerk
 
     @field_validator("model")
     @classmethod
@@ -77,8 +85,8 @@ class ExitFile(_Strict):
 class ParkFile(_Strict):
     """The pose to go to before letting go, at which share of the joints' velocity limits."""
 
-    pose: dict[str, Finite]
-    velocity_scale: float = Field(0.25, gt=0, le=1)
+    pose: dict[str, Position]
+    velocity_scale: VelocityScale = 0.25
 
 
 class RobotFile(_Strict):

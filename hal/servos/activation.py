@@ -110,6 +110,10 @@ class Activation:
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
         if problem := far_outside(position, joint.limits):
+            if counted_turns(joint, state.position_counts):
+                raise ActivationError(
+                    f"not activated: {self._called(joint)} {problem}. {counted_turns(joint, state.position_counts)}"
+                )
             raise ActivationError(
                 f"not activated: {self._called(joint)} {problem}. Move it by hand, or correct zero_counts"
             )
@@ -175,6 +179,18 @@ class Activation:
 
     def _called(self, joint: Joint) -> str:
         return f"{self._buses.label(joint)} (servo {joint.servo_id})"
+
+
+def counted_turns(joint: Joint, counts: int) -> str:
+    """Explain a reading that lies whole turns away from the servo's counts; empty if it is one of them."""
+    if not (turns := joint.turns(counts)):
+        return ""
+    number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"
+    return (
+        f"The servo reports {counts} counts, which is outside 0 to {joint.model.last_count}: it has counted {number}. "
+        "Hold the arm, and switch the servos' supply off and on. Leave the zero as it is: a changed one would be wrong "
+        "afterwards"
+    )
 
 
 def _agree(joint: Joint, one: ServoState, other: ServoState) -> bool:

@@ -10,6 +10,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import FaultKind, Reading, ServoFault
 from drivers.errors import PortError, PortLost
 from drivers.port.latency import HELD_BACK, latency_advice
+from drivers.port.owners import line_advice
 
 BAUD_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 2_000_000, 3_000_000, 4_000_000),
@@ -45,12 +46,10 @@ def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     return {i: text for i, text in _judged(bus, servo_ids).items() if NOWHERE not in text}
 
 
-def now_and_then(servo_id: int) -> str:
+def now_and_then(servo_id: int, device: str) -> str:
     """What to say of a servo that did not answer, where ``diagnose`` finds nothing wrong."""
-    return (
-        f"servo {servo_id}: answers only now and then: the line is bad: "
-        "check the cable's plugs, the supply and the adapter"
-    )
+    advice = line_advice(device, "the cable's plugs, the supply and the adapter")
+    return f"servo {servo_id}: answers only now and then: the line is bad: check {advice}"
 
 
 _REMEDY: Final = "set the servo to the bus's baud rate, or correct baud in the robot file"
@@ -85,22 +84,23 @@ def _judged(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
         elif None not in kinds[i]:
-            texts[i] = f"{refusals[i]}: {_REFUSES}" if i in refusals else _judge(i, kinds[i])
+            texts[i] = f"{refusals[i]}: {_REFUSES}" if i in refusals else _judge(i, kinds[i], bus.name)
     return texts
 
 
-def _judge(servo_id: int, kinds: Sequence[FaultKind | None]) -> str:
+def _judge(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str:
     """Two servos with one ID answer at the same moment, and what arrives is a mixture: every time."""
     if "reset" in kinds:
         return f"servo {servo_id}: loses its memory again and again, as in a reboot: check its supply"
     if "silent" not in kinds:
         return (
             f"servo {servo_id}: answers, but never in one piece: do two servos have ID {servo_id}? "
-            "Unplug one and give it another ID. If there is only one, check the cable's plugs"
+            f"Unplug one and give it another ID. If there is only one, check {line_advice(device)}"
         )
     if set(kinds) == {"silent"}:
         return f"servo {servo_id}: {NOWHERE}: check its power, its cable and its ID"
-    return f"servo {servo_id}: answers now and then, and broken: check the cable's plugs and the supply"
+    advice = line_advice(device, "the cable's plugs and the supply")
+    return f"servo {servo_id}: answers now and then, and broken: check {advice}"
 
 
 def _elsewhere(bus: Bus, servo_ids: Sequence[int]) -> dict[int, int]:

@@ -1,5 +1,6 @@
 """The set-up of the servos behind the joints: checks with diagnosis, measurements without a hurry, and their torque."""
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -9,7 +10,7 @@ from calibration.eeprom import EepromError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.types import Reading, ServoFault, ServoState
-from drivers.errors import DriverError, PortError, ServoError, ServoRefused
+from drivers.errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
@@ -18,6 +19,8 @@ from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
 from hal.servos.servo_settings import apply_settings, check_homing_offset, check_mode, warn_of_other_gains
+
+LOG = logging.getLogger("servoloop.hal")
 
 Result = TypeVar("Result")
 
@@ -61,7 +64,7 @@ class ServoSetup:
         with self._buses.named(name):
             errors = _failed(joints, bus, _settle)
         told = (EepromError, ServoRefused)
-        problems = {i: str(e) if isinstance(e, told) else now_and_then(i) for i, e in errors.items()}
+        problems = {i: str(e) if isinstance(e, told) else now_and_then(i, bus.name) for i, e in errors.items()}
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _strangers(self, name: str, bus: Bus) -> list[str]:
@@ -77,7 +80,9 @@ class ServoSetup:
         if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
-        problems = {i: now_and_then(i) if i in unheard else str(error) for i, error in errors.items()} | causes
+        problems = {
+            i: now_and_then(i, bus.name) if i in unheard else str(error) for i, error in errors.items()
+        } | causes
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def measure(self) -> dict[str, Reading]:
@@ -110,7 +115,7 @@ class ServoSetup:
     def forget_turns(self, joint: Joint) -> None:
         """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
         if joint.model in sts.MODELS.values():
-            self._ask(joint, lambda bus: retry(lambda: bus.forget_turns(joint.servo_id)))
+            self._ask(joint, partial(forget_turns, joint))
 
     def limit_torque(self, joint: Joint) -> None:
         """Limit the servo's drive to the joint's share of full drive."""
@@ -168,6 +173,25 @@ def _settle(joint: Joint, bus: Bus) -> None:
     if limits is None and joint.settings:  # both 0 make a motor of some
         bus.check_settings(joint.servo_id, joint.model)
     check_reach(joint, limits)
+
+
+def forget_turns(joint: Joint, bus: Bus) -> None:
+    """Send the instruction, which some servos and adapters do not know. Raises ServoRefused if it cannot be left out.
+
+    A joint that cannot pass its servo's last count has no turns to forget.
+    """
+    try:
+        retry(lambda: bus.forget_turns(joint.servo_id))
+    except (ServoSilent, ServoRefused) as error:
+        retry(partial(bus.ping, joint.servo_id))  # raises if the servo itself is silent
+        name = "the instruction 0x0A (forget turns)"
+        if joint.seam_inside:
+            raise ServoRefused(
+                joint.servo_id,
+                f"does not carry out {name}, and its joint passes the end of its counts: calibrate it with the seam "
+                "outside its range, or use an adapter that passes the instruction on",
+            ) from error
+        LOG.warning("%s (servo %d) does not carry out %s: going on without it", joint.name, joint.servo_id, name)
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:

@@ -6,6 +6,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
+from drivers.printable import printable
 from nodes.publishing import ANY_CLIENT
 
 
@@ -31,4 +32,4 @@ class ForwardNode:
     def _on_command(self, message: Float64MultiArray) -> None:
         reason = self._controller.submit(list(message.data))
         if reason:
-            self.node.get_logger().error(reason)
+            self.node.get_logger().error(printable(reason))

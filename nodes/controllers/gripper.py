@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 
 from controller.gripper.goal import GripperGoal, GripperHandle, GripperState
 from controller.gripper.gripper_action_controller import GripperActionController
+from drivers.printable import printable
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
 from nodes.publishing import RateLimiter
 
@@ -70,7 +71,7 @@ class GripperNode(ABC):
         except ValueError as error:
             reason = str(error)
         if reason:
-            self.node.get_logger().error(f"goal rejected: {reason}")
+            self.node.get_logger().error(printable(f"goal rejected: {reason}"))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 

@@ -12,6 +12,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from controller.motion import Kinematics
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
+from drivers.printable import printable
 from hal.types import FloatArray, JointState
 from nodes.controllers.trajectory_goals import TrajectoryGoals
 from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter
@@ -50,7 +51,7 @@ class TrajectoryNode:
 
     def _on_scaling(self, message: SpeedScalingFactor) -> None:
         if reason := self._controller.scaling.ask(message.factor):
-            self.node.get_logger().warning(reason)
+            self.node.get_logger().warning(printable(reason))
 
     def _on_query(
         self, request: QueryTrajectoryState.Request, response: QueryTrajectoryState.Response

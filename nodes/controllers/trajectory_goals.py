@@ -15,6 +15,7 @@ from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from controller.trajectory.tolerances import ERASE, Tolerances
+from drivers.printable import printable
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
 from nodes.publishing import ANY_CLIENT, LATCHED
 
@@ -74,7 +75,7 @@ class TrajectoryGoals:
 
     def _refuse(self, reason: str) -> None:
         """Say why something is not executed, in the log and on the topic."""
-        self._node.get_logger().error(reason)
+        self._node.get_logger().error(printable(reason))
         self._reason.publish(String(data=reason))
 
     def _goal_of(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
 from controller.manager.switch import Loaded, Strictness, SwitchRequest
+from drivers.printable import printable
 from hal.lifecycle import LifecycleState
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
@@ -110,7 +111,7 @@ class ManagerNode:
                 await self._pending.result(act(request))
                 response.ok = True
             except Exception as error:  # also whatever a plug-in raises
-                self.node.get_logger().error(str(error))
+                self.node.get_logger().error(printable(str(error)))
                 response.ok = False
             return response
 
@@ -140,7 +141,7 @@ class ManagerNode:
             response.message = await self._pending.result(self._manager_client.switch(switch, timeout_s))
             response.ok = True
         except Exception as error:
-            self.node.get_logger().error(str(error))
+            self.node.get_logger().error(printable(str(error)))
             response.ok, response.message = False, str(error)
         return response
 

@@ -6,6 +6,7 @@ from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
+from drivers.printable import printable
 from hal.components.component import Component
 from hal.lifecycle import LifecycleState
 from hal.robot_description.hardware_info import HardwareInfo
@@ -74,7 +75,7 @@ class HardwareServices:
         target = _target(request.target_state)
         response.ok = False
         if component is None:
-            self._node.get_logger().error(f"hardware component with name '{request.name}' does not exist")
+            self._node.get_logger().error(printable(f"hardware component with name '{request.name}' does not exist"))
             return response
         if target is None:
             self._refuse(request)

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from hal.plausible import range_mistake
+
 Pose = tuple[float, ...]
 
 
@@ -74,3 +76,5 @@ def _pose_mistakes(name: str, pose: Sequence[float], joints: int) -> Iterator[st
         yield f"{name} has {len(pose)} numbers for {joints} joints"
     elif not all(map(math.isfinite, pose)):
         yield f"{name} has a number that is not finite"
+    else:
+        yield from (f"{name}: {mistake}" for value in pose if (mistake := range_mistake("position", value)))

@@ -1,17 +1,21 @@
 """An arm's pick-place parameters: what the node is started with, read without ROS."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Final, Self
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from controller.manager.node_parameters import names, parameters_of
+from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from hal.errors import ArmFileError
-from hal.yaml_file import load
+from hal.plausible import Position
+from hal.yaml_file import mistakes
 
 if TYPE_CHECKING:
     from nodes.pick_place.settings import Settings
 
-Pose = Annotated[tuple[float, ...], Field(min_length=1)]
+NODE: Final = "vision_pick_place_controller"
+Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
 class PickPlacePoses(BaseModel):
@@ -30,9 +34,9 @@ class PickPlace(BaseModel):
     grades: tuple[str, ...]
     bins: dict[str, Pose]
     """By grade."""
-    hand_open_m: float
+    hand_open_m: Position
     """rad for a hand whose joint is revolute."""
-    hand_closed_m: float
+    hand_closed_m: Position
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -42,6 +46,7 @@ class PickPlace(BaseModel):
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
             problems += [f"{name} has not one number for each of the {len(self.joints)} joints" for name in short]
             raise ValueError("; ".join(problems))
+        self.settings()  # raises ValueError for all that the node's own code refuses
         return self
 
     def all_poses(self) -> dict[str, Pose]:
@@ -63,14 +68,6 @@ class PickPlace(BaseModel):
         )
 
 
-class _Parameters(BaseModel):
-    ros__parameters: PickPlace
-
-
-class _File(BaseModel):
-    vision_pick_place_controller: _Parameters
-
-
 def load_pick_place(path: Path) -> PickPlace:
     """Read the file. Raises ArmFileError with every mistake, its file and line."""
     if not path.exists():
@@ -78,4 +75,10 @@ def load_pick_place(path: Path) -> PickPlace:
             f"{path} is missing: demo, simulate and bench arm go to the poses of this file; write it as "
             "docs/arms/README.md describes, or use servoloop up, which needs no such file"
         )
-    return load(path, _File, ArmFileError).vision_pick_place_controller.ros__parameters
+    file, content = read_parameter_file(path, ArmFileError)
+    if not names(content, NODE) and ALL not in content:
+        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters below '{NODE}: {PARAMETERS}:'")
+    try:
+        return PickPlace.model_validate(parameters_of(content, NODE))
+    except ValidationError as error:
+        raise ArmFileError("\n".join(mistakes(file, error, (NODE, PARAMETERS), NODE))) from error

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from drivers.errors import DriverError
 from servoloop.campaign.workers import TASKS_OF_A_WORKER, Run, Stop, T, WorkerError, in_order, run_all, silence
+from servoloop.extras import install_command
 
 LOCAL: Final = "local"
 """The address that starts a Ray on this machine."""
@@ -43,7 +44,7 @@ def _ray() -> Any:
     try:
         import ray
     except ImportError:
-        raise RayError("--ray needs Ray, and Python finds none: pip install 'servoloop[ray]'") from None
+        raise RayError(f"--ray needs Ray, and Python finds none: {install_command('ray')}") from None
     return ray
 
 

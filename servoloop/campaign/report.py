@@ -9,13 +9,14 @@ from typing import Any, Final
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.fallen import BEFORE_S, Fallen
 from servoloop.campaign.tally import Tally
+from servoloop.extras import install_command
 from servoloop.files import write_file
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
 from sim_backend.faults.text import text_of
 
 NEEDED: Final = ("matplotlib", "jinja2")
-MISSING: Final = "no page is written: it needs matplotlib and Jinja2: pip install 'servoloop[report]'"
+MISSING: Final = f"no page is written: it needs matplotlib and Jinja2: {install_command('report')}"
 MOST_ROWS: Final = 200
 """Violations in the table of the page; all of them are in what --json prints."""
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.printable import counted
 from drivers.servos import sts
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariant import Invariant
@@ -45,7 +46,7 @@ class NamedAlone(Invariant):
         for wrong, what in ((self._unnamed, "is silent, and nothing says so"), (self._misnamed, "is named, and well")):
             for joint, cycles in wrong.items():
                 if cycles > CYCLES_TO_NAME:
-                    self.say(f"{joint} {what}, for {cycles} cycles")
+                    self.say(f"{joint} {what}, for {counted(cycles, 'cycle')}")
 
     def _joint(self, event: Any) -> str:
         return next(j.name for j in self.joints if j.servo_id == event.servo_id and event.bus in (None, j.bus))

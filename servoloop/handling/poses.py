@@ -9,10 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.whole_file import write_whole
 from drivers.errors import DriverError
+from hal.plausible import Position
 from hal.types import JointLimits
 from hal.yaml_file import load
 
 FILE: Final = "poses.yaml"
+LONGEST_NAME: Final = 100
+"""Characters of a pose's name."""
 
 
 class PoseError(DriverError):
@@ -24,7 +27,7 @@ class PosesFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    poses: dict[str, dict[str, float]] = Field(default_factory=dict)
+    poses: dict[str, dict[str, Position]] = Field(default_factory=dict)
 
 
 class Poses:
@@ -48,6 +51,10 @@ class Poses:
 
     def save(self, name: str, pose: Mapping[str, float]) -> None:
         """Keep a pose; one of the same name is replaced."""
+        if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+            raise PoseError(
+                f"{name[:LONGEST_NAME]!r} is not a name for a pose: use 1 to {LONGEST_NAME} printable characters"
+            )
         self._write(self.all() | {name: {joint: round(at, 4) for joint, at in pose.items()}})
 
     def remove(self, name: str) -> None:

@@ -8,10 +8,10 @@ from typing import Final
 
 from servoloop.live.errors import LiveError
 from servoloop.live.folder import FOLDER
-from servoloop.live.robot_state import GOAL, RESULT
 from servoloop.live.viewer import Viewer
 from servoloop.recorder.bus_tap import Transfer
 from servoloop.recorder.definitions import definition, typestore
+from servoloop.recorder.mcap_messages import GOAL, RESULT
 from servoloop.recorder.messages import Messages, Recorded
 from servoloop.recorder.sampler import CycleSample
 

@@ -61,7 +61,7 @@ def running_stacks() -> list[RunningStack]:
 
 
 def find_stack(arm: str | None = None) -> RunningStack:
-    """The stack that runs: of the arm with this name, or in the folder of this path. Raises LiveError with advice."""
+    """Find the running stack with this name, arm's folder or process number. Raises LiveError with advice."""
     running = running_stacks()
     found = [stack for stack in running if arm is None or _is_of(stack, arm)]
     if len(found) == 1:
@@ -72,7 +72,8 @@ def find_stack(arm: str | None = None) -> RunningStack:
     if not found:
         raise LiveError(f"no stack of {arm} is running, but of {names}")
     raise LiveError(
-        f"several stacks are running: {names}; name one with --arm (its name or its folder), or end the others"
+        f"several stacks are running: {names}; name one with --arm (its name, its folder or its process number), or "
+        "end the others"
     )
 
 
@@ -80,7 +81,7 @@ def _is_of(stack: RunningStack, arm: str) -> bool:
     """Whether the stack is of this arm. A path is a folder, and never a name: two arms may have folders of one name."""
     if "/" in arm:
         return stack.folder is not None and stack.folder == Path(arm).resolve()
-    return arm == stack.arm
+    return arm in (stack.arm, str(stack.pid))
 
 
 def _answering() -> Iterator[RunningStack]:

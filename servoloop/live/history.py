@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hal.types import FloatArray
+from servoloop.live.joint_values import widened
 
 KEPT_S: Final = 60.0
 
@@ -43,8 +44,10 @@ class History:
         self._rows: deque[Row] = deque()
 
     def add(self, row: Row) -> None:
-        """Keep a row; time that goes back begins a new history."""
+        """Keep a row; time that goes back begins a new history. Rows from before a joint came have NaN for it."""
         rows = self._rows
+        if rows and len(rows[-1].position) < len(row.position):
+            rows = self._rows = deque(_widened(each, len(row.position)) for each in rows)
         if rows and row.stamp_s < rows[-1].stamp_s:
             rows.clear()
         rows.append(row)
@@ -58,3 +61,7 @@ class History:
             return Curves(np.empty(0), empty, empty, empty, empty)
         time_s, *columns = zip(*self._rows, strict=True)
         return Curves(np.array(time_s), *(np.array(column) for column in columns))
+
+
+def _widened(row: Row, count: int) -> Row:
+    return Row(row.stamp_s, *(widened(values, count) for values in row[1:]))

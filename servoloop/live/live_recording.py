@@ -7,18 +7,14 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from mcap.records import Channel, Message, Schema
-
-from servoloop.live.robot_state import GOAL, RESULT
 from servoloop.live.stream import MessageStream
 from servoloop.recorder.mcap_file import McapFile
-from servoloop.recorder.reader import STATES
+from servoloop.recorder.mcap_messages import GOAL, RESULT, STATES, Encoded
 from servoloop.recorder.record_option import RecordingError
 from servoloop.recorder.recorder import FLUSH_S
 
 LOOK_S: Final = 0.1
 """So often the end is asked for."""
-Encoded = tuple[Schema, Channel, Message]
 
 
 @dataclass(slots=True)

@@ -5,7 +5,7 @@ from typing import Final
 
 from drivers.clock import Clock
 from servoloop.live.errors import LiveError
-from servoloop.live.folder import find_stack
+from servoloop.live.folder import RunningStack, find_stack, running_stacks
 from servoloop.live.stream import MessageStream, open_live
 from servoloop.live.watched import Watched
 
@@ -22,7 +22,7 @@ class LiveSource:
     def __init__(self, arm: str | None, clock: Clock) -> None:
         """``arm``: its name or folder, None for the only one that runs. Raises LiveError where none runs."""
         self._clock, self._heard_s = clock, clock.now()
-        found = find_stack(arm)
+        self._found = found = find_stack(arm)
         self.arm, self.folder = found.arm, found.folder
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
@@ -65,7 +65,7 @@ class LiveSource:
     def _read(self) -> None:
         while not self._ended.is_set():
             try:
-                self._stream = open_live(find_stack(self._same_arm))
+                self._stream = open_live(self._stack())
             except LiveError:
                 self._ended.wait(AGAIN_S)
                 continue
@@ -73,6 +73,12 @@ class LiveSource:
                 self._follow(self._stream)
             finally:
                 self.connected = False
+
+    def _stack(self) -> RunningStack:
+        """The stack of the beginning as long as it runs, then another one of its arm. Raises LiveError."""
+        if self._found not in running_stacks():
+            self._found = find_stack(self._same_arm)
+        return self._found
 
     def _follow(self, stream: MessageStream) -> None:
         """Take all that a stack says until it ends."""

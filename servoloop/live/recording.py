@@ -2,27 +2,20 @@
 
 from bisect import bisect_left, bisect_right
 from pathlib import Path
-from typing import Final
 
 from servoloop.live.history import KEPT_S
-from servoloop.live.stream import Received, open_recording
 from servoloop.live.watched import Watched
-from servoloop.recorder.reader import STATES
+from servoloop.recorder.mcap_messages import STATES, Received, read_messages
 from servoloop.recorder.record_option import RecordingError
-
-GOAL: Final = "/goal"
-UNSEEN: Final = ("/servoloop/bus_traffic", "/tf", "/tf_static")
 
 
 class Recording:
     """The messages of a recording in their order, and the robot at the moment up to which it is played."""
 
     def __init__(self, path: Path) -> None:
-        """Read the file, also one that was not ended. Raises RecordingError, and LiveError where there is none."""
+        """Read the file, also one that was not ended. Raises RecordingError."""
         self.name = path.name
-        with open_recording(path) as stream:
-            received = [one for one in stream if one.topic not in UNSEEN]
-        self._entries = sorted(received, key=lambda one: one.stamp_ns)
+        self._entries = sorted(read_messages(path), key=lambda one: one.stamp_ns)
         self._stamps = [one.stamp_ns for one in self._entries]
         cycles = [one.stamp_ns for one in self._entries if one.topic == STATES]
         if not cycles:

@@ -12,12 +12,21 @@ from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
 from servoloop.live.history import Curves, History, Row
-from servoloop.live.stream import Received
-from servoloop.recorder.messages import SCENE
+from servoloop.live.joint_values import JointValues, widened
+from servoloop.recorder.mcap_messages import (
+    COMMANDS,
+    CYCLES,
+    GOAL,
+    RESULT,
+    SCENE,
+    STATES,
+    STATUSES,
+    URDF,
+    Received,
+)
 
 RESULTS: Final = 50
 """So many ends of goals are kept."""
-GOAL, RESULT = "/goal", "/goal_result"
 NOBODY: Final = np.empty(0)
 
 
@@ -95,7 +104,7 @@ class RobotState:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._now = Snapshot()
+        self._now, self._values = Snapshot(), JointValues()
         self._history = History()
         self._results: deque[tuple[float, str]] = deque(maxlen=RESULTS)
         self._sequence: int | None = None
@@ -118,12 +127,12 @@ class RobotState:
 
     def _take(self, received: Received) -> None:
         topic, message = received.topic, received.message
-        if topic == "/joint_states":
+        if topic == STATES:
             self._count(received.sequence)
-            self._measured(message)
-        elif topic == "/servoloop/commands":
+            self._measured(received)
+        elif topic == COMMANDS:
             self._commanded(message)
-        elif topic == "/servoloop/cycles":
+        elif topic == CYCLES:
             self._now = replace(
                 self._now,
                 late_s=message.late_s,
@@ -131,16 +140,16 @@ class RobotState:
                 cycles=message.number,
                 missed=message.missed,
             )
-        elif topic == "/diagnostics":
+        elif topic == STATUSES:
             self._now = replace(self._now, statuses={one.name: _status(one) for one in message.status})
         elif topic == SCENE:
             self._now = replace(self._now, scene=dict(map(_thing, message.transforms)))
-        elif topic == "/robot_description":
+        elif topic == URDF:
             self._now = replace(self._now, description_xml=message.data)
         elif topic.endswith(GOAL):
-            self._goal(topic.removesuffix(GOAL).strip("/"), message)
+            self._goal(topic.removesuffix(GOAL).strip("/"), received)
         elif topic.endswith(RESULT):
-            self._result(topic.removesuffix(RESULT).strip("/"), message)
+            self._result(topic.removesuffix(RESULT).strip("/"), received)
 
     def _count(self, sequence: int) -> None:
         if self._sequence is not None and sequence > self._sequence + 1:
@@ -148,17 +157,16 @@ class RobotState:
             self._now = replace(self._now, lost_cycles=lost)
         self._sequence = sequence
 
-    def _measured(self, message: Any) -> None:
-        joints = tuple(message.name)
-        command = self._now.command if joints == self._now.joints else np.full(len(joints), np.nan)
+    def _measured(self, received: Received) -> None:
+        self._values = values = self._values.with_message(received.message)
         self._now = replace(
             self._now,
-            joints=joints,
-            stamp_s=_stamp_s(message),
-            position=message.position,
-            velocity=message.velocity,
-            effort=message.effort,
-            command=command,
+            joints=values.joints,
+            stamp_s=received.stamp_ns * 1e-9,
+            position=values.position,
+            velocity=values.velocity,
+            effort=values.effort,
+            command=widened(self._now.command, len(values.joints)),
         )
 
     def _commanded(self, message: Any) -> None:
@@ -169,10 +177,12 @@ class RobotState:
         self._now = now = replace(now, command=command)
         self._history.add(Row(now.stamp_s, now.position, command, now.velocity, now.effort))
 
-    def _goal(self, controller: str, message: Any) -> None:
-        begun_s = _stamp_s(message)
+    def _goal(self, controller: str, received: Received) -> None:
+        message, begun_s = received.message, received.stamp_ns * 1e-9
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
+            if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
+                return  # of velocities alone, or of another program's making
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )
@@ -180,9 +190,10 @@ class RobotState:
             path = GoalPath(tuple(message.name), np.zeros(1), np.array([message.position]), begun_s)
         self._now = replace(self._now, goals={**self._now.goals, controller: path})
 
-    def _result(self, controller: str, message: Any) -> None:
+    def _result(self, controller: str, received: Received) -> None:
+        message = received.message
         text = f"{message.status} {message.error_string}".strip()
-        self._results.append((_stamp_s(message), f"{controller}: {text}"))
+        self._results.append((received.stamp_ns * 1e-9, f"{controller}: {text}"))
         goals = dict(self._now.goals)
         if controller in goals:
             goals[controller] = replace(goals[controller], ended=text)
@@ -199,10 +210,6 @@ def _status(one: Any) -> StatusNow:
     return StatusNow(level, one.message, one.hardware_id, {pair.key: pair.value for pair in one.values})
 
 
-def _stamp_s(message: Any) -> float:
-    return _seconds(message.header.stamp)
-
-
 def _seconds(time: Any) -> float:
-    """Of builtin_interfaces/Time and Duration."""
+    """Of builtin_interfaces/Duration."""
     return float(time.sec) + float(time.nanosec) * 1e-9

@@ -1,49 +1,28 @@
-"""A stream of messages from a running stack or from a recording: both are MCAP."""
+"""The stream of messages from a running stack."""
 
 import socket
-import struct
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import IO, Any, NamedTuple, Self
+from typing import IO, Self
 
-from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
-from mcap.records import Channel, Message, Schema
 
 from servoloop.live.errors import LiveError
 from servoloop.live.folder import RunningStack
-from servoloop.recorder.definitions import typestore
-
-
-class Received(NamedTuple):
-    """A message with its topic; ``sequence`` counts the cycles of a live stack, so that a gap is seen."""
-
-    topic: str
-    stamp_ns: int
-    """ROS time."""
-    message: Any
-    sequence: int
+from servoloop.recorder.mcap_messages import Encoded, Received, decoded, encoded
 
 
 class MessageStream:
-    """The messages of one source in their order. It ends where the stack or the file ends, or by ``close``."""
+    """The messages of one source in their order. It ends when the stack ends, or by ``close``."""
 
     def __init__(self, stream: IO[bytes], close: Callable[[], None]) -> None:
         self._stream, self._close = stream, close
 
     def __iter__(self) -> Iterator[Received]:
-        decode = typestore().deserialize_cdr
-        for schema, channel, message in self.encoded():
-            yield Received(channel.topic, message.log_time, decode(message.data, schema.name), message.sequence)
+        return decoded(self.encoded())
 
-    def encoded(self) -> Iterator[tuple[Schema, Channel, Message]]:
+    def encoded(self) -> Iterator[Encoded]:
         """The messages as they are in the stream, for one who passes them on."""
-        try:
-            for schema, channel, message in NonSeekingReader(self._stream).iter_messages(log_time_order=False):
-                if schema is not None:
-                    yield schema, channel, message
-        except (McapError, struct.error, OSError, ValueError):  # cut off in the middle of a record, or closed
-            return
+        return encoded(NonSeekingReader(self._stream))
 
     def close(self) -> None:
         """End it, from any thread."""
@@ -74,12 +53,3 @@ def open_live(stack: RunningStack) -> MessageStream:
             connection.close()
 
     return MessageStream(connection.makefile("rb"), close)
-
-
-def open_recording(path: Path) -> MessageStream:
-    """The messages of a recording, as fast as they are read. Raises LiveError where there is none."""
-    try:
-        stream = path.open("rb")
-    except OSError as error:
-        raise LiveError(f"cannot read {path}: {error.strerror}") from error
-    return MessageStream(stream, stream.close)

@@ -11,7 +11,7 @@ from hal.types import FloatArray
 from servoloop.live.history import KEPT_S, Curves
 from servoloop.live.robot_state import GoalPath, RobotState, Snapshot
 from servoloop.live.servo_status import servo_status
-from servoloop.live.stream import Received
+from servoloop.recorder.mcap_messages import Received
 
 DIAGNOSTICS: Final = "/diagnostics"
 

@@ -4,6 +4,7 @@ import logging
 import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -24,6 +25,8 @@ APART_S: Final = KEPT_S - 1.0
 """The least time between the ends of two files; a second less, because samples come half a second at a time."""
 FILES: Final = 20
 """The oldest file goes when there is one more."""
+LARGEST_FOLDER: Final = 100_000_000
+"""Bytes of all files together; the oldest files go when there are more. The newest file stays, however large."""
 NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 
 
@@ -86,8 +89,17 @@ class FaultFiles:
         finally:
             file.close(transfers)
         LOG.info("%s: the last %.0f s are recorded in %s", new[0], KEPT_S, path)
-        for old in sorted(self._folder.glob(NAME))[:-FILES]:
-            old.unlink(missing_ok=True)  # another stack may have taken it away
+        tidy(self._folder)
+
+
+def tidy(folder: Path) -> None:
+    """Delete the oldest files until their number and their size are within the limits."""
+    total = 0
+    for number, path in enumerate(sorted(folder.glob(NAME), reverse=True)):
+        with suppress(FileNotFoundError):  # another stack may have taken it away
+            total += path.stat().st_size
+            if number and (number >= FILES or total > LARGEST_FOLDER):
+                path.unlink()
 
 
 def _lasting(sample: CycleSample) -> Iterator[tuple[str, str]]:

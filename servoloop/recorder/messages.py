@@ -24,9 +24,9 @@ from servoloop.recorder.definitions import (
     typestore,
 )
 from servoloop.recorder.link_poses import LinkPose, LinkPoses
+from servoloop.recorder.mcap_messages import SCENE
 from servoloop.recorder.sampler import CycleSample, CycleTiming, GoalBegin, GoalEnd, Tracked
 
-SCENE = "/servoloop/scene"
 KINDS = ("position", "velocity", "effort")
 NONE = np.empty(0)
 

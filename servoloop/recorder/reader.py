@@ -1,34 +1,36 @@
 """A reader of recordings: the numbers of a run as arrays, from a whole file or from what a killed program has left."""
 
-import struct
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
 
 from hal.types import FloatArray
-from servoloop.recorder.definitions import typestore
+from servoloop.recorder.mcap_messages import COMMANDS, CYCLES, RESULT, STATES, STATUSES, Received, read_messages
 from servoloop.recorder.record_option import RecordingError
 
-STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/cycles"
-DIAGNOSTICS = "/diagnostics"
-RESULT: Final = "/goal_result"
 ERROR: Final = 2
 """The level of diagnostic_msgs/DiagnosticStatus."""
+BACK_S: Final = 1.0
+"""Publishers' stamps may be so far out of order; a larger step back is a clock that was set anew."""
 
 
 @dataclass(slots=True)
 class RecordedRun:
-    """The numbers of a run; times in s since its first cycle, arrays (n,) or (n, joints), rad or m and per second."""
+    """The numbers of a run; times in s since its first cycle, arrays (n,) or (n, joints), rad or m and per second.
+
+    Joints are matched by name, message by message. A message that lacks a joint has the value between those before and
+    after it; NaN where there are none.
+    """
 
     joints: tuple[str, ...] = ()
     begin_s: float = 0.0
     """ROS time of the first cycle."""
     time_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Strictly increasing."""
     position: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     velocity: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     effort: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
@@ -45,89 +47,120 @@ class RecordedRun:
 
 
 def read_recording(path: Path) -> RecordedRun:
-    """Read a recording of servoloop, also one that was not ended. Raises RecordingError."""
-    messages: dict[str, list[Any]] = {}
-    for topic, message in _messages(path):
-        messages.setdefault(topic, []).append(message)
-    states = messages.get(STATES, [])
+    """Read a recording of servoloop or of another program, also one that was not ended. Raises RecordingError."""
+    received: dict[str, list[Received]] = {}
+    command_rows: list[int] = []
+    for one in read_messages(path):
+        received.setdefault(one.topic, []).append(one)
+        if one.topic == COMMANDS:
+            command_rows.append(len(received.get(STATES, ())) - 1)
+    states = [one for one in received.get(STATES, []) if len(one.message.position)]
     if not states:
-        raise RecordingError(f"{path} has no {STATES}: it is no recording of a run")
-    begin_s = _stamp_s(states[0])
-
-    def times(topic: str) -> FloatArray:
-        return np.array([_stamp_s(message) - begin_s for message in messages.get(topic, [])])
-
-    def column(topic: str, name: str) -> FloatArray:
-        return np.array([getattr(message, name) for message in messages.get(topic, [])])
-
-    cycles = messages.get(CYCLES, [])
-    return RecordedRun(
-        tuple(states[0].name),
-        begin_s,
-        times(STATES),
-        position=column(STATES, "position"),
-        velocity=column(STATES, "velocity"),
-        effort=column(STATES, "effort"),
-        command=_commands(messages.get(COMMANDS, []), states[0].name, len(states)),
-        cycle_s=times(CYCLES),
-        late_s=column(CYCLES, "late_s"),
-        busy_s=column(CYCLES, "busy_s"),
-        missed=int(cycles[-1].missed) if cycles else 0,
-        faults=list(_faults(messages.get(DIAGNOSTICS, []), begin_s, _stamp_s(states[-1]))),
-        results=list(_results(messages, begin_s)),
-    )
+        raise RecordingError(f"{path} has no positions in {STATES}: it is no recording of a run")
+    return _Numbers(received, command_rows).run
 
 
-def _results(messages: Mapping[str, list[Any]], begin_s: float) -> Iterator[tuple[float, str]]:
-    for topic in messages:
-        if topic.endswith(RESULT):
-            controller = topic.removesuffix(RESULT).strip("/")
-            for one in messages[topic]:
-                yield _stamp_s(one) - begin_s, f"{controller}: {one.status} {one.error_string}".strip()
+class _Numbers:
+    """The messages of a run as arrays."""
+
+    def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
+        """``command_rows``: the place of the state to which each command belongs."""
+        self._received = received
+        self._states = received[STATES]
+        self._stamped = _are_stamped(self._states)
+        times_s = self._times_s(STATES)
+        order = np.argsort(times_s, kind="stable")
+        sorted_s = times_s[order]
+        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # of equal times the last
+        self._time_s = times_s[self._rows]
+        self._begin_s = float(self._time_s[0])
+        joints = tuple(dict.fromkeys(name for one in self._states for name in one.message.name))
+        cycles = received.get(CYCLES, [])
+        self.run = RecordedRun(
+            joints,
+            self._begin_s,
+            self._time_s - self._begin_s,
+            position=self._column(joints, "position"),
+            velocity=self._column(joints, "velocity"),
+            effort=self._column(joints, "effort"),
+            command=self._commands(joints, command_rows),
+            cycle_s=self._times_s(CYCLES) - self._begin_s,
+            late_s=np.array([one.message.late_s for one in cycles]),
+            busy_s=np.array([one.message.busy_s for one in cycles]),
+            missed=int(cycles[-1].message.missed) if cycles else 0,
+            faults=list(self._faults()),
+            results=list(self._results()),
+        )
+
+    def _times_s(self, topic: str) -> FloatArray:
+        """ROS times of a topic's messages (n,): stamps, or the times of the file where stamps are of no use."""
+        found = self._received.get(topic, [])
+        return np.array([self._time_of(one) for one in found], dtype=np.float64)
+
+    def _time_of(self, one: Received) -> float:
+        return stamp_s(one.message) if self._stamped else one.stamp_ns * 1e-9
+
+    def _column(self, joints: Sequence[str], kind: str) -> FloatArray:
+        """One kind of measurement of all joints (n, joints), by the names of each message."""
+        table: FloatArray = _by_name([one.message for one in self._states], joints, kind)[self._rows]
+        for column in table.T:
+            known = np.isfinite(column)
+            if known.any() and not known.all():
+                inside = np.arange(len(column)) >= int(np.argmax(known))
+                column[inside] = np.interp(self._time_s[inside], self._time_s[known], column[known])
+        return table
+
+    def _commands(self, joints: Sequence[str], rows: Sequence[int]) -> FloatArray:
+        commands = [one.message for one in self._received.get(COMMANDS, [])]
+        found: FloatArray = np.full((len(self._states), len(joints)), np.nan)
+        found[rows] = _by_name(commands, joints, "position")
+        found = found[self._rows]
+        return found
+
+    def _faults(self) -> Iterator[tuple[str, float, float]]:
+        begun: dict[str, float] = {}
+        for one in self._received.get(STATUSES, []):
+            now_s, statuses = self._time_of(one) - self._begin_s, one.message.status
+            wrong = {each.name.partition(": ")[2] or each.name for each in statuses if _level(each.level) >= ERROR}
+            for name in [name for name in begun if name not in wrong]:
+                yield name, begun.pop(name), now_s
+            for name in wrong:
+                begun.setdefault(name, now_s)
+        for name, since_s in begun.items():
+            yield name, since_s, float(self._time_s[-1]) - self._begin_s
+
+    def _results(self) -> Iterator[tuple[float, str]]:
+        for topic, received in self._received.items():
+            if topic.endswith(RESULT):
+                controller = topic.removesuffix(RESULT).strip("/")
+                for one in received:
+                    text = f"{controller}: {one.message.status} {one.message.error_string}".strip()
+                    yield self._time_of(one) - self._begin_s, text
 
 
-def _messages(path: Path) -> Iterator[tuple[str, Any]]:
-    """The messages that a run's numbers come from, in the order of the file, as far as it goes."""
-    decode: Callable[[bytes, str], Any] = typestore().deserialize_cdr
-    try:
-        with path.open("rb") as stream:
-            try:
-                for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
-                    wanted = channel.topic in (STATES, COMMANDS, CYCLES, DIAGNOSTICS) or channel.topic.endswith(RESULT)
-                    if wanted and schema is not None:
-                        yield channel.topic, decode(message.data, schema.name)
-            except (McapError, struct.error) as error:
-                if stream.tell() < 8:  # not even the magic bytes
-                    raise RecordingError(f"{path} is no MCAP file: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+def _are_stamped(states: Iterable[Received]) -> bool:
+    """Whether the headers have times that go on: not zeros, one time for all, or the times of a clock set anew."""
+    stamps = np.array([stamp_s(one.message) for one in states])
+    back_s = np.maximum.accumulate(stamps) - stamps
+    return bool(stamps.all() and back_s.max() < BACK_S and (len(stamps) == 1 or np.ptp(stamps) > 0.0))
 
 
-def _commands(messages: list[Any], joints: list[str], cycles: int) -> FloatArray:
-    found = np.full((cycles, len(joints)), np.nan)
-    for row, message in zip(found, messages, strict=False):
-        for name, value in zip(message.name, message.position, strict=False):
-            row[joints.index(name)] = value
+def _by_name(messages: Sequence[Any], joints: Sequence[str], kind: str) -> FloatArray:
+    """A row for each JointState and a column for each joint; NaN where a message has no finite value."""
+    places = {name: place for place, name in enumerate(joints)}
+    found = np.full((len(messages), len(joints)), np.nan)
+    for row, message in zip(found, messages, strict=True):
+        for name, value in zip(message.name, getattr(message, kind).tolist(), strict=False):
+            if name in places and math.isfinite(value):
+                row[places[name]] = value
     return found
-
-
-def _faults(messages: list[Any], begin_s: float, end_s: float) -> Iterator[tuple[str, float, float]]:
-    begun: dict[str, float] = {}
-    for message in messages:
-        now_s = _stamp_s(message) - begin_s
-        wrong = {one.name.partition(": ")[2] or one.name for one in message.status if _level(one.level) >= ERROR}
-        for name in [name for name in begun if name not in wrong]:
-            yield name, begun.pop(name), now_s
-        for name in wrong:
-            begun.setdefault(name, now_s)
-    for name, since_s in begun.items():
-        yield name, since_s, end_s - begin_s
 
 
 def _level(level: Any) -> int:
     return level[0] if isinstance(level, bytes) else int(level)
 
 
-def _stamp_s(message: Any) -> float:
+def stamp_s(message: Any) -> float:
+    """Return the time in a message's header, in seconds."""
     stamp = message.header.stamp
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9

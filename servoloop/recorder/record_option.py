@@ -15,7 +15,7 @@ RecordOption = Annotated[
 
 
 class RecordingError(DriverError):
-    """A recording cannot be written."""
+    """A recording cannot be written or read."""
 
 
 def check_path(path: Path) -> None:

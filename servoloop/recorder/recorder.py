@@ -9,6 +9,7 @@ from time import monotonic
 from typing import Final, Protocol
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from hal.types import JointState
 from servoloop.recorder.bus_tap import BusTaps, Transfer
 from servoloop.recorder.link_poses import Scene, scene_poses
@@ -83,7 +84,7 @@ class Recorder:
         transfers = self._taps.take()
         self._each(lambda sink: sink.close(transfers, failed))
         if self.dropped:
-            LOG.warning("%d cycles are in no recording: the disk was too slow", self.dropped)
+            LOG.warning("%s missing from the recordings: the disk was too slow", counted(self.dropped, "cycle"))
 
     def drain(self) -> None:
         """Give the sinks all that waits."""

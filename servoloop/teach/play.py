@@ -16,7 +16,7 @@ from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
 from servoloop.teach.arm import TeachArm
 from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught
+from servoloop.teach.taught import Taught, check_duration
 from servoloop.teleop.dead_man import Permission
 
 APPROACH: Final = 0.25
@@ -48,6 +48,8 @@ class Play:
         self.phase = Phase.READYING
         self._arm, self._follow, self._permission = arm, follow, permission
         limits = arm.loop.limits
+        if taught.path is not None:
+            check_duration(taught.path.duration_s / speed, "the motion")
         points = goal_points(slowed(taught.path, limits, speed), limits) if taught.path is not None else ()
         self._check(taught.position, points)
         self._goals = self._made(taught.position, points, speed)

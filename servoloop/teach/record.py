@@ -9,6 +9,7 @@ import numpy as np
 from controller.manager.requests import Request
 from controller.teach.freedrive_controller import FreedriveController
 from controller.teach.hand_path import inside, path_of
+from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
@@ -107,9 +108,15 @@ class Recording:
         """Go on; False once the arm has held itself for a while. Raises what keeps it from that."""
         if self.phase is Phase.READYING and (self._freedrive is None or self._freedrive.free):
             self.phase = Phase.BY_HAND
+        elif self.phase is Phase.BY_HAND and self._poses is None and self._is_full():
+            self.stop()
         elif self.phase is Phase.HOLDING and self._holds():
             self.phase, self._held_s = Phase.HELD, now_s
         return not (self.phase is Phase.HELD and now_s - self._held_s >= HANDS_S)
+
+    def _is_full(self) -> bool:
+        """Whether a longer path could not be played."""
+        return bool(self._samples) and self._samples[-1][0] - self._samples[0][0] >= LONGEST_GOAL_S - 1.0
 
     def _holds(self) -> bool:
         """Whether torque is back, with the goals where the joints are."""

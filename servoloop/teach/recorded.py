@@ -1,29 +1,48 @@
 """The motion that is in a recording of a run."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from controller.teach.hand_path import path_of
+from controller.teach.hand_path import STIRS, movement, path_of, tolerances
 from hal.types import JointLimits
 from servoloop.recorder.reader import read_recording
 from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, beyond
+from servoloop.teach.taught import Taught, beyond, check_duration
 
 
-def recorded_motion(file: Path, joints: Sequence[str], limits: Sequence[JointLimits]) -> tuple[Taught, list[str]]:
-    """Where the joints of a recording were measured, as a motion of an arm with these ``joints`` and ``limits``, and
-    what is wrong with it; also of a program that was killed.
+def recorded_motion(
+    file: Path, joints: Sequence[str], limits: Sequence[JointLimits], followers: Collection[str] = ()
+) -> tuple[Taught, list[str]]:
+    """Read the measured motion of a recording, also of a program that was killed.
 
-    Raises RecordingError, and TeachError where the joints are others or did not move.
+    Args:
+        file: The recording.
+        joints: The arm's joints. Other joints of the recording are left out.
+        limits: The limits of ``joints``.
+        followers: The arm's mimic joints, which are left out without a warning.
+
+    Returns:
+        The motion of ``joints`` within ``limits``, and warnings about it.
+
+    Raises:
+        RecordingError: The file is not a recording.
+        TeachError: The recording lacks joints of the arm, or nothing moves in it.
     """
     run = read_recording(file)
-    whole = Taught(run.joints, run.position).of(joints, file.name)
-    measured = np.isfinite(whole.position).all(axis=1)
-    later = np.append(True, np.diff(run.time_s) > 0.0)
-    times_s, position = run.time_s[measured & later], whole.position[measured & later]
-    path = path_of(times_s, position, limits) if len(times_s) > 1 else None
+    own = [name for name in run.joints if name in joints]
+    if len(own) < len(joints):
+        Taught(run.joints, run.position).of(joints, file.name)  # raises TeachError
+    position = run.position[:, [run.joints.index(name) for name in joints]]
+    measured = np.isfinite(position).all(axis=1)
+    times_s, position = run.time_s[measured], position[measured]
+    strange = [name for name in run.joints if name not in joints and name not in followers]
+    warnings = [f"{file.name}: {name} is left out: the arm has no such joint" for name in strange]
+    moved = movement(times_s, position, tolerances(limits, STIRS)) if len(times_s) > 1 else None
+    if moved is not None:
+        check_duration(float(np.ptp(times_s[moved])), str(file))
+    path = path_of(times_s, position, limits) if moved is not None else None
     if path is None:
         raise TeachError(f"nothing moves in {file}")
-    return Taught(tuple(joints), path.position, path), beyond(position, joints, limits)
+    return Taught(tuple(joints), path.position, path), [*warnings, *beyond(position, joints, limits)]

@@ -13,8 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.whole_file import write_whole
 from controller.teach.hand_path import HandPath, outside
+from controller.trajectory.goal import LONGEST_GOAL_S
 from hal.joint import Joint
-from hal.types import AT_LIMIT, FloatArray, JointLimits
+from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load
 from servoloop.files import make_folder
 from servoloop.teach.errors import TeachError
@@ -34,7 +35,7 @@ class PointFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    at_s: Finite | None = None
+    at_s: Annotated[float, Field(ge=0.0, le=LONGEST_GOAL_S, allow_inf_nan=False)] | None = None
     positions: list[Finite]
     velocities: list[Finite] = []
 
@@ -113,7 +114,7 @@ class Taught:
         """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
         lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
         wrong = [
-            f"{name} would go to {far:.4f}, its limits are {limits[index].lower:.4f} to {limits[index].upper:.4f}"
+            "{} would go to {}, its limits are {} to {}".format(name, *beyond_range(far, lower[index], upper[index]))
             for index, name in enumerate(self.joints)
             for far in (self.position[:, index].min(), self.position[:, index].max())
             if not lower[index] <= far <= upper[index]
@@ -159,6 +160,15 @@ def _check_path(taught: Taught, path: HandPath, limits: Sequence[JointLimits], s
                 f"{source}: {name} would swing {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f} "
                 "between two points, whose velocities do not fit their positions: record the motion again"
             )
+
+
+def check_duration(duration_s: float, source: str) -> None:
+    """Check that a motion is not longer than a trajectory goal may be. Raises TeachError."""
+    if duration_s > LONGEST_GOAL_S:
+        raise TeachError(
+            f"{source} would take {duration_s:.0f} s, and the longest motion that can be played takes "
+            f"{LONGEST_GOAL_S:.0f} s: play it faster, or record it in parts"
+        )
 
 
 def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[str]:

@@ -8,6 +8,7 @@ import typer
 
 from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.arms.folder import OWN
+from servoloop.extras import install_command
 from servoloop.verbs.arm_options import ArmOption
 from servoloop.verbs.line import PortsOption, interruptible, served_devices
 from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
@@ -84,7 +85,7 @@ def arm(
     from servoloop.signals import Signals
 
     if not possible():
-        raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
+        raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
     make_folder(out.parent)
     require_file(out)
     found = find_arm(arm)

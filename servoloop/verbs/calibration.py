@@ -26,6 +26,7 @@ def import_(
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     urdf: UrdfOption = None,
+    prefix: Annotated[str, typer.Option(help="Prefix of this arm's joints in the file, such as LeKiwi's arm_.")] = "",
     json: JsonOption = False,
 ) -> None:
     """Take LeRobot's calibration for this arm: directions, homing offsets and travel; zeros found anew in the travel.
@@ -34,7 +35,7 @@ def import_(
     Example: `servoloop calibration import my_arm.json --arm so101`
     """
     known = known_arm(arm, urdf, robot)
-    made, written = import_calibration(file, known.robot, known.joints, known.plans)
+    made, written = import_calibration(file, known.robot, known.joints, known.plans, prefix)
     if json:
         print_json({"written": str(written), "joints": [_plain(one) for one in made]})
         return

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from servoloop.files import make_folder
 from servoloop.processes import Interrupted
 from servoloop.signals import Signals
@@ -170,7 +171,9 @@ def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
 
     console = Console()
     simulated_h = tally.simulated_s / 3600.0
-    console.print(f"{len(tally.rows)} runs, {simulated_h:.2f} h of simulated time, {tally.ended} ended by a lost line")
+    console.print(
+        f"{counted(len(tally.rows), 'run')}, {simulated_h:.2f} h of simulated time, {tally.ended} ended by a lost line"
+    )
     console.print(f"{tally.succeeded} cubes in their bins")
     if tally.violations:
         table = Table("seed", "at", "invariant", "what")

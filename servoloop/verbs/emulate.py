@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm, read_arm_servos
 from servoloop.files import make_folder
 from servoloop.ports import device_paths
@@ -69,5 +70,5 @@ def emulate(
             eeprom,
             events,
             stop=lambda: signals.count > 0,
-            on_ready=lambda: typer.echo(f"ready: {len(files.robot.joints)} servos at {places}"),
+            on_ready=lambda: typer.echo(f"ready: {counted(len(files.robot.joints), 'servo')} at {places}"),
         )

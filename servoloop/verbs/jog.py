@@ -25,7 +25,7 @@ WIDTH: Final = 64
 
 
 def jog(
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
     network: NetworkOption = False,
 ) -> None:
     """Turn joints of a running arm with the arrow keys, slowly, through its controllers; it stops with the key.

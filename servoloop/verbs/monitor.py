@@ -10,6 +10,7 @@ import typer
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from servoloop.extras import install_command
 
 NICE: Final = 5
 """The loop that is looked at may run on the same machine: it comes first."""
@@ -19,7 +20,7 @@ def monitor(
     recording: Annotated[
         Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
 ) -> None:
     """Show the arm in this terminal: a running stack, or a recording. For a machine without a screen, over ssh.
 
@@ -27,7 +28,7 @@ def monitor(
     Example: `servoloop monitor`, of a recording `servoloop monitor out/run.mcap`
     """
     if importlib.util.find_spec("textual") is None:
-        raise DriverError("the monitor needs textual: pip install 'servoloop[monitor]'")
+        raise DriverError(f"the monitor needs textual: {install_command('monitor')}")
     if recording is not None and arm is not None:
         raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
     if not (sys.stdin.isatty() and sys.stderr.isatty()):

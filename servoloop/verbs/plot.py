@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
+from servoloop.extras import install_command
 from servoloop.verbs.output import JsonOption, print_json
 
 
@@ -23,7 +25,7 @@ def plot(
     from servoloop.recorder.reader import read_recording
 
     if not possible():
-        raise DriverError("a page needs matplotlib and Jinja2: pip install 'servoloop[report]'")
+        raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
     run = read_recording(recording)
     from servoloop.recorder.page import write_page
 
@@ -32,4 +34,6 @@ def plot(
     if json:
         print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})
     else:
-        typer.echo(f"{path}: {len(run.time_s)} cycles, {run.missed} missed, {len(run.faults)} faults")
+        typer.echo(
+            f"{path}: {counted(len(run.time_s), 'cycle')}, {run.missed} missed, {counted(len(run.faults), 'fault')}"
+        )

@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from nodes.ros_environment import require_ros
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.handling.poses import FILE, Poses, check
@@ -16,7 +17,9 @@ app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved
 
 TICK_S: Final = 0.05
 Name = Annotated[str, typer.Argument(help="The pose's name.")]
-RunningArm = Annotated[str | None, typer.Option("--arm", help="Which running arm, of several: its name or folder.")]
+RunningArm = Annotated[
+    str | None, typer.Option("--arm", help="Which running arm, of several: name, folder or process.")
+]
 AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
 
 
@@ -35,7 +38,7 @@ def save(name: Name, arm: RunningArm = None) -> None:
         raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
     poses = Poses(robot.folder)
     poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
-    typer.echo(f"{name}: {len(now.joints)} joints of {robot.arm}")
+    typer.echo(f"{name}: {counted(len(now.joints), 'joint')} of {robot.arm}")
     typer.echo(f"kept in {poses.path}", err=True)
 
 

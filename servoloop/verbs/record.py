@@ -7,6 +7,7 @@ from typing import Annotated, Final
 
 import typer
 
+from drivers.printable import counted
 from servoloop.recorder.record_option import SUFFIX, check_path
 from servoloop.verbs.output import JsonOption, print_json
 
@@ -17,7 +18,7 @@ def record(
     file: Annotated[
         Path | None, typer.Argument(metavar="[FILE.mcap]", help="Without: below out/, by date and arm.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="So long; without: until Ctrl-C, or until the stack ends.")
     ] = None,
@@ -47,4 +48,4 @@ def record(
         return
     end = ", then the stack ended" if done.stack_ended else ""
     lost = f", {done.lost_cycles} between them are missing: this machine was too slow" if done.lost_cycles else ""
-    typer.echo(f"{file}: {done.cycles} cycles in {done.length_s:.1f} s{lost}{end}")
+    typer.echo(f"{file}: {counted(done.cycles, 'cycle')} in {done.length_s:.1f} s{lost}{end}")

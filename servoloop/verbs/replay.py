@@ -34,7 +34,9 @@ def replay(
     require_keys(hands_free)
     side = side_of(arm, port)
     joints = side.files.robot.joints
-    taught, warnings = recorded_motion(recording, [joint.name for joint in joints], [joint.limits for joint in joints])
+    followers = [joint.name for joint in side.files.description.joints.values() if joint.mimic is not None]
+    names, limits = [joint.name for joint in joints], [joint.limits for joint in joints]
+    taught, warnings = recorded_motion(recording, names, limits, followers)
     taught.check([joint.limits for joint in joints], str(recording))
     for warning in warnings:
         typer.secho(f"! {warning}", fg="yellow")

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from drivers.printable import PrintableFormatter
+
 NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
 
 
@@ -19,4 +21,6 @@ def set_network(network: bool) -> None:
 
 def log_to_terminal() -> None:
     """Show what the stack says of itself."""
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    handler = logging.StreamHandler()
+    handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])

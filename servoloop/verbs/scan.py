@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from drivers.printable import counted
 from servoloop.processes import Interrupted
 from servoloop.verbs.output import JsonOption, print_json
 
@@ -121,7 +122,7 @@ def print_report(report: "ScanReport", console: "Console") -> None:
         text = "is absent: it answers at none of these rates. Check its power, its cable and its ID"
         console.print(f"! servo {servo_id}: {text}", style="yellow", highlight=False)
     for baud, count in report.noise.items():
-        console.print(f"  {count} bytes of nobody at {baud} baud", highlight=False)
+        console.print(f"  {counted(count, 'byte')} of nobody at {baud} baud", highlight=False)
     if report.refused_bauds:
         refused = ", ".join(map(str, report.refused_bauds))
         console.print(f"  not tried, for the adapter cannot make them: {refused} baud", highlight=False)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.errors import DriverError
+from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.recorder.record_option import RecordOption, check_path
 from servoloop.verbs.arm_options import ArmOption, RobotOption
@@ -120,7 +121,7 @@ def _print(result: "SimulationResult", console: "Console") -> None:
     on_time = "all on time" if not result.missed_cycles else f"{result.missed_cycles} missed"
     times = result.simulated_s / result.cpu_s
     console.print(f"{result.simulated_s:.1f} s in {result.cpu_s:.1f} s of CPU, {times:.0f} times real time")
-    console.print(f"{result.cycles} cycles, {on_time}, {result.unmeasured_cycles} without a measurement")
+    console.print(f"{counted(result.cycles, 'cycle')}, {on_time}, {result.unmeasured_cycles} without a measurement")
     for what, cycles in result.faulty_cycles.items():
-        console.print(f"{what}: {cycles} cycles", style="yellow")
+        console.print(f"{what}: {counted(cycles, 'cycle')}", style="yellow")
     console.print(f"digest {result.digest}", highlight=False, soft_wrap=True)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.verbs.by_hand import (
     RATE_HZ,
@@ -139,8 +140,8 @@ def played(side: "Side", taught: "Taught", speed: float, hands_free: bool, rate_
 def said(taught: "Taught") -> str:
     """A motion in words."""
     if taught.path is None:
-        return f"{len(taught.position)} poses"
-    return f"a path of {taught.path.duration_s:.1f} s through {len(taught.position)} points"
+        return counted(len(taught.position), "pose")
+    return f"a path of {taught.path.duration_s:.1f} s through {counted(len(taught.position), 'point')}"
 
 
 def _plain(taught: "Taught") -> dict[str, object]:

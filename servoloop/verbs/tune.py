@@ -8,6 +8,7 @@ import typer
 
 from drivers.errors import DriverError
 from servoloop.arms.folder import OWN, find_arm, read_arm_servos
+from servoloop.extras import install_command
 from servoloop.files import write_file
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.verbs.line import PortsOption, served_devices
@@ -167,7 +168,7 @@ def _tuned(
 def _drawn(path: Path, report: "Report") -> Path | None:
     """The picture's path; None where matplotlib is missing. Raises DriverError where it cannot be written."""
     if find_spec("matplotlib") is None:
-        typer.echo("no picture is drawn: it needs matplotlib: pip install 'servoloop[report]'", err=True)
+        typer.echo(f"no picture is drawn: it needs matplotlib: {install_command('report')}", err=True)
         return None
     from servoloop.tune_picture import picture
 

@@ -18,7 +18,7 @@ def view(
     recording: Annotated[
         Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: its name or folder.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Where it is taken, the next free one is used.")] = 8080,
     host: Annotated[
         str, typer.Option(help="Address of this machine at which others may open the page, with the token it prints.")

@@ -8,7 +8,9 @@ from typing import Final
 import numpy as np
 import viser
 
+from hal.errors import DescriptionError
 from hal.robot_description.description import Description, parse_urdf
+from hal.text_file import read_xml
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
@@ -25,7 +27,7 @@ NO_JOINTS: Final = ("–",)
 
 def known_arm(xml: str) -> Arm | None:
     """The arm in config/arms with this robot description; None where there is none."""
-    return next((arm for arm in arms() if arm.urdf.read_text() == xml), None)
+    return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
 
 
 def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
@@ -132,13 +134,18 @@ class Page:
 
     def _show_goal(self, watched: Watched, snapshot: Snapshot) -> None:
         """Draw the path of the newest goal while it is under way."""
-        going = [goal for goal in snapshot.goals.values() if not goal.ended and len(goal.joints) > 1]
+        going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
         goal = max(going, key=lambda goal: goal.begun_s, default=None)
         if goal is self._goal or self._arm is None or self._model is None:
             return
         self._goal = goal
         points = None if goal is None else self._model.path(goal.joints, goal.positions, watched.start(goal))
         self._arm.show_path(points)
+
+    def _can_draw(self, goal: GoalPath) -> bool:
+        """Whether a goal has several joints, all of them measured and in the robot description."""
+        known = set(self._description.joints if self._description else ()) & set(self._joints)
+        return len(goal.joints) > 1 and set(goal.joints) <= known
 
     def _limits(self, snapshot: Snapshot) -> FloatArray:
         """The largest efforts (n,) of the robot description, N m or N."""

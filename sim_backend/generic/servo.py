@@ -1,7 +1,8 @@
 """One virtual servo that is no STS: the control table, the firmware, and what the instructions do to them.
 
 Assumed where the makers' manuals are silent: a write of the ID or the baud is answered as the servo was
-called; instructions that are malformed or unknown are not answered; a rebooting servo is deaf.
+called; instructions that are malformed or unknown are not answered, and neither is a read of more bytes than an
+answer can hold; a rebooting servo is deaf.
 """
 
 from typing import ClassVar
@@ -13,7 +14,7 @@ from sim_backend.generic.memory import Memory
 from sim_backend.generic.packet_servo import PacketServo
 from sim_backend.sts.firmware import touches
 from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.sts_wire import Code
+from sim_backend.wire.sts_wire import LONGEST_DATA, Code
 
 
 class GenericServo(PacketServo):
@@ -39,7 +40,7 @@ class GenericServo(PacketServo):
         match instruction.code:
             case Code.PING:
                 return self._status(servo_id)
-            case Code.READ if len(parameters) == 2:
+            case Code.READ if len(parameters) == 2 and parameters[1] <= LONGEST_DATA:
                 return self._status(servo_id, self.read(*parameters)) if answers else None
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])

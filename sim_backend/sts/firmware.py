@@ -17,6 +17,7 @@ _NOTED: Final = (
     (sts.goal_time, kernel.PWM_NOTED),
     (sts.goal_velocity, kernel.SPEED_NOTED),
     (sts.torque_enable, kernel.SWITCH_NOTED),
+    (sts.acceleration, kernel.RAMP_NOTED),
 )
 
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
@@ -32,7 +33,7 @@ class StsVariant:
     torque_on_takes_goal: bool = False
     """Torque that is switched on goes for what the goal register holds, instead of holding the shaft where it is."""
     forgets_goal_within_tick: bool = True
-    """A goal is lost if another write follows within the same millisecond and leaves the goal alone."""
+    """A goal, 41 or 46 is lost if another write follows within the same millisecond and leaves that one alone."""
 
 
 AS_REIMPLEMENTED: Final = StsVariant()
@@ -80,12 +81,8 @@ class StsFirmware:
 
     def restart(self) -> None:
         """Power-on: all state from the registers, the motor free."""
-        states, get = self._states, self._memory.get
-        forget_volatile(states)
-        states["window_ms"] = max(1, 1000 // max(1, get(sts.velocity_unit)))
-        states["lowest_counts_s"] = get(sts.hts) * kernel.SPEED_UNIT
-        states["highest_counts_s"] = get(sts.max_velocity) * kernel.SPEED_UNIT
-        kernel.look(states, self.voltage_v)
+        forget_volatile(self._states)
+        kernel.power_on(self._states, self.voltage_v)
 
     def observe(self, angle_rad: float) -> None:
         """Take the shaft's angle as it is, at rest: the first look after power-on, or a shaft put there by hand."""
@@ -99,7 +96,7 @@ class StsFirmware:
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
-        """A write happened: the next millisecond looks at which goals it touched."""
+        """A write happened: the next millisecond looks at which goals and settings of the profile it touched."""
         noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")

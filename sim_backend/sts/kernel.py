@@ -29,7 +29,7 @@ BRIDGE_LIMIT: Final = 970
 SPEED_UNIT: Final = 50
 """Counts per second in a count per 20 ms."""
 
-GOAL_NOTED, PWM_NOTED, SPEED_NOTED, SWITCH_NOTED = 1, 2, 4, 8
+GOAL_NOTED, PWM_NOTED, SPEED_NOTED, SWITCH_NOTED, RAMP_NOTED = 1, 2, 4, 8, 16
 POSITION, VELOCITY, PWM, STEP = 0, 1, 2, 3
 """Operating modes."""
 COUNTS_PER_S_BIT, FULL_SPEED_BIT, UNFOLDED_BIT = 1 << 2, 1 << 3, 1 << 4
@@ -41,6 +41,8 @@ COOL_DOWN_C: Final = 5
 MOVED_COUNTS: Final = 50
 CURRENT_UNIT_A: Final = 0.0065
 LARGEST_CURRENT: Final = 1023
+LARGEST_SHOWN: Final = 0x7FFE
+"""Of a position in steps of several counts."""
 
 
 @compiled
@@ -81,6 +83,18 @@ def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
 
 
 @compiled
+def homing_offset(s: Record) -> int:
+    """Register 31: bits 0 to 10 and 12 are the size, bit 11 the sign; with bit 15 it is two's complement."""
+    value = word(s, 31)
+    if value >= 1 << 15:
+        return value - (1 << 16)
+    if value >= 1 << 13:
+        return 0
+    size = (value & 0x7FF) + (0x800 if value & 1 << 12 else 0)
+    return -size if value & 1 << 11 else size
+
+
+@compiled
 def clip(value: int, limit: int) -> int:
     return max(-limit, min(limit, value))
 
@@ -114,10 +128,12 @@ def see(s: Record) -> None:
     """Take the encoder's angle; follow it over the seam where the mode counts turns."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, 33)
-    offset = signed(s, 31, 11) if counts_turns(s) else 0
+    offset = homing_offset(s) if counts_turns(s) else 0
     reading = (raw - offset) % TURN
     if s.recount or mode != s.mode or offset != s.offset:
         jump_to(s, reading, s.recount != 0 or mode != s.mode)
+        if mode != s.mode:
+            begin_profile(s)
         s.recount, s.mode, s.offset = 0, mode, offset
     else:
         if reading - s.reading > TURN // 2:
@@ -137,7 +153,7 @@ def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
     s.window_position += position - s.position
     s.push_position += position - s.position
     s.position = position
-    s.setpoint_e4, s.speed_e4 = position * FINE, 0
+    s.setpoint_e4, s.speed_e4, s.planned = position * FINE, 0, 0
     if forget_turns:
         s.goal = position
 
@@ -161,6 +177,17 @@ def take_writes(s: Record) -> None:
     stale = switched_on and noted & SWITCH_NOTED and s.torque_on_takes_goal
     if byte(s, 40) == 1 and counts_turns(s) and (noted & GOAL_NOTED or stale):
         take_goal(s)
+    if noted & SPEED_NOTED and mode != PWM and mode <= STEP:
+        take_speed(s)
+    if noted & RAMP_NOTED:
+        take_ramp(s)
+
+
+@compiled
+def begin_profile(s: Record) -> None:
+    """Take what the profile goes by, after power-on and in another mode."""
+    take_speed(s)
+    take_ramp(s)
 
 
 @compiled
@@ -170,9 +197,12 @@ def take_goal(s: Record) -> None:
     if byte(s, 33) == STEP:
         goal += s.goal
     lowest, highest = word(s, 9), word(s, 11)
-    if lowest != highest:
-        goal = min(max(goal, lowest), highest)
-    s.goal = goal
+    if lowest != highest and goal < lowest:
+        goal = lowest
+    elif lowest != highest and goal > highest:
+        goal = highest
+    if goal != s.goal:
+        s.goal, s.planned = goal, 0
 
 
 @compiled
@@ -188,41 +218,64 @@ def asked_speed(s: Record) -> int:
 
 
 @compiled
-def ramp(s: Record) -> int:
-    """How much the profile's speed may change in a millisecond; 0: as much as it likes."""
-    units = byte(s, 41)
-    return units if units else byte(s, 85) * byte(s, 86)
+def take_speed(s: Record) -> None:
+    """Register 46 and the phase register's bits for it, which count until 46 is written again."""
+    top = asked_speed(s)
+    if byte(s, 33) != VELOCITY:
+        top = abs(top)
+        if top == 0 and byte(s, 18) & FULL_SPEED_BIT:
+            top = s.highest_counts_s
+    if top * FINE_PER_MS != s.top_e4:
+        s.top_e4, s.planned = top * FINE_PER_MS, 0
+
+
+@compiled
+def take_ramp(s: Record) -> None:
+    """Registers 41, 85 and 86, which count until 41 is written again: how much the speed may change; 0: no limit."""
+    ramp, largest = byte(s, 41), byte(s, 85)
+    if ramp == 0:
+        ramp = largest * byte(s, 86)
+    elif largest and ramp > largest:
+        s.table[41] = ramp = largest
+    if ramp != s.ramp_e4:
+        s.ramp_e4, s.planned = ramp, 0
 
 
 @compiled
 def follow_shaft(s: Record) -> None:
     """Set-point and goal where the shaft is, at rest."""
     s.goal = s.position
-    s.setpoint_e4, s.speed_e4 = s.position * FINE, 0
+    s.setpoint_e4, s.speed_e4, s.planned = s.position * FINE, 0, 0
 
 
 @compiled
 def advance_profile(s: Record) -> None:
     """Move the set-point by a trapezoid towards the goal (section 5)."""
-    top = abs(asked_speed(s))
-    if top == 0 and byte(s, 18) & FULL_SPEED_BIT:
-        top = s.highest_counts_s
-    top *= FINE_PER_MS
-    slowest, change = min(s.lowest_counts_s * FINE_PER_MS, top), ramp(s)
-    way = 1 if s.goal * FINE >= s.setpoint_e4 else -1
-    distance = abs(s.goal * FINE - s.setpoint_e4)
-    speed = s.speed_e4 * way
-    if change == 0:
-        speed = top
-    elif speed < 0:
-        speed = min(speed + change, 0)
-    elif speed * speed >= 2 * change * distance:
-        speed = max(speed - change, slowest)
-    elif speed > top:
-        speed = max(speed - change, top)
+    left = s.goal * FINE - s.setpoint_e4
+    way, distance = 1 if left >= 0 else -1, abs(left)
+    if s.ramp_e4 == 0:
+        if distance:
+            move_setpoint(s, way, s.top_e4, distance)
+    elif distance == 0 or s.top_e4 == 0:
+        come_to_rest(s)
     else:
-        speed = min(max(speed + change, slowest), top)
-    if 0 <= distance <= speed and (change == 0 or speed <= max(slowest, 2 * change)):
+        if not s.planned:
+            prepare(s, way, distance)
+        if s.planned:
+            approach(s, way, distance)
+
+
+@compiled
+def braking_distance(speed: int, ramp: int) -> int:
+    """How far the set-point goes while it loses ``ramp`` of its speed each millisecond."""
+    steps = speed // ramp
+    return max(0, steps * (2 * speed - (steps + 1) * ramp) // 2)
+
+
+@compiled
+def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
+    """One millisecond at this speed; never past the goal, where it rests."""
+    if speed >= distance:
         s.setpoint_e4, s.speed_e4 = s.goal * FINE, 0
     else:
         s.setpoint_e4 += way * speed
@@ -230,9 +283,45 @@ def advance_profile(s: Record) -> None:
 
 
 @compiled
+def come_to_rest(s: Record) -> None:
+    """Brake where there is no way to go."""
+    way, speed = 1 if s.speed_e4 >= 0 else -1, abs(s.speed_e4) - s.ramp_e4
+    s.speed_e4 = way * speed if speed > 0 and speed >= s.lowest_counts_s * FINE_PER_MS else 0
+    s.setpoint_e4 += s.speed_e4
+
+
+@compiled
+def prepare(s: Record, way: int, distance: int) -> None:
+    """After a change: brake until the goal lies ahead and can be met; that may take the set-point past it."""
+    speed, slowest = s.speed_e4 * way, s.lowest_counts_s * FINE_PER_MS
+    if speed < 0:
+        speed += s.ramp_e4
+        speed = speed if speed < -slowest else 0
+    elif braking_distance(speed, s.ramp_e4) <= distance:
+        s.planned = 1
+        return
+    else:
+        speed -= s.ramp_e4
+        speed = speed if speed >= slowest else 0
+    s.speed_e4 = way * speed
+    s.setpoint_e4 += s.speed_e4
+
+
+@compiled
+def approach(s: Record, way: int, distance: int) -> None:
+    """A goal that can be met: speed up to 46, brake in time, stop on it."""
+    speed = s.speed_e4 * way
+    if braking_distance(speed, s.ramp_e4) >= distance:
+        speed -= s.ramp_e4
+    else:
+        speed = min(speed + s.ramp_e4, s.top_e4)
+    move_setpoint(s, way, max(speed, s.lowest_counts_s * FINE_PER_MS), distance)
+
+
+@compiled
 def ramp_speed(s: Record) -> None:
     """Move the set speed of mode 1 towards register 46 (section 4)."""
-    wanted, change = asked_speed(s) * FINE_PER_MS, ramp(s)
+    wanted, change = s.top_e4, s.ramp_e4
     s.speed_e4 = wanted if change == 0 else min(max(wanted, s.speed_e4 - change), s.speed_e4 + change)
     s.goal = s.position
     s.setpoint_e4 = s.position * FINE
@@ -240,7 +329,8 @@ def ramp_speed(s: Record) -> None:
 
 @compiled
 def profile_runs(s: Record) -> bool:
-    return bool(s.setpoint_e4 != s.goal * FINE or s.speed_e4 != 0)
+    """Whether the set-point moves, or would at the next chance: not at speed 0."""
+    return bool(s.speed_e4 != 0 or (s.setpoint_e4 != s.goal * FINE and s.top_e4 != 0))
 
 
 # The loops (sections 3 and 4).
@@ -402,14 +492,23 @@ def tick(s: Record) -> None:
         asked = 0
     watch_push(s, asked)
     blind = s.status & byte(s, 19) & ENCODER
-    s.drive = 0 if unsupplied or blind else clip(protected(s, asked), BRIDGE_LIMIT)
+    s.drive = 0 if unsupplied or blind else protected(s, asked)
+    if word(s, 28):  # with a limit of the current the bridge's limit shows, too
+        s.drive = clip(s.drive, BRIDGE_LIMIT)
     s.on = on
     report(s)
 
 
 @compiled
 def folded(s: Record, position: int) -> int:
-    return position if byte(s, 18) & UNFOLDED_BIT else position % TURN
+    """As it is shown outside mode 3: within a turn, or unfolded in units of 30."""
+    return quotient(position, max(1, byte(s, 30))) if byte(s, 18) & UNFOLDED_BIT else position % TURN
+
+
+@compiled
+def steps(s: Record, counts: int) -> int:
+    """Counts in units of 30, as mode 3 shows them."""
+    return clip(quotient(counts, max(1, byte(s, 30))), LARGEST_SHOWN)
 
 
 @compiled
@@ -417,9 +516,9 @@ def report(s: Record) -> None:
     """Show the state in the table (section 6)."""
     mode, speed_unit = byte(s, 33), SPEED_UNIT if byte(s, 18) & COUNTS_PER_S_BIT else 1
     if mode == STEP:
-        put_signed(s, 56, quotient(s.goal - s.position, max(1, byte(s, 30))), 15)
+        put_signed(s, 56, steps(s, s.goal - s.position), 15)
     else:
-        put_signed(s, 56, folded(s, s.position) if mode == POSITION else s.raw, 15)
+        put_signed(s, 56, folded(s, s.position if mode == POSITION else s.raw), 15)
     put_signed(s, 58, s.window_counts * speed_unit, 15)
     put_signed(s, 60, s.drive, 10)
     s.table[65] = s.status
@@ -427,7 +526,8 @@ def report(s: Record) -> None:
         s.table[66] = profile_runs(s) or (byte(s, 66) != 0 and s.window_counts != 0)
     else:
         s.table[66] = s.window_counts != 0
-    put_signed(s, 67, folded(s, quotient(s.setpoint_e4, FINE)), 15)
+    setpoint = quotient(s.setpoint_e4, FINE)
+    put_signed(s, 67, steps(s, setpoint) if mode == STEP else folded(s, setpoint), 15)
     profile_counts_s = quotient(s.speed_e4, FINE_PER_MS)
     put_signed(s, 71, profile_counts_s if speed_unit > 1 else quotient(profile_counts_s, SPEED_UNIT), 15)
 
@@ -438,6 +538,16 @@ def measure(s: Record, voltage_v: float) -> None:
     s.table[62] = max(0, min(255, int(voltage_v * 10.0 + 0.5)))
     s.table[63] = max(0, min(255, int(s.temperature_c + 0.5)))
     put_word(s, 69, min(LARGEST_CURRENT, int(abs(s.current_a) / CURRENT_UNIT_A)))
+
+
+@compiled
+def power_on(states: States, voltage_v: float) -> None:
+    """Take what is only looked at when power comes on, and see the shaft."""
+    s: Record = states[0]
+    s.window_ms = max(1, 1000 // max(1, byte(s, 82)))
+    s.lowest_counts_s, s.highest_counts_s = SPEED_UNIT * byte(s, 83), SPEED_UNIT * byte(s, 84)
+    begin_profile(s)
+    look(states, voltage_v)
 
 
 @compiled
@@ -463,7 +573,7 @@ def turn_motor(s: Record, dt_s: float, velocity_rad_s: float, voltage_v: float) 
     duty = 0.0
     s.current_a = 0.0
     if byte(s, 40) == 1 or byte(s, 40) == 2:
-        duty = -0.001 * s.drive
+        duty = -0.001 * clip(s.drive, BRIDGE_LIMIT)
         s.current_a = (duty * voltage_v - s.back_emf_v_s * velocity_rad_s) / s.resistance_ohm
     loss_w = s.current_a * s.current_a * s.resistance_ohm
     warm_c = s.ambient_c + loss_w * s.thermal_resistance_k_w - s.temperature_c

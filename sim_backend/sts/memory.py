@@ -14,8 +14,8 @@ from sim_backend.sts.state import TABLE_SIZE, States
 READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
 PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
 KEPT: Final = Kept(sts.REGISTERS, PERSISTENT - READ_ONLY, "little")
-MIDDLE_SPAN: Final = 2047
-"""The homing offset's largest size: its twelfth bit is the sign."""
+OFFSET_WORD: Final = Register("homing_offset", 31, 2, persistent=True)
+"""The homing offset as it lies in the table: beside the sign (bit 11), bit 12 stands for 2048 more counts."""
 
 FACTORY: Final[dict[Register, int]] = {
     sts.firmware_major: 3,
@@ -51,6 +51,14 @@ FACTORY: Final[dict[Register, int]] = {
     sts.acceleration_multiplier: 1,
 }
 """Every register that is not here is 0."""
+
+
+def offset_word(offset: int) -> int:
+    """The word that stands for this homing offset, counts; 0 for one of a whole turn or more."""
+    if offset >= 4096:
+        return 0
+    size, sign = abs(offset), 1 << 11 if offset < 0 else 0
+    return (size & 0x7FF) | sign | (1 << 12 if size & 0x800 else 0)
 
 
 class StsMemory:
@@ -96,9 +104,6 @@ class StsMemory:
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
                 self._write_byte(at, self._sensible(at, value))
-        largest = self._table[sts.max_acceleration.address]
-        if largest and self._table[sts.acceleration.address] > largest:
-            self._table[sts.acceleration.address] = largest
         self._decode()
 
     def save(self, register: Register, value: int) -> None:

@@ -11,11 +11,11 @@ from drivers.servos.register import ServoModel
 from sim_backend.generic.packet_servo import PacketServo
 from sim_backend.mechanics.motor import MotorConstants, sts_motor
 from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states, touches
-from sim_backend.sts.memory import MIDDLE_SPAN, StsMemory
+from sim_backend.sts.memory import OFFSET_WORD, StsMemory, offset_word
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.wire.instructions import Instruction
 from sim_backend.wire.line import BITS_PER_BYTE
-from sim_backend.wire.sts_wire import BROADCAST, Code
+from sim_backend.wire.sts_wire import Code
 
 SET_MIDDLE: Final = 128
 """Written to the torque switch: call the present position the middle, 2048."""
@@ -60,34 +60,33 @@ class VirtualServo(PacketServo):
 
     def answer(self, instruction: Instruction) -> bytes | None:
         """Do what one instruction says; the reply, if this servo makes one to it."""
-        parameters, answers = instruction.parameters, self.memory.answers
-        named = self.servo_id if instruction.servo_id == BROADCAST else instruction.servo_id
+        parameters, named = instruction.parameters, self.servo_id
         if instruction.code == Code.PING:
             return self._status(named)
         if instruction.code == Code.READ:
             if len(parameters) != 2 or parameters[0] >= TABLE_SIZE:
                 return None
-            # All answer a broadcast at once, with the ID that it was sent to.
-            return self._status(instruction.servo_id, self.read(*parameters))
+            return self._status(named, self.read(*parameters))
         if instruction.code == Code.REBOOT:
             self.power_cycle()
             self.deaf_s = REBOOT_S
             return None
         self._obey(instruction.code, parameters)
-        return self._status(named) if answers == 2 else None
+        return self._status(named) if self.memory.answers == 2 else None  # as register 8 is by now
 
     def _obey(self, code: int, parameters: bytes) -> None:
         """Do what is answered by an empty status, whether it is known or not."""
         match code:
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])
-            case Code.REG_WRITE if len(parameters) >= 2:
-                self._registered = (parameters[0], parameters[1:])
+            case Code.REG_WRITE:
+                self._registered = (int.from_bytes(parameters[:1], "little"), parameters[1:])
                 self.memory.put(sts.async_write_flag, 1)
             case Code.ACTION if self._registered is not None:
                 registered, self._registered = self._registered, None
                 self.memory.put(sts.async_write_flag, 0)
-                self.write(*registered)
+                if registered[1]:
+                    self.write(*registered)
             case Code.RESET:
                 self.memory.restore_defaults()
                 self.power_cycle()
@@ -96,8 +95,10 @@ class VirtualServo(PacketServo):
             case Code.FORGET_TURNS:
                 self.firmware.forget_turns()
                 self.memory.put(sts.torque_enable, 0)
-            case Code.SET_MIDDLE if len(parameters) == 2:
-                self.call_this_angle(int.from_bytes(parameters, "little"))
+            case Code.SET_MIDDLE if len(parameters) in (0, 2):
+                count = int.from_bytes(parameters, "little", signed=True) if parameters else MIDDLE
+                if abs(count) < self.model.counts_per_turn:
+                    self.call_this_angle(count)
 
     def read(self, address: int, size: int) -> bytes:
         """``size`` bytes of the table from ``address``, as the last millisecond left them."""
@@ -114,13 +115,12 @@ class VirtualServo(PacketServo):
                 self.memory.put(register, 0)
         if touches(address, len(data), sts.torque_enable) and self.memory.get(sts.torque_enable) == SET_MIDDLE:
             self.call_this_angle(MIDDLE)
+            self.memory.put(sts.torque_enable, 0)
 
     def call_this_angle(self, count: int) -> None:
-        """Choose the homing offset so that the shaft is now at ``count``, saved whatever the lock says; torque off."""
-        offset = (self.firmware.raw_count - count + MIDDLE) % self.model.counts_per_turn - MIDDLE
-        self.memory.save(sts.homing_offset, max(-MIDDLE_SPAN, offset))
+        """Choose the homing offset so that the shaft is now at ``count``, saved whatever the lock says."""
+        self.memory.save(OFFSET_WORD, offset_word(self.firmware.raw_count - count))
         self.firmware.forget_turns()
-        self.memory.put(sts.torque_enable, 0)
 
     def power_cycle(self) -> None:
         """Power off and on again: what was not saved is gone, the motor is free."""

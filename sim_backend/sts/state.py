@@ -41,7 +41,7 @@ _PARAMETERS: Final = (
 
 _VOLATILE: Final = (
     ("elapsed_ns", "i8"),  # since the last millisecond
-    ("noted", "i8"),  # which goals the last write touched
+    ("noted", "i8"),  # which goals and settings of the profile the last write touched
     # Settings that are looked at when power comes on, and never again.
     ("window_ms", "i8"),
     ("lowest_counts_s", "i8"),
@@ -62,6 +62,9 @@ _VOLATILE: Final = (
     ("goal", "i8"),
     ("setpoint_e4", "i8"),
     ("speed_e4", "i8"),
+    ("top_e4", "i8"),  # what 46 asked for when it was written last
+    ("ramp_e4", "i8"),  # the change of speed in a ms that 41 allowed when it was written last
+    ("planned", "i8"),  # the goal can be met as things are
     # The loops (sections 3 and 4).
     ("error_age_ms", "i8"),
     ("error_then", "i8"),

@@ -8,6 +8,7 @@ answered one after the other by rising ID.
 """
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 
 from drivers.servos import ax_mx as dynamixel1
 from drivers.servos import sts
@@ -25,7 +26,7 @@ from sim_backend.sts.servo import VirtualServo
 from sim_backend.sts.state import TABLE_SIZE
 from sim_backend.wire.instructions import Instruction
 from sim_backend.wire.line import Reply, ServoLine, Turn, named
-from sim_backend.wire.sts_wire import BROADCAST, STATUS_OVERHEAD, Code, InstructionParser, StsParser
+from sim_backend.wire.sts_wire import BROADCAST, LONGEST_DATA, Code, InstructionParser, StsParser
 
 __all__ = ["Reply", "VirtualBus"]
 
@@ -84,18 +85,17 @@ class VirtualBus(ServoLine[PacketServo]):
             _sync_write(parameters, meant)
         if broadcast:
             return self._broadcast(instruction, at_s, byte_s, meant)
-        for servo in meant:
-            if isinstance(servo, VirtualServo):
-                self._keep_back(servo, instruction)
+        self._keep_back(meant, instruction)
         others = [servo for servo in meant if not isinstance(servo, VirtualServo)]
         return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
 
-    def _keep_back(self, servo: VirtualServo, instruction: Instruction) -> None:
-        """An answer for when the line is silent: behind what waits already, but what is read overwrites that."""
-        packet = servo.answer(instruction)
-        if packet is not None:
-            before = b"" if instruction.code == Code.READ else self._waiting.get(servo, b"")
-            self._waiting[servo] = before + packet
+    def _keep_back(self, servos: Sequence[PacketServo], instruction: Instruction) -> None:
+        """STS servos' answers for when the line is silent: after those that wait, but a read overwrites these."""
+        for servo in servos:
+            packet = servo.answer(instruction) if isinstance(servo, VirtualServo) else None
+            if isinstance(servo, VirtualServo) and packet is not None:
+                before = b"" if instruction.code == Code.READ else self._waiting.get(servo, b"")
+                self._waiting[servo] = before + packet
 
     def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
         turns: dict[float, list[bytes]] = {}
@@ -105,19 +105,21 @@ class VirtualBus(ServoLine[PacketServo]):
         return [self._reply(packets, at_s + delay_s, byte_s) for delay_s, packets in sorted(turns.items())]
 
     def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
-        """Address, size, and then the IDs: a time for each of them, whether anybody is there or not."""
+        """Address, size, and then the IDs: a slot for each of them; a servo that is named twice answers once."""
         if len(parameters) < 2:
             return []
         address, size = parameters[:2]
-        slot_s, replies = (STATUS_OVERHEAD + size + _SLOT_PAUSE) * byte_s, []
+        replies = []
         knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE]
-        for place, servo_id in enumerate(parameters[2:]):
+        listed = parameters[2:]
+        for servo_id in dict.fromkeys(listed):
             asked = named(servo_id, knowing)
             packets = [servo.read_status(address, size) for servo in asked]
             for servo in asked:
                 self._waiting.pop(servo, None)  # type: ignore[call-overload]
             if packets:
-                replies.append(self._reply(packets, at_s + max(byte_s, place * slot_s), byte_s))
+                slot_s = (len(packets[0]) + _SLOT_PAUSE) * _timed_byte_s(byte_s)
+                replies.append(self._reply(packets, at_s + max(byte_s, listed.index(servo_id) * slot_s), byte_s))
         return replies
 
     def _broadcast(
@@ -126,13 +128,14 @@ class VirtualBus(ServoLine[PacketServo]):
         """What comes back from an instruction to all: of most of them nothing."""
         own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
         others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
-        turns = self._answers(instruction, own_time)
         if instruction.code == Code.READ:
-            return self._in_turn(turns, at_s, byte_s, 0.0)
+            self._keep_back(own_time, instruction)
+            return []
+        turns = self._answers(instruction, own_time)
         if instruction.code != Code.PING:
             return []
         replies = [
-            self._reply(packets, at_s + max(1, _PING_SLOT * packets[0][_ID_AT]) * byte_s, byte_s)
+            self._reply(packets, at_s + max(byte_s, _PING_SLOT * packets[0][_ID_AT] * _timed_byte_s(byte_s)), byte_s)
             for _, packets in turns
         ]
         return replies + self._in_turn(others, at_s, byte_s, 0.0)
@@ -153,13 +156,21 @@ def servo_of(
     return VirtualServo(model, servo_id, spread.motor(sts_motor(model), servo_id), variant)
 
 
+def _timed_byte_s(byte_s: float) -> float:
+    """A byte's time as the timer of an STS servo counts it, in whole microseconds."""
+    return ceil(byte_s * 1e6 - 1e-6) * 1e-6
+
+
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
-    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain."""
+    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain.
+
+    A servo that is asked for more bytes than an answer can hold stays silent (assumed).
+    """
     turns: list[Turn] = []
     for at in range(1, len(parameters) - 2, 3):
         size, servo_id, address = parameters[at : at + 3]
         asked = named(servo_id, servos)
-        if not asked:
+        if not asked or size > LONGEST_DATA:
             break
         turns.append((asked[0].return_delay_s, [servo.read_status(address, size) for servo in asked]))
     return turns

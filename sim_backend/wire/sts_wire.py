@@ -14,6 +14,8 @@ HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 6
 """Bytes of a status packet beside its data."""
+LONGEST_DATA: Final = 0xFF - 2
+"""Maximum number of data bytes that a status packet's length can count."""
 
 
 class Code(IntEnum):
@@ -80,7 +82,7 @@ class StsParser(Parser):
     """
 
     LONGEST = 130
-    """The largest length that is believed: more than 128 parameters are not."""
+    """Maximum length that is believed, except in a sync write: more than 128 parameters are not."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -95,6 +97,7 @@ class StsParser(Parser):
         end = self._whole_packet()
         if end:
             packet = Instruction(buffer[2], buffer[4], bytes(buffer[5 : end - 1]))
+            self._last = buffer[end - 1]
             del buffer[:end]
             return packet
         for place, value in enumerate(buffer):
@@ -111,25 +114,27 @@ class StsParser(Parser):
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0
         end = buffer[3] + 4
-        if not 2 <= buffer[3] <= self.LONGEST or len(buffer) < end or buffer.find(HEADER, 1, end) >= 0:
+        if not self._believed(buffer[3], buffer[4]) or len(buffer) < end or buffer.find(HEADER, 1, end) >= 0:
             return 0
         return end if checksum(buffer[2 : end - 1]) == buffer[end - 1] else 0
 
     def _take(self, value: int) -> Instruction | None:
         """One byte more; the instruction that it completes, if the checksum says so."""
-        body, last = self._body, self._last
+        body, header = self._body, value == self._last == 0xFF
         self._last = value
         complete = body is not None and len(body) >= 2 and len(body) == body[1] + 1
-        if value == last == 0xFF and not complete:
+        if header:
             self._body = bytearray()
-            return None
-        if body is None:
+        if body is None or (header and not complete):
             return None
         body.append(value)
-        if complete or (len(body) == 2 and not 2 <= value <= self.LONGEST):
-            self._body = None
         if complete:
-            self._last = 0
-        if complete and checksum(body[:-1]) == value:
-            return Instruction(body[0], body[2], bytes(body[3:-1]))
+            self._body = bytearray() if header else None  # an FF that was the checksum may begin the next header
+            return Instruction(body[0], body[2], bytes(body[3:-1])) if checksum(body[:-1]) == value else None
+        if (len(body) == 2 and value < 2) or (len(body) == 3 and not self._believed(body[1], value)):
+            self._body = None
         return None
+
+    def _believed(self, length: int, code: int) -> bool:
+        """Whether a packet of this instruction may be so long."""
+        return length >= 2 and (length <= self.LONGEST or code == Code.SYNC_WRITE)

@@ -69,6 +69,19 @@ def test_an_adapter_that_cannot_make_the_rate() -> None:
     assert (finding.id, finding.severity, finding.cause) == ("port_unsuitable", "fault", text)
 
 
+def test_a_port_that_is_not_serial_is_called_so() -> None:
+    bus = BusSnapshot("", "/tmp/x", 1_000_000, problem="not_serial", problem_text="/tmp/x is not a serial device")
+    (finding,) = judge(Snapshot((bus,)))
+    assert (finding.id, finding.symptom) == ("port_not_serial", "/tmp/x: the port is not a serial device")
+
+
+def test_a_reading_that_has_counted_a_turn_is_no_wrong_zero() -> None:
+    servo = replace(BUS.servos[0], states=(STATE._replace(position_counts=6144),))
+    (finding,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((STS,))))
+    assert finding.id == "turn_counted" and finding.command is None
+    assert "it has counted a turn. Hold the arm, and switch the servos' supply off and on" in finding.cause
+
+
 def test_a_long_return_delay_is_no_slow_adapter() -> None:
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.006))) == ["slow_round_trip"]
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.0025, delay_s=0.0005))) == []

@@ -282,11 +282,12 @@ SAID_OF_ALL = """
   ros__parameters:
     hand_controller: {type: forward_command_controller/ForwardCommandController, fallback_controllers: [spare]}
     other: {type: forward_command_controller/ForwardCommandController, fallback_controllers: spare}
+    spare: {type: forward_command_controller/ForwardCommandController}
 """
 
 
 def test_patterns_and_slashes_count_as_for_ros(tmp_path: Path) -> None:
-    hand, other = load(tmp_path, SAID_OF_ALL).controllers
+    hand, other, _ = load(tmp_path, SAID_OF_ALL).controllers
     assert (hand.parameters.claims(), other.parameters.claims()) == (("joint2/position",), ("joint1/position",))
     assert (hand.fallback, other.fallback) == (("spare",), ("spare",))
 
@@ -392,3 +393,98 @@ def test_the_house_files_are_right() -> None:
         "arm_controller",
         "hand_controller",
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("'': 1", ":15: arm_controller. has an empty name: give the parameter a name"),
+        ("own: {'': 1}", ":15: arm_controller.own. has an empty name"),
+        ("own..part: 1", "arm_controller.own. has an empty name"),
+        ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: write all in the same way"),
+        ("own: [[1, 2]]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
+        ("own: [{a: 1}]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
+        ("own:", ":15: arm_controller.own has no value"),
+    ],
+)
+def test_what_no_ros_parameter_can_be_is_refused(tmp_path: Path, line: str, says: str) -> None:
+    text = PLAIN.replace("    state_interfaces:", f"    {line}\n    state_interfaces:")
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, text)
+    assert says in str(error.value)
+
+
+def test_defaults_of_a_robot_file_are_checked_likewise(tmp_path: Path) -> None:
+    with pytest.raises(ControllersFileError, match=r"arm_controller\. has an empty name"):
+        load(tmp_path, PLAIN, {"arm_controller": {"": 1}})
+
+
+def test_joints_whose_names_are_numbers_are_to_be_put_in_quotes(tmp_path: Path) -> None:
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, PLAIN.replace("[joint1, joint2]", "[1, 2]"))
+    assert ":13: arm_controller.joints.0: 1 is a number here: put the text in quotes ('1')" in str(error.value)
+
+
+def test_a_list_of_command_interfaces_with_position_uses_position(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [position, velocity]"))
+    assert file.controllers[1].parameters.claims() == ("joint1/position", "joint2/position")
+    assert caplog.text.count("arm_controller: not used: command_interfaces: velocity") == 1
+    with pytest.raises(ControllersFileError, match=r"'position' is not among velocity: write \[position\]"):
+        load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [velocity]"))
+
+
+def test_an_outdated_type_is_named_and_the_others_are_loaded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    old = "joint_state_controller/JointStateController"
+    file = load(tmp_path, PLAIN.replace("joint_state_broadcaster/JointStateBroadcaster", old))
+    assert [one.name for one in file.controllers] == ["arm_controller", "hand_controller"]
+    assert f"its type {old} is outdated: write joint_state_broadcaster/JointStateBroadcaster" in caplog.text
+
+
+@pytest.mark.parametrize("named", ["    hand_controller: {}\n", ""])
+def test_a_type_may_be_in_the_controllers_own_section(tmp_path: Path, named: str) -> None:
+    text = PLAIN.replace(f"    hand_controller:\n      type: {HAND_TYPE}\n", named)
+    text = text.replace("    joints: [right]", f"    type: {HAND_TYPE}\n    joints: [right]")
+    assert [(one.name, one.kind) for one in load(tmp_path, text).controllers][-1] == ("hand_controller", HAND_TYPE)
+
+
+def with_entry(line: str) -> str:
+    return PLAIN.replace(f"{HAND_TYPE}\n", f"{HAND_TYPE}\n      {line}\n")
+
+
+def test_parameter_files_and_arguments_of_the_entry_count_as_the_spawners(tmp_path: Path) -> None:
+    more = tmp_path / "more.yaml"
+    more.write_text("hand_controller: {ros__parameters: {command_timeout: 7.5, joints: [joint1]}}")
+    entry = f"params_file: {more}\n      node_options_args: ['-p', 'joints:=[joint2]', '-r', 'a:=b']"
+    hand = load(tmp_path, with_entry(entry)).controllers[-1]
+    assert hand.parameters.model_dump()["command_timeout"] == 7.5
+    assert hand.parameters.claims() == ("joint2/position",)
+    assert hand.node_arguments == ("--ros-args", "-p", "joints:=[joint2]", "-r", "a:=b")
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (
+            "params_file: nowhere.yaml",
+            ":9: controller_manager.hand_controller cannot be loaded: cannot read now",
+        ),
+        (
+            "node_options_args: ['-p', 'a:=[']",
+            ":9: controller_manager.hand_controller cannot be loaded: hand_contr",
+        ),
+        ("fallback_controllers: [nope]", ":11: controller_manager.hand_controller.fallback_controllers names nope"),
+        ("fallback_controllers: hand_controller", "fallback_controllers names hand_controller, which is no other"),
+    ],
+)
+def test_mistakes_in_an_entry_of_the_manager(tmp_path: Path, line: str, says: str) -> None:
+    with pytest.raises(ControllersFileError) as error:
+        load(tmp_path, with_entry(line))
+    assert says in str(error.value)
+
+
+def test_the_managers_parameters_without_effect_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    lines = "update_rate: 20\n    cpu_affinity: 3\n    overruns: {manage: true}\n    use_sim_time: false"
+    load(tmp_path, PLAIN.replace("update_rate: 20", lines))
+    assert "controller_manager: not used: cpu_affinity, overruns" in caplog.text

@@ -382,9 +382,9 @@ def test_a_loop_that_misses_all_the_time_says_so_once_a_second(caplog: pytest.Lo
     puppet.during_update = lambda: clock.sleep_until(clock.now() + next(stalls))
     loop.run(lambda: loop.figures.cycles == 16)
     assert caplog.messages == [
-        "missed 1 cycles: the loop was 0 ms late, busy 70 ms",
+        "missed 1 cycle: the loop was 0 ms late, busy 70 ms",
         "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last such line)",
-        "missed 1 cycles: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
+        "missed 1 cycle: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
     ]
 
 
@@ -396,7 +396,7 @@ def test_a_stall_is_told_to_the_millisecond_and_the_next_one_after_a_whole_secon
     assert figures.count_cycle(due_s=2.0, woke_s=2.25, now_s=3.75, period_s=1.0) == 4.0
     assert caplog.messages == [
         "missed 2 cycles: the loop was 750 ms late, busy 2000 ms",
-        "missed 1 cycles: the loop was 250 ms late, busy 1500 ms",
+        "missed 1 cycle: the loop was 250 ms late, busy 1500 ms",
     ]
 
 
@@ -405,7 +405,7 @@ def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -
     sleep = clock.sleep_until
     clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.06)  # type: ignore[method-assign]
     loop.run(lambda: loop.figures.cycles == 1)
-    assert caplog.messages == ["missed 1 cycles: the loop was 60 ms late, busy 0 ms"]
+    assert caplog.messages == ["missed 1 cycle: the loop was 60 ms late, busy 0 ms"]
 
 
 def test_joints_that_are_limp_are_measured_nevertheless() -> None:
@@ -423,7 +423,7 @@ def test_an_episode_of_one_cycle_without_a_measurement_is_told_too(caplog: pytes
     loop.step()
     assert caplog.messages == [
         "no joint was measured in this cycle: servo 1: silent",
-        "joints are measured again, after 1 cycles without a measurement",
+        "joints are measured again, after 1 cycle without a measurement",
     ]
 
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ import pytest
 import serial
 
 from drivers.clock import MonotonicClock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
 from drivers.port import owners, serial_port
 from drivers.port.owners import port_owners
 from drivers.port.serial_port import SerialPort
@@ -516,3 +516,18 @@ def test_a_line_that_is_lost_within_an_answer_is_lost(terminal: Terminal, size: 
     with pytest.raises(PortLost):
         port.read(size, clock.now() + 20.0)
     port.close()
+
+
+@pytest.mark.parametrize(("make", "said"), [(Path.mkdir, "a folder"), (Path.touch, "a file")])
+def test_a_path_that_is_not_a_serial_device_is_called_by_its_kind(
+    tmp_path: Path, make: Callable[[Path], None], said: str
+) -> None:
+    path = tmp_path / "port"
+    make(path)
+    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {said}: name the adapter's port"):
+        SerialPort(str(path))
+
+
+def test_a_device_that_is_not_serial_is_told() -> None:
+    with pytest.raises(PortNotSerial, match="/dev/null is not a serial device but another kind of device"):
+        SerialPort("/dev/null")

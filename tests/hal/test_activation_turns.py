@@ -1,13 +1,18 @@
 """A servo that counts its shaft's turns: what it reports is a place within one turn, what it drives to is not."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from drivers.bus.single_servo import SingleServo
+from drivers.errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.errors import ActivationError
+from hal.servos.activation import counted_turns
+from hal.servos.servo_setup import forget_turns
 from hal.types import JointCommand
-from tests.hal.bench import PERIOD_S, Bench
+from tests.hal.bench import JOINTS, PERIOD_S, Bench
 
 TURN = 4096
 ELBOW = 2
@@ -49,6 +54,37 @@ def test_the_order_to_forget_its_turns_is_given_again_where_it_is_lost() -> None
     bench.clock.sleep_until(bench.clock.now() + 1.0)
     bench.hardware.read()
     assert shaft_counts(bench) == pytest.approx(before, abs=1.5)
+
+
+def lacks_the_instruction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def silent(self: SingleServo, servo_id: int) -> None:
+        raise ServoSilent(servo_id, "does not answer: check its power and cable")
+
+    monkeypatch.setattr(SingleServo, "forget_turns", silent)
+
+
+def test_a_bus_that_lacks_the_order_to_forget_turns_is_gone_on_with(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    lacks_the_instruction(monkeypatch)
+    bench = Bench().configured()
+    bench.hardware.activate()
+    assert "elbow (servo 2) does not carry out the instruction 0x0A (forget turns): going on without it" in caplog.text
+
+
+def test_a_joint_that_passes_the_end_of_its_counts_needs_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    lacks_the_instruction(monkeypatch)
+    bench = Bench().configured()
+    assert bench.hardware._buses is not None
+    bus = bench.hardware._buses.buses[""]
+    with pytest.raises(ServoRefused, match="does not carry out the instruction 0x0A"):
+        forget_turns(replace(JOINTS[1], seam_inside=True), bus)
+
+
+def test_a_reading_a_turn_away_is_told_as_such() -> None:
+    assert "it has counted a turn" in counted_turns(JOINTS[1], 6144)
+    assert "it has counted 2 turns" in counted_turns(JOINTS[1], -5000)
+    assert counted_turns(JOINTS[1], 4095) == counted_turns(JOINTS[1], 0) == ""
 
 
 def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_holding() -> None:

@@ -326,3 +326,56 @@ def test_what_is_said_about_a_bad_urdf(text: str, says: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_urdf(text)
     assert says in str(caught.value)
+
+
+DRIVEN_FINGER = CONTROL.replace(
+    f'<joint name="finger">{STATE}', f'<joint name="finger" mimic="false"><command_interface name="position"/>{STATE}'
+)
+
+
+def test_a_block_may_drive_a_joint_with_a_mimic_by_itself() -> None:
+    description = parse_urdf(urdf(control=DRIVEN_FINGER))
+    (component,) = description.components
+    assert component.joints == ("elbow", "finger")
+    assert component.mimics == frozenset()
+    assert description.joints["finger"].mimic is None
+
+
+@pytest.mark.parametrize(
+    ("control", "says"),
+    [
+        (DRIVEN_FINGER.replace('mimic="false"', 'mimic="no"'), "joint 'finger': mimic 'no' is not true or false"),
+        (DRIVEN_FINGER.replace('mimic="false"', 'mimic="true"'), "follows 'elbow' by its <mimic>: take its <command_"),
+        (
+            CONTROL.replace('<joint name="elbow">', '<joint name="elbow" mimic="true">'),
+            "joint 'elbow' has mimic=\"true\" and no <mimic> in the URDF (the URDF, line",
+        ),
+    ],
+)
+def test_a_mimic_attribute_that_cannot_be(control: str, says: str) -> None:
+    with pytest.raises(DescriptionError) as error:
+        parse_urdf(urdf(control=control))
+    assert says in str(error.value)
+
+
+def test_a_mimic_of_mimics_follows_the_joint_that_is_driven() -> None:
+    thumb, tip = (
+        FINGER.replace('"finger"', f'"{name}"').replace('"c"', f'"{name}_link"').replace('"elbow"', f'"{led}"')
+        for name, led in (("thumb", "finger"), ("tip", "thumb"))
+    )
+    joints = parse_urdf(urdf(ELBOW + tip + thumb + FINGER)).joints
+    assert joints["thumb"].mimic == Mimic("elbow", 4.0, -0.5)
+    assert joints["tip"].mimic == Mimic("elbow", -8.0, 1.5)
+
+
+@pytest.mark.parametrize(
+    "xml",
+    [
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="arm.xacro"/></robot>',
+        '<robot name="r"><xacro:include filename="arm.xacro"/></robot>',
+        '<robot name="r"><link name="${prefix}base"/></robot>',
+    ],
+)
+def test_xacro_is_named_with_the_command_that_expands_it(xml: str) -> None:
+    with pytest.raises(DescriptionError, match=r"this is xacro.*: run 'xacro FILE > robot.urdf'"):
+        parse_urdf(xml)

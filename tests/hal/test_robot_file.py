@@ -457,3 +457,8 @@ def test_servos_that_speak_differently_cannot_share_a_bus(tmp_path: Path, protoc
     text = GOOD.replace("sts3215", other).replace(other, one, 1).replace("baud: 500000", f"protocol: {protocol}")
     (complaint,) = complaints(tmp_path, text)
     assert "elbow and finger cannot share a bus" in complaint
+
+
+def test_names_that_are_numbers_are_to_be_put_in_quotes(tmp_path: Path) -> None:
+    found = complaints(tmp_path, GOOD.replace("  finger:", "  1:"))
+    assert any("1 is a number here: put the text in quotes ('1')" in complaint for complaint in found)

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servoloop.live.errors import LiveError
 from servoloop.live.recording import Recording
 from servoloop.recorder.record_option import RecordingError
 from servoloop.recorder.recording_file import RecordingFile
@@ -56,7 +55,7 @@ def test_after_a_jump_all_that_was_said_long_before_still_holds(run: tuple[Rig, 
 
 def test_what_is_no_recording_of_a_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"nothing")
-    with pytest.raises(RecordingError, match="it is no recording of a run"):
+    with pytest.raises(RecordingError, match="is a text file, not an MCAP recording"):
         Recording(tmp_path / "x.mcap")
-    with pytest.raises(LiveError, match="cannot read"):
+    with pytest.raises(RecordingError, match="cannot read"):
         Recording(tmp_path / "none.mcap")

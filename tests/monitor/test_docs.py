@@ -68,7 +68,7 @@ def test_without_textual_it_says_what_to_install(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "pip install 'servoloop[monitor]'" in complaint(capsys, monkeypatch, "monitor")
+    assert "-m pip install" in complaint(capsys, monkeypatch, "monitor")
 
 
 def test_an_arm_is_not_chosen_of_a_recording(

@@ -49,3 +49,8 @@ def test_nonsense_is_named(change: dict[str, Any], words: str) -> None:
 def test_all_mistakes_are_named_at_once() -> None:
     with pytest.raises(ValueError, match=r"pick.*; move_time_s"):
         replace(Settings(), pick_rad=(), move_time_s=-1.0)
+
+
+def test_a_pose_that_no_arm_has_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"poses.pick: 1e\+30 is not a plausible position"):
+        replace(Settings(), pick_rad=(1e30, 0.0, 0.0, 0.0, 0.0, 0.0))

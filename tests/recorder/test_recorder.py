@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
+from drivers.printable import counted
 from servoloop.recorder import recorder as module
 from servoloop.recorder.bus_tap import Transfer
 from servoloop.recorder.record_option import RecordingError
@@ -102,7 +103,7 @@ def test_where_nobody_writes_the_loop_goes_on_and_what_is_dropped_is_counted(
     assert rig.stack.loop.figures.observer_errors == 0
     recorder.close(failed=False)
     assert len(sink.samples) == 7 and recorder.dropped == rig.stack.loop.figures.cycles - 7
-    assert f"{recorder.dropped} cycles are in no recording: the disk was too slow" in caplog.text
+    assert f"{counted(recorder.dropped, 'cycle')} missing from the recordings: the disk was too slow" in caplog.text
 
 
 def test_a_disk_that_hangs_does_not_keep_the_program_from_its_end(

@@ -1,6 +1,7 @@
 """Which hardware stands below: by the URDF's blocks, by the command line, and by what users install."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.files import CONFIG, CONTROLLERS, Files, initial_states, read_files
-from servoloop.hardware import HardwareKind, build, compensation
+from servoloop.hardware import HardwareKind, build, choose, compensation
 from sim_backend.clock import SimulatedClock
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_servos, write_urdf
 
@@ -216,3 +217,10 @@ def test_initial_states_that_cannot_be(tmp_path: Path, said: str, says: str) -> 
     files = read_files(write_urdf(tmp_path), path)
     with pytest.raises(ControllersFileError, match=says):
         initial_states(files)
+
+
+def test_an_outdated_plugin_is_taken_as_its_successor() -> None:
+    files = read_files()
+    (component,) = files.description.components
+    outdated = replace(component, plugin="fake_components/GenericSystem")
+    assert choose(None, outdated) is HardwareKind.MOCK

@@ -113,53 +113,76 @@ class Trapezoid:
     goal: int = 0
     place: int = 0
     speed: int = 0
+    ready: bool = False
+
+    def __post_init__(self) -> None:
+        self.top = 0
+        self.take_speed()
+        self.change = self.settings.change_per_ms()
+
+    def take_speed(self) -> None:
+        top = 10 * self.settings.goal_speed()
+        if self.settings.mode != 1:
+            top = abs(top) or (75000 if self.settings.phase & 8 else 0)
+        self.ready = self.ready and top == self.top
+        self.top = top
 
     def pin(self, count: int) -> None:
-        self.goal, self.place, self.speed = count, count * 10000, 0
+        self.goal, self.place, self.speed, self.ready = count, count * 10000, 0, False
 
     @property
     def done(self) -> bool:
-        return self.place == self.goal * 10000 and self.speed == 0
+        return self.speed == 0 and (self.place == self.goal * 10000 or self.top == 0)
 
     def take(self) -> None:
         wanted = self.settings.goal * (self.settings.resolution or 1)
         if self.settings.mode == 3:
             wanted += self.goal
         if self.settings.min_position != self.settings.max_position:
-            wanted = max(self.settings.min_position, wanted)
-            wanted = min(self.settings.max_position, wanted)
+            if wanted < self.settings.min_position:
+                wanted = self.settings.min_position
+            elif wanted > self.settings.max_position:
+                wanted = self.settings.max_position
+        self.ready = self.ready and wanted == self.goal
         self.goal = wanted
 
     def advance(self) -> None:
-        top = abs(self.settings.goal_speed()) * 10
-        if not top and self.settings.phase & 8:
-            top = 75000
         left = self.goal * 10000 - self.place
-        direction = -1 if left < 0 else 1
-        left, speed = abs(left), self.speed * direction
-        change, slow = self.settings.change_per_ms(), min(500, top)
-        speed = self._next_speed(speed, left, change, slow, top)
-        gentle = change == 0 or speed <= max(slow, 2 * change)
-        if speed >= left and gentle:
+        if not self.change:
+            self._go(left, self.top)
+        elif not left or not self.top:
+            self.speed = self._slower(self.speed)
+            self.place += self.speed
+        else:
+            ahead = self.speed if left > 0 else -self.speed
+            self.ready = self.ready or (ahead >= 0 and self._stop(ahead) <= abs(left))
+            if self.ready:
+                braking = self._stop(ahead) >= abs(left)
+                self._go(left, max(500, ahead - self.change if braking else min(self.top, ahead + self.change)))
+            else:
+                self.speed = self._slower(self.speed, exact=ahead >= 0)
+                self.place += self.speed
+
+    def _stop(self, speed: int) -> int:
+        """The sum of all speeds until it stands, each ``change`` less than the one before."""
+        return sum(range(speed % self.change, speed, self.change))
+
+    def _slower(self, speed: int, exact: bool = True) -> int:
+        """Nearer to 0, and not slower than the slowest."""
+        size = abs(speed) - self.change
+        return 0 if size < 500 or (size == 500 and not exact) else int(math.copysign(size, speed))
+
+    def _go(self, left: int, step: int) -> None:
+        if not left:
+            return
+        if step >= abs(left):
             self.place, self.speed = self.goal * 10000, 0
         else:
-            self.place += speed * direction
-            self.speed = speed * direction
-
-    @staticmethod
-    def _next_speed(speed: int, left: int, change: int, slow: int, top: int) -> int:
-        if not change:
-            return top
-        if speed < 0:  # the wrong way: first to a stop
-            return min(0, speed + change)
-        if speed**2 >= 2 * change * left:  # braking distance
-            return max(slow, speed - change)
-        if speed > top:
-            return max(top, speed - change)
-        return min(top, max(slow, speed + change))
+            self.speed = step if left > 0 else -step
+            self.place += self.speed
 
     def ramp(self, count: int) -> None:
-        wanted, change = self.settings.goal_speed() * 10, self.settings.change_per_ms()
+        wanted, change = self.top, self.change
         missing = wanted - self.speed
         self.speed = wanted if not change else self.speed + within(missing, change)
         self.goal, self.place = count, count * 10000
@@ -314,7 +337,7 @@ class PlainServo:
         self._millisecond(int(voltage_v * 10 + 0.5), temperature, units)
         self.current_a = 0.0
         if self.settings.torque in (1, 2):
-            self.current_a = (-self.drive / 1000 * voltage_v - self.ke * velocity_rad_s) / self.ohm
+            self.current_a = (-within(self.drive, 970) / 1000 * voltage_v - self.ke * velocity_rad_s) / self.ohm
         return self.kt * self.current_a
 
     def _millisecond(self, voltage: int, temperature: int, units: int) -> None:
@@ -326,6 +349,8 @@ class PlainServo:
             s.torque = 1
             if s.by_position:
                 self.profile.take()
+            elif s.mode == 1:
+                self.profile.take_speed()
         guard.supply(voltage, temperature)
         guard.current(units)
         driving, dead = s.torque == 1, guard.acts(0, 2)
@@ -341,7 +366,7 @@ class PlainServo:
         guard.push(asked, seen.snapshot)
         if guard.acts(5) and s.mode != 2:
             asked = guard.pushed * s.protective * 10
-        self.drive = 0 if dead or guard.acts(1) else within(asked, 970)
+        self.drive = 0 if dead or guard.acts(1) else within(asked, 970 if s.current_limit else 65535)
         running = not self.profile.done if s.by_position else False
         self.moving = running or (seen.speed != 0 and (self.moving or not s.by_position))
 
@@ -359,6 +384,5 @@ class PlainServo:
     def shown_position(self) -> int:
         if self.settings.mode == 3:
             return toward_zero(self.profile.goal - self.encoder.count, self.settings.resolution or 1)
-        if self.settings.mode != 0:
-            return self.encoder.raw
-        return self.encoder.count if self.settings.phase & 16 else self.encoder.count % 4096
+        count = self.encoder.count if self.settings.mode == 0 else self.encoder.raw
+        return toward_zero(count, self.settings.resolution or 1) if self.settings.phase & 16 else count % 4096

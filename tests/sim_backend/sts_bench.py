@@ -31,7 +31,14 @@ class StsBench:
         self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
 
     def __setitem__(self, register: Register, value: int) -> None:
+        """Write a register and let the profile take it: 85, 86 and phase wait for a write of 41 or 46."""
         self.servo.write(register.address, register.encode(value, "little"))
+        if register in (sts.acceleration, sts.goal_velocity):
+            self.run(0.001)
+        elif register in (sts.max_acceleration, sts.acceleration_multiplier):
+            self[sts.acceleration] = self[sts.acceleration]
+        elif register == sts.phase:
+            self[sts.goal_velocity] = self[sts.goal_velocity]
 
     def __getitem__(self, register: Register) -> int:
         return register.decode(self.servo.read(register.address, register.size), "little")

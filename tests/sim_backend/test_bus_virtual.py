@@ -124,7 +124,8 @@ def test_group_instructions_to_one_id_reach_that_one() -> None:
 def test_a_read_to_all_is_answered_by_all_at_once() -> None:
     bus = bus_of(1, 2)
     (reply,) = bus.receive(packet(0xFE, Code.READ, b"\x03\x02"), 0.0)
-    assert reply.data == status_packet(0xFE, 0, bus.servo(1).read(3, 2))
+    answers = [status_packet(servo_id, 0, bus.servo(servo_id).read(3, 2)) for servo_id in (1, 2)]
+    assert reply.data == bytes(one & other for one, other in zip(*answers, strict=True))
 
 
 def test_two_ff_bytes_begin_a_packet_even_inside_another() -> None:

@@ -34,7 +34,7 @@ def _stalled(seconds: float = 2.5, **registers: int) -> StsBench:
 
 def test_a_stall_leaves_the_protective_torque_after_its_time() -> None:
     bench = _stalled(2.0)
-    assert (bench[sts.status], bench[sts.present_load]) == (0, -970)
+    assert (bench[sts.status], bench[sts.present_load]) == (0, -1000)
     bench.held_at(2048, 0.2)
     assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, -200)
     assert bench.servo.read_status(0, 1) == status_packet(1, OVERLOAD, b"\x03")
@@ -74,7 +74,7 @@ def test_a_servo_that_moves_never_overloads_however_hard_it_is_driven() -> None:
     for ms in range(5000):
         bench.turn_to(2048 + ms * 0.2)
         bench.rig.step()
-    assert (bench[sts.status], bench[sts.present_load]) == (0, -970)
+    assert (bench[sts.status], bench[sts.present_load]) == (0, -1000)
 
 
 @pytest.mark.parametrize(("counts", "status"), [(48, OVERLOAD), (56, 0)])
@@ -93,7 +93,7 @@ def test_a_watch_that_has_begun_lasts_below_the_overload_torque() -> None:
     bench = _bench()
     bench.go(2200)
     bench.held_at(2048, 0.4)
-    assert bench[sts.present_load] == -970
+    assert bench[sts.present_load] == -1000
     bench.go(2110)
     bench.held_at(2048, 1.0)
     assert -560 < bench[sts.present_load] < -440
@@ -119,7 +119,7 @@ def test_pwm_mode_reports_an_overload_and_goes_on_driving() -> None:
 
 def test_what_the_unloading_condition_leaves_out_is_reported_and_does_not_act() -> None:
     bench = _stalled(unloading_condition=0)
-    assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, -970)
+    assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, -1000)
 
 
 # Over-current

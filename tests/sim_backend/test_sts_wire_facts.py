@@ -59,6 +59,25 @@ def test_full_drive_is_0_97() -> None:
     assert wire.read(60, 2) & 0x3FF == 970
 
 
+def test_without_a_limit_of_the_current_register_60_shows_what_is_asked() -> None:
+    wire = stalled()
+    wire.wait(1.0)
+    assert wire.read(60, 2) == 1000 | 1 << 10
+    wire.write(48, word(980))
+    wire.wait(0.1)
+    assert wire.read(60, 2) == 980 | 1 << 10
+
+
+@pytest.mark.parametrize(("goal", "expected"), [(500, 3000), (2000, 3000), (3500, 1000)])
+def test_reversed_limits_send_a_goal_to_the_one_that_it_is_beyond(goal: int, expected: int) -> None:
+    wire = Wire()
+    wire.write(9, word(3000))
+    wire.write(11, word(1000))
+    wire.go(goal)
+    wire.wait(1.5)
+    assert wire.read(56, 2) == pytest.approx(expected, abs=5)
+
+
 def test_load_has_a_sign_and_current_has_none() -> None:
     seen = []
     for goal in (2048 + 60, 2048 - 60):
@@ -89,6 +108,7 @@ def test_modes_that_are_unknown_or_left_out_drive_nothing(mode: int) -> None:
 def test_acceleration_0_is_85_times_86(written: tuple[int, ...], counts_s2: int) -> None:
     wire = Wire()
     wire.write(83, bytes((1, 150, *written[2:])))
+    wire.write(41, b"\x00")
     wire.go(4000)
     wire.wait(0.05)
     assert wire.read(71, 2) == pytest.approx(counts_s2 * 0.052, rel=0.1)
@@ -105,11 +125,98 @@ def test_speed_0_runs_ahead_of_the_motor() -> None:
     wire.write(11, word(0))
     wire.write(9, word(0))
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.go(20_000)
     wire.wait(0.1)
     assert wire.read(71, 2) == 7500
     ahead = wire.read(67, 2) - wire.read(56, 2)
     assert ahead % 4096 > 300
+
+
+@pytest.mark.parametrize("units", [1, 5, 100])
+def test_a_lower_speed_acts_at_once(units: int) -> None:
+    wire = Wire()
+    wire.write(41, bytes((units,)))
+    wire.go(4000, 800)
+    wire.wait(0.8 if units > 1 else 1.5)
+    before = wire.read(71, 2)
+    assert before > 130
+    wire.write(46, word(100))
+    wire.wait(0.01)
+    assert wire.read(71, 2) == 100
+    wire.wait(0.09)
+    assert wire.read(58, 2) <= 150
+
+
+@pytest.mark.parametrize(("speed", "units"), [(1000, 10), (2000, 50), (500, 3), (3000, 100)])
+@pytest.mark.parametrize("goal", [2148, 2500, 3300, 1700])
+def test_the_set_point_of_an_accelerated_goal_never_passes_it(speed: int, units: int, goal: int) -> None:
+    wire = Wire()
+    wire.write(41, bytes((units,)))
+    wire.go(goal, speed)
+    seen = []
+    for _ in range(4500):
+        wire.wait(0.001)
+        seen.append(wire.servo.firmware.setpoint)
+    assert min(seen) >= min(goal, 2047) and max(seen) <= max(goal, 2048)
+    assert seen[-1] == goal
+
+
+def test_85_and_86_act_at_the_next_write_of_41() -> None:
+    wire = Wire()
+    wire.write(85, bytes((20, 1)))
+    wire.go(4000)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == pytest.approx(100 * 100 * 0.052, rel=0.1)
+    wire.go(2048)
+    wire.wait(1.0)
+    wire.write(41, b"\x00")
+    wire.go(4000)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == pytest.approx(20 * 100 * 0.052, abs=60)
+
+
+def test_phase_bit_3_acts_at_the_next_write_of_46_and_speed_0_without_it_is_not_moving() -> None:
+    wire = Wire()
+    wire.write(18, bytes((4,)))
+    wire.write(42, word(2300))
+    wire.wait(1.0)
+    assert wire.read(56, 2) == pytest.approx(2300, abs=5)
+    wire.write(46, word(0))
+    wire.write(42, word(2600))
+    wire.wait(0.5)
+    assert (wire.read(56, 2), wire.read(66)) == (pytest.approx(2300, abs=5), 0)
+    wire.write(46, word(200))
+    wire.wait(0.1)
+    assert wire.read(66) == 1
+
+
+@pytest.mark.parametrize(("address", "value"), [(41, bytes((5,))), (46, word(100))])
+def test_41_or_46_and_another_write_within_a_millisecond(address: int, value: bytes) -> None:
+    wire = Wire()
+    wire.wait(0.1)
+    wire.send(packet(1, 3, address, *value) + packet(1, 3, 21, 32))
+    wire.write(42, word(3500))
+    wire.wait(0.1)
+    assert wire.read(71, 2) == pytest.approx(1000, abs=80)
+    wire.write(address, value)
+    wire.wait(0.01)
+    assert wire.read(71, 2) == (100 if address == 46 else pytest.approx(1000, abs=80))
+
+
+def test_register_30_divides_56_and_67_where_they_are_unfolded() -> None:
+    wire = Wire()
+    wire.write(30, b"\x04")
+    wire.write(42, word(600))
+    wire.wait(0.5)
+    assert (wire.read(56, 2), wire.read(67, 2)) == (pytest.approx(2400, abs=3), 2400)
+    wire.write(18, bytes((12 | 16,)))
+    assert (wire.read(56, 2), wire.read(67, 2)) == (pytest.approx(600, abs=1), 600)
+    wire.write(18, bytes((12,)))
+    wire.write(33, b"\x03")
+    wire.write(42, word(100))
+    wire.wait(1.0)
+    assert (wire.read(56, 2) & 0x7FFF, wire.read(67, 2)) == (pytest.approx(0, abs=1), pytest.approx(700, abs=1))
 
 
 # Goals and torque.
@@ -160,6 +267,7 @@ def stalled(limit: int = 0) -> Wire:
     wire = Wire()
     wire.write(28, word(limit))
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.held = 2048
     wire.go(2048 + 500)
     return wire
@@ -168,7 +276,7 @@ def stalled(limit: int = 0) -> Wire:
 def test_a_stall_ends_in_the_protective_torque_and_a_near_goal_ends_that() -> None:
     wire = stalled()
     wire.wait(1.9)
-    assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (0, 970)
+    assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (0, 1000)
     wire.wait(0.2)
     assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (OVERLOAD, 200)
     wire.go(2048 + 500)
@@ -186,6 +294,7 @@ def test_what_moves_never_overloads() -> None:
     wire.write(11, word(0))
     wire.write(40, ON)
     wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
     wire.go(30_000)
     errors, loads = set(), []
     for _ in range(30):
@@ -193,7 +302,7 @@ def test_what_moves_never_overloads() -> None:
         errors.add(wire.error_byte())
         loads.append(wire.read(60, 2) & 0x3FF)
     assert errors == {0}
-    assert loads[-1] == 970
+    assert loads[-1] == 1000
 
 
 def test_too_much_current_takes_the_torque_and_the_next_goal_gives_it_back() -> None:

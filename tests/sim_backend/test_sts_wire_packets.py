@@ -72,17 +72,99 @@ def test_what_it_does_not_know_is_answered_by_an_empty_status(instruction: tuple
 
 def test_register_8_at_0_leaves_pings_and_reads() -> None:
     wire = Wire()
-    wire.write(8, b"\x00")
+    assert wire.send(packet(1, 3, 8, 0)) == []
     assert wire.send(packet(1, 3, 41, 5)) == wire.send(packet(1, 0x55)) == []
     assert len(wire.send(packet(1, 1))) == 1
     assert wire.read(41) == 5
     assert len(wire.send(packet(0xFE, 0x82, 56, 2, 1))) == 1
+    assert wire.send(packet(1, 3, 8, 1)) == [packet(1, 0)]
 
 
 def test_a_read_to_all_is_answered_and_a_write_to_all_is_not() -> None:
     wire = Wire()
     assert wire.send(packet(0xFE, 3, 41, 7)) == []
-    assert wire.send(packet(0xFE, 2, 41, 1)) == [packet(0xFE, 0, 7)]
+    assert wire.send(packet(0xFE, 2, 41, 1)) == [packet(1, 0, 7)]
+
+
+def test_two_servos_answer_a_read_to_all_at_once() -> None:
+    (answer,) = Wire(1, 2).send(packet(0xFE, 2, 41, 1))
+    assert answer == bytes(a & b for a, b in zip(packet(1, 0, 0), packet(2, 0, 0), strict=True))
+
+
+def test_a_reg_write_without_data_sets_64_and_the_action_writes_nothing() -> None:
+    for parameters in ((), (41,)):
+        wire = Wire()
+        assert wire.send(packet(1, 4, *parameters)) == [packet(1, 0)]
+        assert wire.read(64) == 1
+        assert wire.send(packet(1, 5)) == [packet(1, 0)]
+        assert (wire.read(64), wire.read(41)) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reading"),
+    [((), 2048), (word(0), 0), (word(1000), 1000), (word(4095), 4095), (word(0xFFFE), 4094), (word(4096), 3000)],
+)
+def test_instruction_11_calls_the_angle_that_and_keeps_the_torque(parameters: bytes, reading: int) -> None:
+    wire = Wire()
+    wire.turn_to(3000)
+    wire.wait(0.1)
+    wire.write(40, b"\x01")
+    assert wire.send(packet(1, 11, *parameters)) == [packet(1, 0)]
+    wire.wait(0.2)
+    assert wire.read(40) == 1
+    assert (wire.read(56, 2) - reading + 4) % 4096 <= 8
+    assert (3000 - offset_of(wire.read(31, 2)) - reading + 4) % 4096 <= 8
+
+
+def test_instruction_11_with_one_parameter_changes_nothing() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 11, 0)) == [packet(1, 0)]
+    assert (wire.read(31, 2), wire.read(56, 2)) == (0, 2048)
+
+
+def offset_of(value: int) -> int:
+    size = (value & 0x7FF) + (value >> 12 & 1) * 2048
+    return -size if value >> 11 & 1 else size
+
+
+@pytest.mark.parametrize(
+    ("value", "reading"),
+    [
+        (100, 2947), (2048 + 100, 3147), (2048, 3047), (4096, 999), (4096 + 100, 899), (6144, 999), (6144 + 100, 1099),
+        (1 << 13, 3047), (3 << 13, 3047), (0xFFFE, 3049),
+    ],
+)  # fmt: skip
+def test_bits_12_to_15_of_the_homing_offset(value: int, reading: int) -> None:
+    wire = Wire()
+    wire.turn_to(3047)
+    wire.write(31, word(value))
+    wire.wait(0.1)
+    assert wire.read(56, 2) == pytest.approx(reading, abs=1)
+
+
+def test_a_servo_that_is_named_twice_in_a_sync_read_answers_once() -> None:
+    wire = Wire(1, 2, paced=True)
+    asked = packet(0xFE, 0x82, 56, 8, 1, 1, 2)
+    first, second = wire.bus.receive(asked, 5.0)
+    assert (first.data[2], second.data[2]) == (1, 2)
+    assert second.due_s - first.due_s == pytest.approx((2 * 17 - 1) * 1e-5)
+
+
+@pytest.mark.parametrize(("index", "baud", "byte_us"), [(6, 57_600, 174), (5, 76_800, 131), (4, 115_200, 87)])
+def test_a_slot_is_counted_in_whole_microseconds_a_byte(index: int, baud: int, byte_us: int) -> None:
+    wire = Wire(1, 2, paced=True)
+    for servo_id in (1, 2):
+        wire.bus.receive(packet(servo_id, 3, 6, index), float(servo_id))
+    asked = packet(0xFE, 0x82, 56, 8, 1, 2)
+    _, second = wire.bus.receive(asked, 5.0, baud)
+    assert second.due_s - 5.0 == pytest.approx((len(asked) + 14) * 10 / baud + 17 * byte_us * 1e-6, abs=1e-7)
+
+
+def test_a_slot_is_as_long_as_the_answer_that_the_tables_end_shortens() -> None:
+    wire = Wire(1, 2, paced=True)
+    asked = packet(0xFE, 0x82, 84, 20, 1, 2)
+    _, second = wire.bus.receive(asked, 5.0)
+    assert second.due_s - 5.0 == pytest.approx((len(asked) + 9 + 3 + 9) * 1e-5)
 
 
 def test_ff_ff_within_a_packet_begins_another() -> None:
@@ -90,6 +172,40 @@ def test_ff_ff_within_a_packet_begins_another() -> None:
     assert wire.send(packet(1, 3, 42, 0xFF, 0xFF)) == []  # goal -32767 does not arrive
     assert wire.read(42, 2) == 0
     assert wire.send(packet(1, 3, 42, 1, 1)[:5] + packet(1, 1)) == [packet(1, 0)]
+
+
+@pytest.mark.parametrize(("servos", "size"), [(16, 7), (31, 7), (83, 2)])
+def test_a_sync_write_is_as_long_as_its_length_can_count(servos: int, size: int) -> None:
+    goals = {servo_id: word(2048 + servo_id) for servo_id in range(1, servos + 1)}
+    wire = Wire(*goals)
+    entries = [value for servo_id, goal in goals.items() for value in (servo_id, *goal.ljust(size, b"\0"))]
+    assert wire.send(packet(0xFE, 0x83, 42, size, *entries)) == []
+    assert {servo_id: wire.bus.servo(servo_id).memory.read(42, 2) for servo_id in goals} == goals
+
+
+def test_other_instructions_have_128_parameters_at_most() -> None:
+    wire = Wire()
+    assert wire.send(packet(1, 3, 41, *range(1, 128))) == [packet(1, 0)]
+    assert wire.send(packet(1, 3, 41, *range(2, 130))) == []
+    assert wire.read(41) == 1
+    assert wire.send(packet(0xFE, 0x82, 56, 2, *range(2, 128), 1)) == []
+
+
+@pytest.mark.parametrize("damaged", [packet(1, 3, 42, 0, 8), packet(1, 2, 56, 2), packet(9, 3, 41, 1), packet(1, 1)])
+def test_the_request_after_a_damaged_one_is_answered(damaged: bytes) -> None:
+    asked, answer = packet(1, 2, 5, 1), packet(1, 0, 1)
+    for place in range(len(damaged)):
+        for left in (damaged[:place] + damaged[place + 1 :], damaged[:place]):
+            wire = Wire()
+            wire.send(left)
+            assert wire.send(asked)[-1:] == [answer], left.hex()
+
+
+def test_a_checksum_of_ff_counts_as_the_first_byte_of_a_header() -> None:
+    wire = Wire()
+    whole = next(sent for sent in (packet(1, 3, 50, value) for value in range(256)) if sent[-1] == 0xFF)
+    assert wire.send(whole) == [packet(1, 0)]
+    assert wire.send(packet(1, 1)[1:]) == [packet(1, 0)]
 
 
 def test_sync_read_slots_are_an_answer_and_three_bytes_and_an_absent_servo_leaves_its_empty() -> None:

@@ -13,7 +13,7 @@ from drivers.errors import DriverError
 from servoloop.arms.folder import ARMS
 from servoloop.cli import app
 from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, TaughtMotions, beyond
+from servoloop.teach.taught import Taught, TaughtMotions, beyond, check_duration
 from tests.teach.rig import SO101
 
 JOINTS = {joint.name: joint for joint in SO101.robot.joints}
@@ -81,6 +81,14 @@ def test_an_unknown_name_and_a_bad_one_are_errors_that_help(motions: TaughtMotio
         ),
         ("[{at_s: 0.0, positions: [0.0]}, {at_s: 2.0, positions: [0.0]}]", "1 velocities"),
         ("[{positions: [0.0], speed: 3}]", "speed"),
+        (
+            "[{at_s: 0.0, positions: [0.0], velocities: [0.0]}, {at_s: 1e9, positions: [0.0], velocities: [0.0]}]",
+            "points.1.at_s: .* 3600",
+        ),
+        (
+            "[{at_s: 0.0, positions: [0.0], velocities: [0.0]}, {at_s: 1e7, positions: [0.0], velocities: [0.0]}]",
+            "points.1.at_s: .* 3600",
+        ),
     ],
 )
 def test_a_file_with_a_mistake_is_refused_with_its_place(motions: TaughtMotions, points: str, said: str) -> None:
@@ -174,6 +182,12 @@ JUMPS = [
 def test_what_no_hand_has_shown_is_refused_with_its_joint_and_place(taught: Taught, said: str) -> None:
     with pytest.raises(TeachError, match=f"wave: .*{said}"):
         taught.check(LIMITS, "wave")
+
+
+def test_a_motion_longer_than_a_goal_may_be_is_refused_when_it_is_read_or_made() -> None:
+    check_duration(3600.0, "wave")
+    with pytest.raises(TeachError, match=r"wave would take 3700 s, .* 3600 s: play it faster, or record it in parts"):
+        check_duration(3700.0, "wave")
 
 
 def test_a_fast_hand_is_not_refused() -> None:

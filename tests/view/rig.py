@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from servoloop.live.stream import Received
 from servoloop.live.watched import Watched
+from servoloop.recorder.mcap_messages import Received
 from servoloop.recorder.sampler import CycleSample
 from tests.recorder.rig import Rig
 

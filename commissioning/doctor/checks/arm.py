@@ -9,6 +9,7 @@ from commissioning.doctor.finding import Finding, Place
 from commissioning.doctor.kinds import finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
 from hal.robot_file.calibration_file import CalibrationFile
+from hal.servos.activation import counted_turns
 from hal.types import far_outside
 
 
@@ -80,9 +81,13 @@ def _offset_differs(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
 
 def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Finding]:
     joint = servo.joint
-    position = joint.position(servo.states[-1].position_counts)
+    counts = servo.states[-1].position_counts
+    position = joint.position(counts)
     lower, upper = joint.limits.lower, joint.limits.upper
     if far_outside(position, joint.limits):
+        if turned := counted_turns(joint, counts):
+            yield finding("turn_counted", place, "the arm does not come up: a joint is a turn away", turned)
+            return
         cause = (
             f"it says {position:.3f}, and its limits are {lower:.3f} to {upper:.3f}: no torque is given there. If "
             "the joint really stands there move it by hand; if not, its zero or its direction is wrong: calibrate"

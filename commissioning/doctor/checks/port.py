@@ -15,6 +15,7 @@ SYMPTOMS: Final[dict[PortProblem, tuple[str, str]]] = {
     "missing": ("port_missing", UNPLUGGED),
     "denied": ("port_denied", "permission denied on the port"),
     "busy": ("port_busy", "the port is busy"),
+    "not_serial": ("port_not_serial", "the port is not a serial device"),
     "unsuitable": ("port_unsuitable", "the port does not take the bus's baud rate"),
     "lost": ("port_lost", "the port vanished while the servos were asked"),
 }

@@ -1,0 +1,71 @@
+"""Numbers of files are checked against what they mean, and truth values are not numbers."""
+
+from pathlib import Path
+
+import pytest
+
+from controller.parameters import ManagerParameters
+from hal.errors import DescriptionError, RobotFileError
+from hal.robot_description.description import parse_urdf
+from hal.robot_file.robot_file import load_robot_file
+from servoloop.files import CONFIG, URDF
+
+ROBOT = """bus: {{baud: {baud}}}
+joints:
+  elbow: {{servo_id: 1, model: sts3215, acceleration: {acceleration}, jerk: {jerk}, torque_limit: {torque_limit}}}
+park: {{pose: {{elbow: {position}}}, velocity_scale: {velocity_scale}}}
+"""
+GOOD = {"baud": 1000000, "acceleration": 10, "jerk": 100, "torque_limit": 1, "position": 0, "velocity_scale": 0.25}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("acceleration", "true", "true is a truth value, and a number is needed"),
+        ("acceleration", "1.0e+9", "1e+09 is not a plausible acceleration: write 0.001 to 100000 rad/s"),
+        ("jerk", "0.001", "0.001 is not a plausible jerk"),
+        ("jerk", ".nan", "joints.elbow.jerk: Input should be"),
+        ("velocity_scale", "1.0e-9", "1e-09 is not a plausible velocity_scale"),
+        ("torque_limit", "true", "true is a truth value"),
+        ("baud", "7", "7 is not a plausible baud: write 1200 to 1e+07 bit/s"),
+        ("baud", "true", "true is a truth value"),
+        ("position", "1.0e+30", "1e+30 is not a plausible position"),
+    ],
+)
+def test_nonsense_in_a_robot_file(tmp_path: Path, key: str, value: str, says: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(ROBOT.format(**GOOD))
+    load_robot_file(path)
+    path.write_text(ROBOT.format(**{**GOOD, key: value}))
+    with pytest.raises(RobotFileError) as error:
+        load_robot_file(path)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize("rate", [True, 0, 1001, 1e9])
+def test_nonsense_as_the_update_rate(rate: float) -> None:
+    with pytest.raises(ValueError, match="update_rate"):
+        ManagerParameters.model_validate({"update_rate": rate})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('velocity="', 'velocity="1e-9" was="', "velocity limit 1e-09 is not a plausible velocity"),
+        ('effort="', 'effort="-3" was="', "effort limit -3"),
+        ('upper="', 'upper="1e30" was="', "upper limit 1e+30 is not a plausible position"),
+        ('rgba="', 'rgba="nan 0 0 1" was="', "is not a finite number"),
+    ],
+)
+def test_nonsense_in_a_urdf(old: str, new: str, says: str) -> None:
+    xml = URDF.read_text()
+    assert old in xml
+    with pytest.raises(DescriptionError) as error:
+        parse_urdf(xml.replace(old, new, 1))
+    assert says in str(error.value)
+
+
+def test_the_files_of_all_arms_are_plausible() -> None:
+    for path in sorted(CONFIG.glob("**/robot*.yaml")):
+        if "calibration" not in path.name:
+            load_robot_file(path)

@@ -1,0 +1,157 @@
+"""Files of other people: their encodings, and their sizes."""
+
+import codecs
+import time
+from pathlib import Path
+
+import pytest
+
+from commissioning.calibrate.result import CalibrationError
+from commissioning.lerobot import read_lerobot
+from controller.manager.controllers_file import ControllersFileError
+from controller.manager.parameter_file import read_parameter_file
+from hal.errors import DescriptionError, RobotFileError
+from hal.robot_description.description import parse_urdf
+from hal.robot_file.robot_file import load_robot_file
+from hal.text_file import LARGEST_BYTES, read_text, read_xml
+from servoloop.files import URDF, read_description
+
+DECLARED = '<?xml version="1.0" encoding="{}"?>\n<robot name="{}"/>'
+
+
+def urdf_with(declaration: str, name: str) -> str:
+    """The robot's own URDF with a comment in another language."""
+    _, _, rest = URDF.read_text().partition("<robot")
+    return f"{declaration}<!-- {name} -->\n<robot{rest}"
+
+
+@pytest.mark.parametrize(
+    ("declaration", "encoding"),
+    [
+        ('<?xml version="1.0" encoding="ISO-8859-1"?>', "latin-1"),
+        ("<?xml version='1.0' encoding='windows-1252' standalone='yes'?>", "cp1252"),
+        ('<?xml version="1.0" encoding="UTF-16"?>', "utf-16"),
+        ('<?xml version="1.0" encoding="UTF-16"?>', "utf-16-le"),
+        ('<?xml version="1.0"?>', "utf-16"),
+        ('<?xml version="1.0" encoding="utf-8"?>', "utf-8-sig"),
+        ("", "utf-8-sig"),
+        ("", "utf-8"),
+        ("", "utf-32"),
+    ],
+)
+def test_a_urdf_is_read_in_the_encoding_that_it_shows(tmp_path: Path, declaration: str, encoding: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(urdf_with(declaration, "Länge").encode(encoding))
+    description = read_description(path)
+    assert "Länge" in description.xml
+    assert parse_urdf(description.xml).joints.keys() == description.joints.keys()
+    assert not any(word in description.xml.partition("?>")[0] for word in ("8859", "1252", "UTF-16"))
+
+
+def test_a_urdf_in_a_chinese_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(DECLARED.format("GBK", "机械臂").encode("gbk"))
+    assert read_xml(path, DescriptionError) == DECLARED.format("UTF-8", "机械臂")
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (urdf_with("", "Länge").encode("latin-1"), "arm.urdf is not text in UTF-8 (line 1, byte 0xe4): save"),
+        ("<robot>\n<!-- 机械臂 --></robot>".encode("gbk"), "(line 2, byte 0xbb): save the file as UTF-8, or declare"),
+        (DECLARED.format("klingon", "a").encode(), "arm.urdf, line 1: the encoding klingon is unknown: save"),
+        (DECLARED.format("rot13", "a").encode(), "line 1: the encoding rot-13 is not for text: save"),
+        (DECLARED.format("undefined", "a").encode(), "save the file as UTF-8"),
+        (DECLARED.format("UTF-16", "a").encode(), "UTF-16 is declared and another encoding is used: save"),
+        (DECLARED.format("ascii", "ä").encode(), "is not text in ASCII (line 2, byte 0xc3)"),
+        (codecs.BOM_UTF16_LE + b"<\x00r", "arm.urdf"),
+        (b"\x00\xff" * 9, "arm.urdf"),
+    ],
+)
+def test_a_urdf_in_an_encoding_that_is_not_shown_is_refused_in_one_sentence(
+    tmp_path: Path, data: bytes, says: str
+) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(data)
+    with pytest.raises(DescriptionError) as error:
+        read_description(path)
+    assert says in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-32"])
+def test_yaml_and_json_are_read_in_the_encoding_of_their_first_bytes(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "file"
+    path.write_bytes("arm:\r\n  ros__parameters: {text: Länge}".encode(encoding))
+    assert read_parameter_file(path, ControllersFileError)[1]["arm"]["ros__parameters"] == {"text": "Länge"}
+    path.write_bytes('{"größe": {"id": 1}}'.encode(encoding))
+    with pytest.raises(CalibrationError, match=r"größe\.drive_mode: Field required"):
+        read_lerobot(path)
+
+
+def test_yaml_and_json_in_latin_1_are_refused_with_the_line(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes("joints: {}\n# Länge".encode("latin-1"))
+    says = r"robot\.yaml is not text in UTF-8 \(line 2, byte 0xe4\): save the file as UTF-8$"
+    with pytest.raises(RobotFileError, match=says):
+        load_robot_file(path)
+    with pytest.raises(CalibrationError, match=says):
+        read_lerobot(path)
+
+
+def test_a_file_that_never_ends_is_refused() -> None:
+    with pytest.raises(RobotFileError, match=rf"/dev/zero is larger than {LARGEST_BYTES / 1e6:g} MB: shorten it"):
+        read_text(Path("/dev/zero"), RobotFileError)
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join(['*' + former] * 9)}]\n" for former, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
+    f"{name}: &{name} {{<<: [{', '.join(['*' + former] * 9)}]}}\n"
+    for former, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (BOMB, "values, counted with those that its aliases"),
+        (MERGES, "values, counted with those that its aliases"),
+        ("joints: [" + ", ".join(["1.25"] * 200_000) + "]", "has more than 150000 values: shorten it"),
+        ("joints: [" + "1.25, " * 900_000 + "]", "is larger than 2 MB"),
+        ("".join(f"k{number}: 1\n" for number in range(70_000)), "and 69951 more mistakes"),
+        ("".join(f"k{number % 9}: 1\n" for number in range(70_000)), "stands here for the second time"),
+        ("a: " + "[" * 90_000, "contains itself, or is nested too deeply"),
+        ("a: &a [*a]", "contains itself, or is nested too deeply"),
+        ("a: &a0 x\n" + "".join(f"k{n}: &a{n + 1} [*a{n}]\n" for n in range(3000)), "nested too deeply"),
+        ("a: " + "1" * 5000, "has a value that cannot be"),
+        ("a: !!bool maybe", "has a value that cannot be"),
+        ("a: !!timestamp soon", "has a value that cannot be"),
+        ("a: !!int ''", "has a value that cannot be"),
+        ("a: !!python/object:os.system x", "is not YAML: could not determine a constructor"),
+        ("a: \x00", "is not YAML: "),
+    ],
+)
+def test_no_file_takes_long_and_each_is_refused_with_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    start_s = time.process_time()
+    with pytest.raises(RobotFileError) as error:
+        load_robot_file(path)
+    assert says in str(error.value)
+    assert len(str(error.value).splitlines()) <= 51
+    assert time.process_time() - start_s < 5.0
+
+
+def test_json_with_many_keys_is_refused_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "lerobot.json"
+    start_s = time.process_time()
+    for text, says in (
+        ("{" + ",".join(['"a": 1'] * 200_000) + "}", "a stands there twice"),
+        ("{" + ",".join(f'"a{number}": 1' for number in range(100_000)) + "}", "and 99950 more mistakes"),
+    ):
+        path.write_text(text)
+        with pytest.raises(CalibrationError, match=says):
+            read_lerobot(path)
+    assert time.process_time() - start_s < 5.0

@@ -1,0 +1,125 @@
+"""No bytes on the line may end an emulator, whatever the make of its servos."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.protocol import v1, v2
+from drivers.servos import ax_mx, scs, sts, x
+from drivers.servos.register import ServoModel
+from drivers.servos.xl320 import XL320
+from sim_backend.eeprom import keep_eeprom
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire import dynamixel_wire, sts_wire
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.line import ServoLine
+
+IDS = (1, 2)
+PACKET_S = 0.003
+
+Make = tuple[Callable[[], ServoLine[Any]], st.SearchStrategy[bytes]]
+
+
+def first(models: dict[str, Any]) -> ServoModel:
+    return next(iter(models.values()))
+
+
+SERVO_ID = st.one_of(st.sampled_from((*IDS, 0xFE)), st.integers(0, 0xFF))
+BYTE = st.integers(0, 0xFF)
+SIZE = st.one_of(st.integers(0, 20), st.integers(250, 255), BYTE)
+PARAMETERS = st.one_of(st.binary(max_size=8), st.binary(max_size=253))
+FRAME = st.tuples(BYTE, SIZE).map(bytes)
+"""Address and size, as a read has them in protocol 1.0."""
+BULK_READ = st.builds(lambda at, size: bytes((0, size, 1, at, size, 2, at)), BYTE, SIZE)
+GROUP_HEAD = st.builds(lambda at, size, rest: bytes((at, size)) + rest, BYTE, SIZE, PARAMETERS.map(lambda b: b[:250]))
+
+PACKET_V1 = st.one_of(
+    st.builds(v1.packet, SERVO_ID, st.just(sts_wire.Code.READ), FRAME),
+    st.builds(v1.packet, SERVO_ID, st.just(sts_wire.Code.BULK_READ), BULK_READ),
+    st.builds(v1.packet, SERVO_ID, st.sampled_from(list(sts_wire.Code)), GROUP_HEAD),
+    st.builds(v1.packet, SERVO_ID, BYTE, PARAMETERS),
+)
+WORD = st.one_of(st.integers(0, 700), st.integers(0, 0xFFFF)).map(lambda value: value.to_bytes(2, "little"))
+SPAN_V2 = st.builds(lambda at, size, rest: at + size + rest, WORD, WORD, st.binary(max_size=20))
+PACKET_V2 = st.one_of(
+    st.builds(v2.packet, SERVO_ID, st.just(dynamixel_wire.Code.READ), st.builds(bytes.__add__, WORD, WORD)),
+    st.builds(v2.packet, SERVO_ID, st.sampled_from(list(dynamixel_wire.Code)), SPAN_V2),
+    st.builds(v2.packet, SERVO_ID, BYTE, PARAMETERS),
+)
+
+
+def line_v1(model: ServoModel) -> Callable[[], ServoLine[Any]]:
+    return lambda: VirtualBus.of(BenchPlant(IDS), model)
+
+
+def line_v2(model: ServoModel) -> Callable[[], ServoLine[Any]]:
+    return lambda: VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, model))
+
+
+MAKES: dict[str, Make] = {
+    "sts": (line_v1(sts.STS3215), PACKET_V1),
+    "scs": (line_v1(first(scs.MODELS)), PACKET_V1),
+    "ax": (line_v1(next(m for m in ax_mx.MODELS.values() if not m.bulk_read)), PACKET_V1),
+    "mx": (line_v1(next(m for m in ax_mx.MODELS.values() if m.bulk_read)), PACKET_V1),
+    "x": (line_v2(x.XL430_W250), PACKET_V2),
+    "xl330": (line_v2(x.XL330_M288), PACKET_V2),
+    "xl320": (line_v2(XL320), PACKET_V2),
+}
+
+
+@st.composite
+def damaged(draw: st.DrawFn, packets: st.SearchStrategy[bytes]) -> bytes:
+    """A packet of which some bytes are lost or changed, or bytes that are not a packet."""
+    data = bytearray(draw(st.one_of(packets, st.binary(max_size=20))))
+    for _ in range(draw(st.integers(0, 2))):
+        if data:
+            at = draw(st.integers(0, len(data) - 1))
+            if draw(st.booleans()):
+                del data[at]
+            else:
+                data[at] = draw(st.integers(0, 255))
+    return bytes(data)
+
+
+def talk(line: ServoLine[Any], pieces: list[bytes]) -> None:
+    now_s = 1.0
+    line.advance(now_s)
+    for piece in pieces:
+        line.receive(piece, now_s)
+        now_s += PACKET_S
+        line.advance(now_s)
+
+
+def conversations(make: str) -> st.SearchStrategy[list[bytes]]:
+    packets = MAKES[make][1]
+    return st.lists(st.one_of(packets, packets, damaged(packets)), max_size=12)
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_no_bytes_end_an_emulator(make: str, tmp_path: Path) -> None:
+    @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @given(conversations(make))
+    def send(pieces: list[bytes]) -> None:
+        line = MAKES[make][0]()
+        file = tmp_path / "eeprom.yaml"
+        file.unlink(missing_ok=True)
+        keep_eeprom(file, [line])
+        talk(line, pieces)
+        keep_eeprom(file, [MAKES[make][0]()])  # the next emulator begins with all that this one kept
+
+    send()
+
+
+@pytest.mark.parametrize("make", ["sts", "scs", "ax", "mx"])
+@pytest.mark.parametrize("size", [200, 253, 254, 255])
+def test_a_read_of_more_than_an_answer_holds(make: str, size: int) -> None:
+    line = MAKES[make][0]()
+    replies = line.receive(v1.packet(1, sts_wire.Code.READ, bytes((0x26, size))), 1.0)
+    assert all(reply.data[3] == len(reply.data) - 4 for reply in replies)
+    (alive,) = line.receive(v1.packet(1, sts_wire.Code.PING, b""), 2.0)
+    assert alive.data == sts_wire.status_packet(1, 0)
