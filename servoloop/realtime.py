@@ -13,7 +13,7 @@ PRIORITY = 10
 LOOP_PRIORITY = 11
 
 
-def claim_realtime_priority() -> bool:
+def claim_realtime_priority(priority: int = PRIORITY) -> bool:
     """Claim real-time priority for this process; whether it was granted. Threads that are there already stay as
     they are, so it comes before ROS, whose middleware has its own.
 
@@ -21,7 +21,7 @@ def claim_realtime_priority() -> bool:
     the middleware's, is only as fast as the thread that holds it.
     """
     try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
     except PermissionError:
         LOG.info("no real-time priority (a limit 'rtprio' of %d would allow it): ordinary timing", LOOP_PRIORITY)
         return False
@@ -30,14 +30,15 @@ def claim_realtime_priority() -> bool:
 
 @contextmanager
 def realtime_priority() -> Iterator[None]:
-    """Have real-time priority where the system grants it, and what was there before afterwards; ordinary priority
-    where that was more than the system grants now.
+    """Have a loop's real-time priority where the system grants it, and what was there before afterwards; ordinary
+    priority where that was more than the system grants now.
 
     For a program that computes long before or behind what it does in real time: at this priority it would keep the
-    loops of other programs from the processor for as long.
+    loops of other programs from the processor for as long. At ``PRIORITY`` it would share the processor with
+    stacks that are starting, in turns of 0.1 s each, and servos that answer so late count as lost.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
-    claim_realtime_priority()
+    claim_realtime_priority(LOOP_PRIORITY)
     try:
         yield
     finally:

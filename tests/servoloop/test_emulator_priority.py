@@ -10,7 +10,7 @@ import pytest
 
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.emulator import emulate
-from servoloop.realtime import realtime_priority
+from servoloop.realtime import PRIORITY, realtime_priority
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.picture import Recorder
 
@@ -20,6 +20,8 @@ class Scheduler:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, grants: bool = True) -> None:
         self.policy = os.SCHED_OTHER
+        self.priorities = set[int]()
+        """The real-time priorities that were granted."""
         self.grants = grants
         monkeypatch.setattr(os, "sched_setscheduler", self._set)
         monkeypatch.setattr(os, "sched_getscheduler", lambda pid: self.policy)
@@ -28,6 +30,8 @@ class Scheduler:
         if policy == os.SCHED_RR and not self.grants:
             raise PermissionError(pid, "not permitted")
         self.policy = policy
+        if policy == os.SCHED_RR:
+            self.priorities.add(param.sched_priority)
 
 
 def test_it_has_priority_while_it_serves_and_not_while_it_draws(
@@ -47,6 +51,7 @@ def test_it_has_priority_while_it_serves_and_not_while_it_draws(
         on_ready=lambda: seen.update(served=scheduler.policy),
     )
     assert seen == {"built": os.SCHED_OTHER, "served": os.SCHED_RR, "drawn": os.SCHED_OTHER}
+    assert min(scheduler.priorities) > PRIORITY, "it answers late while another stack starts"
 
 
 @pytest.mark.parametrize("grants", [True, False])
