@@ -1,6 +1,7 @@
 """A robot that is looked at: its state, and the last minute of what only the diagnostics say."""
 
 import math
+import threading
 from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -36,6 +37,7 @@ class Watched:
 
     def __init__(self) -> None:
         self.state = RobotState()
+        self._lock = threading.Lock()
         self._health: deque[Health] = deque()
 
     def take(self, received: Received) -> None:
@@ -44,13 +46,16 @@ class Watched:
         if received.topic != DIAGNOSTICS:
             return
         now = received.stamp_ns * 1e-9
-        self._health.append(health(self.state.snapshot)._replace(stamp_s=now))
-        while now - self._health[0].stamp_s > KEPT_S:
-            self._health.popleft()
+        with self._lock:
+            self._health.append(health(self.state.snapshot)._replace(stamp_s=now))
+            while now - self._health[0].stamp_s > KEPT_S:
+                self._health.popleft()
 
     def minute(self) -> Minute:
         """The last minute; of the servos' health about once a second."""
-        return Minute(self.state.curves(), list(self._health))
+        with self._lock:
+            said = list(self._health)
+        return Minute(self.state.curves(), said)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
         """The joints' positions (n,) when a goal began; None where that was not seen."""

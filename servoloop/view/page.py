@@ -23,6 +23,17 @@ from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
 
 NO_JOINTS: Final = ("–",)
+RED: Final = "#d2322d"
+LOST_S: Final = 5
+"""A page that has heard nothing for so long no longer says that the robot is live."""
+_STATUS: Final = f"""<style>
+@keyframes answered {{{{ to {{{{ visibility: hidden; position: absolute }}}} }}}}
+@keyframes lost {{{{ to {{{{ visibility: visible; position: static }}}} }}}}
+</style><p style='margin:0.5em 1em' data-beat='{{beat}}'>
+<b style='color:{{color}};animation:answered 0s {LOST_S}s forwards'>{{text}}</b>
+<b style='color:{RED};visibility:hidden;position:absolute;animation:lost 0s {LOST_S}s forwards'>
+the connection to servoloop view is lost: what is shown is old</b></p>"""
+"""A style sheet's clock runs in the browser, whatever has become of the program that wrote the page."""
 
 
 def known_arm(xml: str) -> Arm | None:
@@ -65,10 +76,12 @@ class Page:
         self._frames.on_update(self._chosen)
         self._ghost.on_update(self._chosen)
 
-    def status(self, text: str, well: bool = True) -> None:
-        """Say what is shown: a running stack, a recording, or, in red, that the stack has ended."""
-        red = "" if well else ";color:#d2322d"
-        content = f"<p style='margin:0.5em 1em{red}'><b>{escape(text)}</b></p>"
+    def status(self, text: str, well: bool = True, beat: int = 0) -> None:
+        """Say what is shown: a running stack, a recording, or, in red, that the stack has ended.
+
+        A browser that gets no new ``beat`` for ``LOST_S`` says that this program no longer answers.
+        """
+        content = _STATUS.format(text=escape(text), color="inherit" if well else RED, beat=beat)
         if content != self._status.content:
             self._status.content = content
 

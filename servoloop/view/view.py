@@ -12,6 +12,8 @@ ARM_S: Final = 0.05
 """The arm moves in the page this often,"""
 NUMBERS: Final = 7
 """and numbers are renewed every so many times."""
+BEAT: Final = 20
+"""Every so many times a browser is told that this program is alive."""
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
@@ -19,7 +21,7 @@ def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], pan
     turn = 0
     while not stop():
         watched = source.watched
-        page.status(source.status, source.well)
+        page.status(source.status, source.well, beat=turn // BEAT)
         page.show_arm(watched)
         if panel is not None:
             panel.show()

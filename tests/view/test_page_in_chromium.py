@@ -9,6 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from servoloop.view.page import Page
+from servoloop.view.server import PageServer
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import PICK, arm_client, emulating, running, until
@@ -43,6 +45,21 @@ def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path,
             shown.wait_for_text("robot_arm: live")
             until(lambda: "does not answer" not in shown.page.inner_text("body"))
         check_requests(shown)
+
+
+def test_a_page_whose_program_no_longer_answers_does_not_say_that_the_robot_is_live() -> None:
+    server = PageServer(port=0)
+    try:
+        page = Page(server)
+        page.status("so101: live")
+        with open_page(server.url) as shown:
+            shown.wait_for_text("the connection to servoloop view is lost")
+            assert "so101: live" not in shown.page.inner_text("body")
+            page.status("so101: live", beat=1)
+            shown.wait_for_text("so101: live")
+            assert "is lost" not in shown.page.inner_text("body")
+    finally:
+        server.stop()
 
 
 def check_motion(shown: OpenPage) -> None:

@@ -1,0 +1,40 @@
+"""A robot that is watched: one thread takes messages while another reads."""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+
+from servoloop.live.watched import DIAGNOSTICS, Health
+from servoloop.recorder.mcap_messages import Received
+from tests.recorder.rig import Rig
+from tests.view.rig import watched
+
+PATIENCE_S = 0.2
+
+
+class Interrupted(deque[Health]):
+    """A queue in the middle of whose reading another thread takes a message, as a garbage collection allows it to."""
+
+    def __init__(self, rows: Iterator[Health], taker: threading.Thread) -> None:
+        super().__init__(rows)
+        self.taker = taker
+
+    def __iter__(self) -> Iterator[Health]:
+        rows = super().__iter__()
+        yield next(rows)
+        self.taker.start()
+        self.taker.join(PATIENCE_S)
+        yield from rows
+
+
+def test_messages_may_come_while_the_last_minute_is_read() -> None:
+    rig = Rig()
+    rig.run(2.0)
+    found = watched(rig)
+    (*_, newest) = (one for sample in rig.samples for one in rig.messages.of_cycle(sample) if one.topic == DIAGNOSTICS)
+    message = Received(newest.topic, newest.stamp_ns, newest.message, 0)
+    taker = threading.Thread(target=found.take, args=[message], daemon=True)
+    found._health = Interrupted(iter(found.minute().health), taker)
+    before = len(found.minute().health)
+    taker.join()
+    assert len(found._health) == before + 1
