@@ -11,6 +11,8 @@ from functools import partial
 from math import ceil, floor, tau
 from typing import Final, Protocol
 
+import numpy as np
+
 from calibration.angles import Travel
 from commissioning.calibrate.flow import ByHand, Guide, anchor_counts, require_poses
 from commissioning.calibrate.plan import ArmPlan, JointPlan
@@ -35,6 +37,10 @@ AHEAD_RAD: Final = 0.1
 REACH: Final = 1.25
 """Without a stop within so many times the URDF's range there is none."""
 WIGGLE_RAD: Final = 0.15
+NEAR_RAD: Final = 0.3
+"""A stop that is so near in the folded pose shows a joint's direction: the joint cannot turn towards it."""
+ARRIVED_RAD: Final = 0.12
+"""A joint that is farther behind its goal is held up by something."""
 DRIVE: Final = 0.5
 
 
@@ -137,7 +143,7 @@ class ByItself:
                 return signs[name] * (auto.clear[name] - auto.start[name]) if name in auto.clear else 0.0
 
             for name in auto.clear:
-                arm.go(named[name], clear(name))
+                signs[name] = self._cleared(arm, named[name], signs[name])
             for name in order:
                 joint = self._joints[named[name]]
                 if name in self._poses:
@@ -178,19 +184,70 @@ class ByItself:
         there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position
         arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)
 
+    def _cleared(self, arm: SlowArm, index: int, sign: int) -> int:
+        """Move a joint out of the others' way; its sign, which is asked for again where the joint did not get there."""
+        joint, auto = self._joints[index], self._plan.auto
+        target = sign * (auto.clear[joint.name] - auto.start[joint.name])
+        if self._arrives(arm, index, target):
+            return sign
+        arm.go(index, 0.0)
+        self._watcher.say(f"{joint.name} did not get to where it was sent: once more")
+        seen = self._seen(arm, index, joint, -1 if target > 0.0 else 1)
+        if self._arrives(arm, index, target * sign * seen):
+            return seen
+        raise CalibrationError(
+            f"{joint.name} (servo {joint.servo_id}) does not get to where it is to be out of the way: lay the arm down "
+            "folded with nothing around it, and begin again"
+        )
+
+    def _arrives(self, arm: SlowArm, index: int, target: float) -> bool:
+        """Move a joint there from 0; whether it arrives. One that is held up stops there: pressed on, it would weaken."""
+        joint = self._joints[index]
+        step, allowed = SEEK_RAD_S * joint.transmission * PERIOD_S, ARRIVED_RAD * joint.transmission
+        for goal in np.linspace(0.0, target, ceil(abs(target) / step) + 1):
+            arm.cycle(index, float(goal))
+            here = _nearest(arm.measured(index), float(goal), tau * joint.transmission)
+            if abs(here - goal) > allowed:
+                arm.go(index, here)
+                return False
+        arm.go(index, target)
+        return True
+
     def _direction(self, arm: SlowArm, index: int, joint: Joint) -> int:
-        """Turn it a little and back, and have somebody say which way that was. One at a stop turns the other way."""
-        for way in (1, -1):
-            self._watcher.say(f"{joint.name} turns a little, and back")
-            wiggle = way * WIGGLE_RAD * joint.transmission
-            arm.go(index, wiggle)
-            moved = _nearest(arm.measured(index), 0.0, tau * joint.transmission)
-            arm.go(index, 0.0)
-            if moved * way >= 0.5 * WIGGLE_RAD * joint.transmission:
+        """The sign of a joint, shown by the stop beside which it lies, or by somebody who sees it turn."""
+        return self._shown_by_stop(arm, index, joint) or self._seen(arm, index, joint, 1)
+
+    def _seen(self, arm: SlowArm, index: int, joint: Joint, first: int) -> int:
+        """The sign that somebody's answer gives who sees the joint turn, the ``first`` way if it can."""
+        for way in (first, -first):
+            if self._wiggled(arm, index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
                 return way if self._watcher.moved_so(joint.name, self._plan.joints[joint.name].positive) else -way
         raise CalibrationError(
             f"{joint.name} (servo {joint.servo_id}) turns neither way: is it blocked, or too weak for what it carries?"
         )
+
+    def _shown_by_stop(self, arm: SlowArm, index: int, joint: Joint) -> int:
+        """The sign of a joint that the folded pose has near a stop: it turns farther the other way. 0 for others."""
+        start, limits = self._plan.auto.start.get(joint.name), joint.limits
+        if start is None:
+            return 0
+        near = min(start - limits.lower, limits.upper - start) / joint.transmission
+        if near > NEAR_RAD:
+            return 0
+        up, down = (self._wiggled(arm, index, way, max(near, 0.0) + WIGGLE_RAD) for way in (1, -1))
+        if abs(up - down) < 0.5 * WIGGLE_RAD * joint.transmission:
+            return 0  # it does not lie as the plan has it
+        away = 1 if up > down else -1
+        return away if start - limits.lower < limits.upper - start else -away
+
+    def _wiggled(self, arm: SlowArm, index: int, way: int, angle_rad: float) -> float:
+        """Turn a joint a little and back; how far it went."""
+        joint = self._joints[index]
+        self._watcher.say(f"{joint.name} turns a little, and back")
+        arm.go(index, way * angle_rad * joint.transmission)
+        moved = _nearest(arm.measured(index), 0.0, tau * joint.transmission) * way
+        arm.go(index, 0.0)
+        return moved
 
 
 class _Seek:

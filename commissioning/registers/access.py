@@ -27,6 +27,8 @@ ELSEWHERE: Final = {
 }
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
 """Orders to move: an STS servo that is limp switches its torque on for them."""
+CORRECTS_S: Final = 0.005
+"""An STS servo takes a value over as it is written, and corrects it a millisecond later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,7 @@ def _write(servo: FoundServo, register: Register, raw: int) -> None:
         return
     bus = servo.bus
     surely(partial(bus.write, servo_id, register, raw))
+    servo.clock.sleep_until(servo.clock.now() + CORRECTS_S)
     if (held := servo.read(register)) != raw:
         raise CommissioningError(f"servo {servo_id}: {register.name} stays {held}, not {raw}: it does not take it")
 

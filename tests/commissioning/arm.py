@@ -191,6 +191,9 @@ class Person:
 class Onlooker(Person):
     """Somebody who sees which way a joint went, and touches only joints that are to be held in a pose."""
 
+    asked: list[str] = field(default_factory=list)
+    """The joints whose ways were asked for."""
+
     def say(self, text: str) -> None:
         super().say(text)
         if text.startswith("Let the arm go"):
@@ -198,4 +201,5 @@ class Onlooker(Person):
         self.arm.mark()
 
     def moved_so(self, joint: str, text: str) -> bool:
+        self.asked.append(joint)
         return self.arm.went(joint) > 0.0

@@ -1,7 +1,7 @@
 """Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 
@@ -13,6 +13,7 @@ from drivers.errors import DriverError, PortMissing
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.joint import Joint
+from hal.types import FloatArray
 from servoloop.arms.folder import find_arm
 from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm, off_rad
 from tests.drivers.fault_lines import CYCLES
@@ -136,6 +137,51 @@ def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
 
 FOLDED = {"so101": (0.0, -1.7, 1.65, 0.9, 0.0, -0.1), "so100": (0.0, -1.55, 1.35, 1.25, 0.7, -0.1)}
 """Where the joints are at the beginning; the wrist of an SO-100 turns freely, and is brought into its pose by hand."""
+
+
+def laid_down(arm: UnalignedArm) -> FloatArray:
+    """Where the joints of an arm are that has been let go."""
+    arm.hand.release()
+    arm.clock.sleep_until(2.0)
+    arm.line.advance(arm.clock.now())
+    return arm.world.position()
+
+
+@dataclass
+class Mistaken(Onlooker):
+    """Somebody who answers the opposite of what can be seen, so often for each joint."""
+
+    mistakes: int = 1
+
+    def moved_so(self, joint: str, text: str) -> bool:
+        seen = super().moved_so(joint, text)
+        return not seen if self.asked.count(joint) <= self.mistakes else seen
+
+
+@pytest.mark.slow
+def test_a_wrong_answer_that_the_arm_contradicts_is_asked_for_again() -> None:
+    arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
+    plan = find_arm("so101").file.calibration
+    laid_down(arm)
+    watcher = Mistaken(arm, plan.joints)
+    found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, watcher, arm.clock).run()
+    assert watcher.asked.count("wrist_flex") == 2
+    assert any("wrist_flex did not get to where it was sent" in text for text in watcher.heard)
+    assert found["wrist_flex"].sign == arm.coupling("wrist_flex").sign
+
+
+@pytest.mark.slow
+def test_a_joint_that_is_in_the_way_of_both_answers_ends_it_by_name() -> None:
+    arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
+    plan = find_arm("so101").file.calibration
+    laid_down(arm)
+    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) does not get to where it is to be out of"):
+        ByItself(
+            lambda: arm.open_bus(arm.joints), arm.joints, plan, Mistaken(arm, plan.joints, mistakes=2), arm.clock
+        ).run()
+    assert is_limp_with_its_limits(arm)
+
+
 GAPS_DEG = (0.0, 1.0) if CYCLES > 1000 else (1.0,)
 
 
@@ -148,12 +194,10 @@ def test_an_arm_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_ag
 ) -> None:
     plan = find_arm(name).file.calibration
     arm = UnalignedArm(seed, backlash_deg, name, FOLDED[name])
-    arm.hand.release()
-    arm.clock.sleep_until(2.0)
-    arm.line.advance(arm.clock.now())
-    lay = arm.world.position()
+    lay = laid_down(arm)
     watcher = Onlooker(arm, plan.joints)
     found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, watcher, arm.clock).run()
+    assert not {"shoulder_lift", "elbow_flex", "gripper"} & set(watcher.asked), "the folded pose shows these"
     for joint in arm.joints:
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name

@@ -68,7 +68,7 @@ def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("kind", "register", "number", "text"),
     [
-        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): correct"),
+        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): write"),
         (
             KINDS[0],
             scs.model_number,
@@ -146,7 +146,7 @@ def test_a_corrupt_reply_is_named(kind: Kind) -> None:
 def test_a_reply_of_another_length_is_no_value(kind: Kind) -> None:
     for data in (b"", b"\x01", b"\x01\x02\x03"):
         bus, _, _ = scripted(kind, wire.packet(1, 0, data))
-        with pytest.raises(ServoCorrupt, match=f"answered {len(data)} bytes for goal_position"):
+        with pytest.raises(ServoCorrupt, match=rf"answered {len(data)} bytes? for goal_position"):
             bus.read(1, series_of(kind.model).goal_position)
 
 

@@ -34,7 +34,7 @@ T, P = trajectory, point
 PATH = (ABORTED, -4, "Aborted due to path tolerance violation")
 
 
-OFF = r"joint\d is off by \d\.\d{4}, allowed is \d\.\d{4}"
+OFF = r"joint\d is off by \d\.\d{4,}, allowed is \d\.\d{4}"
 
 
 def cut(ended: tuple[int, int, str]) -> tuple[int, int, str]:
