@@ -201,7 +201,7 @@ class ByItself:
         )
 
     def _arrives(self, arm: SlowArm, index: int, target: float) -> bool:
-        """Move a joint there from 0; whether it arrives. One that is held up stops there: pressed on, it would weaken."""
+        """Move a joint there from 0; whether it arrives. A joint that is held up stops: its servo would weaken."""
         joint = self._joints[index]
         step, allowed = SEEK_RAD_S * joint.transmission * PERIOD_S, ARRIVED_RAD * joint.transmission
         for goal in np.linspace(0.0, target, ceil(abs(target) / step) + 1):
