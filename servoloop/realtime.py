@@ -48,6 +48,11 @@ def realtime_priority() -> Iterator[None]:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def at_ordinary_priority() -> None:
+    """Give up this process' priority, as a program does that was started by one with real-time priority."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def put_first() -> None:
     """Let the calling thread run before the others of this process, where the process has real-time priority."""
     if os.sched_getscheduler(0) != os.SCHED_RR:

@@ -1,5 +1,9 @@
 """``servoloop emulate``: the virtual servos on a pseudo-terminal, for any program."""
 
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +14,11 @@ from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm, read_arm_servos
 from servoloop.files import make_folder
 from servoloop.ports import device_paths
+from servoloop.processes import end, end_with_parent
+from servoloop.realtime import at_ordinary_priority
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption, UrdfOption
 from servoloop.verbs.ros_options import log_to_terminal
+from servoloop.view.installed import require_view
 
 
 def emulate(
@@ -42,6 +49,9 @@ def emulate(
         Path | None,
         typer.Option(help="YAML file with what is to go wrong, in times since ready: see `servoloop fault --list`."),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the arm in a browser: `servoloop view --bus LINK`.")
+    ] = False,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")] = None,
 ) -> None:
     """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
@@ -54,6 +64,8 @@ def emulate(
     from sim_backend.mechanics.build import Build
 
     log_to_terminal()
+    if view:
+        require_view()
     if not link.name:
         raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
     if pictures is not None:
@@ -61,7 +73,9 @@ def emulate(
     files = read_arm_servos(find_arm(arm), urdf, robot)
     events = read_script(faults) if faults is not None else ()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
-    with Signals() as signals:
+    if view and urdf is not None:
+        raise DriverError("--view shows the arm of --arm: leave out --urdf")
+    with Signals() as signals, _page(link, arm, view) as show:
         run(
             files,
             link,
@@ -70,5 +84,28 @@ def emulate(
             eeprom,
             events,
             stop=lambda: signals.count > 0,
-            on_ready=lambda: typer.echo(f"ready: {counted(len(files.robot.joints), 'servo')} at {places}"),
+            on_ready=lambda: show(f"ready: {counted(len(files.robot.joints), 'servo')} at {places}"),
         )
+
+
+@contextmanager
+def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]:
+    """Say that the servos are ready, and have a program of its own show them where that is wanted."""
+    pages: list[subprocess.Popen[bytes]] = []
+
+    def show(ready: str) -> None:
+        typer.echo(ready)
+        if wanted:
+            command = [sys.executable, "-m", "servoloop", "view", "--bus", str(link), "--arm", arm]
+            pages.append(subprocess.Popen(command, preexec_fn=_as_child))
+
+    try:
+        yield show
+    finally:
+        for page in pages:
+            end(page)
+
+
+def _as_child() -> None:
+    at_ordinary_priority()  # this program has real-time priority
+    end_with_parent()

@@ -2,13 +2,16 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.clock import MonotonicClock
+from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
 from servoloop.view.installed import require_view
+
+if TYPE_CHECKING:
+    from servoloop.live.emulator_source import EmulatorSource
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """The variables one of which is set where there is a screen."""
@@ -19,21 +22,24 @@ def view(
         Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
     ] = None,
     arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
+    bus: Annotated[
+        Path | None, typer.Option(help="The virtual arm (--arm) that `servoloop emulate` serves there, with no stack.")
+    ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Where it is taken, the next free one is used.")] = 8080,
     host: Annotated[
         str, typer.Option(help="Address of this machine at which others may open the page, with the token it prints.")
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
 ) -> None:
-    """Show the arm in a browser: a running stack, or a recording.
+    """Show the arm in a browser: a running stack, a recording, or virtual servos that another program moves.
 
     One page on this machine, which needs no other network. Buttons move a running arm as long as they are held.
     It ends with Ctrl-C; the arm does not notice.
     Example: `servoloop view`, of a recording `servoloop view out/run.mcap`
     """
     require_view()
-    if recording is not None and arm is not None:
-        raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
+    if recording is not None and (arm is not None or bus is not None):
+        raise DriverError("--arm and --bus name a running arm, FILE.mcap is a recording: give one of them")
     from servoloop.live.live_source import LiveSource
     from servoloop.live.recording import Recording
     from servoloop.signals import Signals
@@ -45,13 +51,17 @@ def view(
     from servoloop.view.view import show
 
     clock = MonotonicClock()
-    found = LiveSource(arm, clock) if recording is None else Recording(recording)
+    found: LiveSource | Recording | EmulatorSource
+    if bus is not None:
+        found = _emulated(bus, arm, clock)
+    else:
+        found = LiveSource(arm, clock) if recording is None else Recording(recording)
     with Signals() as signals:
         server = PageServer(host, port)
         page = Page(server)
         mover = Mover(found, clock) if isinstance(found, LiveSource) else None
         panel = MovePanel(server, mover, page.above_arm) if mover else None
-        source = found if isinstance(found, LiveSource) else Player(server, found, clock)
+        source = Player(server, found, clock) if isinstance(found, Recording) else found
         typer.echo(f"the page is at {server.url}")
         if browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
@@ -62,3 +72,13 @@ def view(
                 mover.close()
             source.close()
             server.stop()
+
+
+def _emulated(bus: Path, arm: str | None, clock: Clock) -> "EmulatorSource":
+    from hal.errors import DescriptionError
+    from hal.robot_description.description import parse_urdf
+    from hal.text_file import read_xml
+    from servoloop.arms.folder import OWN, find_arm
+    from servoloop.live.emulator_source import EmulatorSource
+
+    return EmulatorSource(bus, parse_urdf(read_xml(find_arm(arm or OWN).urdf, DescriptionError)), clock)

@@ -1,4 +1,4 @@
-"""docs/view.md: its commands, run; tests/view/test_page_in_chromium.py runs the first of them."""
+"""docs/view.md: its commands, run; test_page_in_chromium.py and test_emulate_view.py run others of them."""
 
 import shlex
 import urllib.error
@@ -15,7 +15,7 @@ from tests.recorder.rig import Rig
 from tests.view.view_process import viewing
 
 TEXT = (DOCS / "view.md").read_text()
-_, PLAYED, OTHERS, _ = commands("view.md")
+_, PLAYED, _, OTHERS, _ = commands("view.md")
 
 
 @pytest.fixture

@@ -1,0 +1,70 @@
+"""A virtual arm that is looked at with no stack: its joints as the emulator publishes them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hal.robot_description.description import parse_urdf
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.live.emulator_source import AGAIN_S, EmulatorSource
+from servoloop.live.errors import LiveError
+from sim_backend.clock import SimulatedClock
+from sim_backend.scene.world import World
+from sim_backend.scene.world_feed import WorldFeed, feed_path
+
+FILES = read_arm_files(find_arm("so101"))
+DESCRIPTION = parse_urdf(find_arm("so101").urdf.read_text())
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Path:
+    return tmp_path / "bus"
+
+
+@pytest.fixture
+def world() -> World:
+    return World(FILES.scene)
+
+
+@pytest.fixture
+def feed(link: Path) -> Iterator[WorldFeed]:
+    with WorldFeed(feed_path(link)) as feed:
+        yield feed
+
+
+def test_joints_and_cube_are_where_the_emulator_says(link: Path, world: World, feed: WorldFeed) -> None:
+    source = EmulatorSource(link, DESCRIPTION, SimulatedClock())
+    assert source.well and source.status == f"{link}: virtual servos"
+    for now_s in (0.0, 1.0):
+        feed.tick(now_s, world, 0.0)
+    snapshot = source.watched.state.snapshot
+    assert snapshot.joints == world.joints and snapshot.description_xml == DESCRIPTION.xml
+    np.testing.assert_allclose(snapshot.position, world.position())
+    assert snapshot.scene["cube"].position_m == pytest.approx(world.poses()["cube"].position_m)
+    source.close()
+
+
+def test_an_emulator_that_ends_is_waited_for(link: Path, world: World) -> None:
+    clock = SimulatedClock()
+    with WorldFeed(feed_path(link)) as feed:
+        source = EmulatorSource(link, DESCRIPTION, clock)
+        feed.tick(0.0, world, 0.0)
+        assert source.watched.state.snapshot.joints
+    before = source.watched
+    assert not source.well and source.status == f"{link}: the emulator has ended"
+    with WorldFeed(feed_path(link)) as feed:
+        assert source.watched is before, "it looks again a second later"
+        clock.sleep_until(clock.now() + AGAIN_S)
+        assert source.watched is not before and source.well
+        feed.tick(0.0, world, 0.0)
+        assert source.watched.state.snapshot.joints
+    source.close()
+
+
+def test_where_no_emulator_serves_one_sentence_says_how_to_start_one(link: Path) -> None:
+    with pytest.raises(
+        LiveError, match=rf"no virtual arm is served at {link}: start one with `servoloop emulate {link}`"
+    ):
+        EmulatorSource(link, DESCRIPTION, SimulatedClock())
