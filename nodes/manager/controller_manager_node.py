@@ -24,12 +24,15 @@ from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
 from controller.manager.settings import SETTINGS, Settings, setting_mistake
 from controller.manager.switch import Loaded, Strictness, SwitchRequest
+from controller.parameters import ManagerParameters
 from drivers.printable import printable
 from hal.lifecycle import LifecycleState
+from hal.plausible import RANGES, range_mistake
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
+from nodes.rclpy_patches.size_limit import PARAMETER, SIZE_LIMIT
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
 
@@ -87,10 +90,22 @@ class ManagerNode:
         rate = round(1.0 / self._stack.loop.period_s)
         for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
+        self._limit_messages(parameters)
         for name, value in _flat(parameters):
             if not self.node.has_parameter(name):
                 self.node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))
         self.node.add_on_set_parameters_callback(_check_settings)
+
+    def _limit_messages(self, parameters: Mapping[str, Any]) -> None:
+        SIZE_LIMIT.bytes = ManagerParameters.model_validate(dict(parameters)).max_message_size
+        size = RANGES[PARAMETER]
+        descriptor = ParameterDescriptor(
+            description=f"Largest goal, command or request that is read, in {size.unit}",
+            additional_constraints=f"{size.lowest:g} to {size.highest:g}",
+        )
+        self.node.declare_parameter(PARAMETER, SIZE_LIMIT.bytes, descriptor)
+        self.node.add_on_set_parameters_callback(_check_size)
+        self.node.add_post_set_parameters_callback(_set_size)
 
     def _said(self, controller: str, what: str) -> Any:
         """The parameter ``<controller>.<what>``, or None."""
@@ -177,6 +192,19 @@ def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
         required_command_interfaces=list(entry.commands),
         required_state_interfaces=list(entry.states),
     )
+
+
+def _check_size(parameters: list[Parameter]) -> SetParametersResult:
+    for parameter in parameters:
+        if parameter.name == PARAMETER and (mistake := range_mistake(PARAMETER, parameter.value)):
+            return SetParametersResult(successful=False, reason=mistake)
+    return SetParametersResult(successful=True)
+
+
+def _set_size(parameters: list[Parameter]) -> None:
+    for parameter in parameters:
+        if parameter.name == PARAMETER:
+            SIZE_LIMIT.bytes = parameter.value
 
 
 def _check_settings(parameters: list[Parameter]) -> SetParametersResult:
