@@ -1,15 +1,14 @@
 """The size of a message in C, found before it is turned into Python.
 
-rclpy holds the interpreter's lock while it turns a message into Python: of 200,000 trajectory points 0.7 s, and no
-control cycle runs meanwhile. The offsets of a message's fields are those of the introspection type support, whose
+What turns a message into Python has the interpreter's lock: of a list of numbers to the end, and of 200,000 trajectory
+points for most of two seconds, which the control cycles meanwhile share with it. The offsets of a message's fields are those of the introspection type support, whose
 structures (message_introspection.h of Jazzy) are written down here.
 """
 
 import ctypes
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
@@ -75,19 +74,6 @@ class _Part:
 
 
 @dataclass(frozen=True, slots=True)
-class MessageList:
-    """A sequence of messages within a message."""
-
-    offset: int
-    size: int
-    """Bytes of each."""
-    path: tuple[str, ...]
-    """The names of the fields down to it."""
-    kind: Any
-    """The Python class of each."""
-
-
-@dataclass(frozen=True, slots=True)
 class Layout:
     """The layout of one message type."""
 
@@ -96,7 +82,6 @@ class Layout:
     size: int
     """Bytes without what is in sequences and strings."""
     parts: tuple[_Part, ...]
-    lists: tuple[MessageList, ...] = ()
 
     def measured(self, address: int, allowed: int) -> int:
         """Return the bytes of the message at ``address``, or some number above ``allowed`` if there are more."""
@@ -107,7 +92,7 @@ class Layout:
         for part in self.parts:
             data, count = address + part.offset, part.inline
             if not part.inline:
-                data, count = words(data, 2)
+                data, count = _words(data, 2)
                 total += count * part.size
             if count and part.within is not None and total <= allowed:
                 total += part.within.of_all(data, count, allowed - total)
@@ -118,7 +103,7 @@ class Layout:
     def of_all(self, data: int, count: int, allowed: int) -> int:
         """Return the bytes in the sequences of ``count`` messages, which stand one after the other at ``data``."""
         if all(part.within is None and not part.inline for part in self.parts):
-            table = np.array(words(data, count * self.size // _WORD)).reshape(count, -1)
+            table = np.array(_words(data, count * self.size // _WORD)).reshape(count, -1)
             return sum(int(table[:, part.offset // _WORD + 1].sum()) * part.size for part in self.parts)
         total = 0
         for place in range(count):
@@ -132,8 +117,7 @@ _TEXT: Final = Layout((), _SEQUENCE, (_Part(0, 1),))
 _WIDE_TEXT: Final = Layout((), _SEQUENCE, (_Part(0, 2),))
 
 
-def words(address: int, count: int) -> Any:
-    """Return the words at an address; a sequence begins with its data's address and its size."""
+def _words(address: int, count: int) -> Any:
     return (ctypes.c_size_t * count).from_address(address)
 
 
@@ -170,21 +154,7 @@ def _layout(support: int) -> Layout:
     fields = [members.members[place] for place in range(members.count)]
     parts = tuple(part for member in fields for part in _parts(member))
     names = tuple(name for member in fields if (name := member.name.decode()) != _NO_FIELD)
-    return Layout(names, members.size, parts, tuple(one for member in fields for one in _lists(member)))
-
-
-def _lists(member: _Member) -> Iterator[MessageList]:
-    """The sequences of messages in one field."""
-    if member.type_id != _MESSAGE:
-        return
-    support, name = _introspection(member.members), member.name.decode()
-    members = _Members.from_address(_TypeSupport.from_address(support).data)
-    if not member.is_array:
-        for one in _layout(support).lists:
-            yield replace(one, offset=member.offset + one.offset, path=(name, *one.path))
-    elif not member.array_size or member.is_upper_bound:
-        module = import_module(members.namespace.decode().replace("__", "."))
-        yield MessageList(member.offset, members.size, (name,), getattr(module, members.name.decode()))
+    return Layout(names, members.size, parts)
 
 
 def _parts(member: _Member) -> Iterator[_Part]:

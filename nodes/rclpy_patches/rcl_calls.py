@@ -8,13 +8,12 @@ import ctypes
 import logging
 import sys
 from collections.abc import Callable
-from functools import reduce
 from typing import Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.service import Service
 
-from nodes.rclpy_patches.message_size import capsule_address, layout_of, words
+from nodes.rclpy_patches.message_size import capsule_address, layout_of
 from nodes.rclpy_patches.size_limit import SIZE_LIMIT
 
 LOG = logging.getLogger("servoloop.nodes")
@@ -22,8 +21,6 @@ LOG = logging.getLogger("servoloop.nodes")
 _TIMEOUT: Final = 2  # RCL_RET_TIMEOUT of rcl/types.h
 _NOTHING_TAKEN: Final = (401, 601, 2201)  # RCL_RET_{SUBSCRIPTION,SERVICE,ACTION_SERVER}_TAKE_FAILED
 
-SHORT_LIST: Final = 50
-"""Up to so many messages in a list are turned into Python in one go, which takes less than a millisecond."""
 TOO_LARGE: Final = object()
 """Stands for a message that is larger than clients may send, and was not turned into Python."""
 _MESSAGE_INFO: Final = (
@@ -107,26 +104,9 @@ class _Kind:
             code, allowed = take(raw), SIZE_LIMIT.bytes
             if code:
                 return code, None
-            return code, TOO_LARGE if self._layout.measured(raw, allowed) > allowed else self.read(raw)
+            return code, TOO_LARGE if self._layout.measured(raw, allowed) > allowed else self._to_python(raw)
         finally:
             self._destroy(raw)
-
-    def read(self, raw: int) -> Any:
-        """Turn a message into Python; its long lists element by element, so that other threads go on in between."""
-        sequences = [(one, words(raw + one.offset, 2)) for one in self._layout.lists]
-        lists = [(one, sequence, *sequence) for one, sequence in sequences if sequence[1] > SHORT_LIST]
-        for _, sequence, _, _ in lists:
-            sequence[1] = 0
-        try:
-            message = self._to_python(raw)
-        finally:
-            for _, sequence, _, count in lists:
-                sequence[1] = count
-        for one, _, data, count in lists:
-            *above, name = one.path
-            read = _kind(one.kind).read
-            setattr(reduce(getattr, above, message), name, [read(data + k * one.size) for k in range(count)])
-        return message
 
 
 _KINDS: Final[dict[Any, _Kind]] = {}

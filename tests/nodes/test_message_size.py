@@ -75,26 +75,6 @@ def test_a_message_is_as_large_as_its_parts(message: Any, expected: int) -> None
     assert measured(message) == expected
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        goal(3, 2),
-        goal(200, 2, path_tolerance=[JointTolerance(name=f"joint{k}", position=0.1) for k in range(60)]),
-        SetParameters.Request(parameters=[PARAMETER] * 100),
-        DiagnosticArray(status=[STATUS] * 60),
-    ],
-    ids=["short", "goal", "parameters", "diagnostics"],
-)
-def test_a_message_with_long_lists_is_read_whole(message: Any) -> None:
-    from nodes.rclpy_patches.rcl_calls import _kind
-
-    kind = _kind(type(message))
-    read: list[Any] = []
-    for _ in range(2):  # what was set aside is there again
-        assert kind.sent(message, lambda raw: read.extend((kind.read(raw), kind.read(raw))) or 0) == 0
-    assert read == [message] * 4
-
-
 @pytest.mark.parametrize("points", [1_000, 200_000])
 def test_where_a_message_is_too_large_it_is_not_looked_at_to_its_end(points: int) -> None:
     request = goal(points, 6)
