@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from controller.fault_timeout import FAULT_CYCLES
 from drivers.printable import counted
 from hal.components.component_set import ComponentSet
 from hal.types import JointState
@@ -76,15 +77,15 @@ class LoopFigures:
     def look_for_measurements(self, state: JointState, hardware: ComponentSet) -> None:
         """A cycle in which every joint has a fault measured nothing, unless no component is there to be asked.
 
-        The log tells of an episode's beginning and end.
+        The hardware reports the fault itself. The log has an episode that lasts, and every episode's end.
         """
         asked = hardware.failures or any(component.sound for component in hardware.components)
         if asked and sum(fault.kind != "no_torque" for fault in state.faults.values()) == len(hardware.joints):
             self.unmeasured += 1
             self.unmeasured_in_a_row += 1
-            if self.unmeasured_in_a_row == 1:
+            if self.unmeasured_in_a_row == FAULT_CYCLES:
                 why = next(iter(state.faults.values())).text
-                LOG.warning("no joint was measured in this cycle: %s", why)
+                LOG.warning("no joint has been measured for %d cycles: %s", FAULT_CYCLES, why)
         elif asked and self.unmeasured_in_a_row:
             LOG.warning(
                 "joints are measured again, after %s without a measurement", counted(self.unmeasured_in_a_row, "cycle")

@@ -143,6 +143,16 @@ def _check_positions(
                 )
 
 
+def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, period_s: float) -> FloatArray:
+    """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` reach in one period.
+
+    ``velocity``: the joints' velocity limits (n,). The safety gate computes the same, and has nothing left to change.
+    """
+    reach = velocity * period_s
+    reached: FloatArray = np.clip(wanted, last - reach, last + reach)
+    return reached
+
+
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
     """Return the positions (n,) between which a path may be planned; the sampler holds commands within the limits.
 

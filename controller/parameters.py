@@ -5,7 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from hal.plausible import NoTruth, UpdateRate
+from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
 
@@ -73,3 +73,6 @@ class ManagerParameters(Parameters):
     """Parameters of the controller manager itself."""
 
     update_rate: UpdateRate = 100  # upstream's default
+    max_message_size: MaxMessageSize = 2_000_000
+    """Bytes in memory of the largest goal, command or request that is read; larger ones are refused. With 2 MB, goals
+    have up to 5000 points of twelve joints with velocities and accelerations."""

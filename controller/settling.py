@@ -22,41 +22,37 @@ class Settling:
         self._joints = tuple(joints)
         self._index = list(index)
         self._near = ARRIVED_SHARE * np.array([limit.upper - limit.lower for limit in limits])
-        self._velocity = np.array([limit.velocity for limit in limits])
-        self._slow = STILL_SHARE * self._velocity
-        self._sent: FloatArray = np.zeros(len(limits))
-        """The command as the safety gate has passed it by now: the gate lets none leap."""
+        self._slow = STILL_SHARE * np.array([limit.velocity for limit in limits])
         self._still_s = 0.0
         self._fresh = False
 
-    def begin(self, command: FloatArray) -> None:
-        """The joints are held at ``command`` (n,)."""
-        self.settled, self._sent = True, command.copy()
+    def begin(self) -> None:
+        """The joints are held where they are."""
+        self.settled = True
 
     def command_changed(self) -> None:
         """The joints have just been commanded to be elsewhere."""
         self.settled, self._still_s, self._fresh = False, 0.0, True
 
-    def look(self, command: FloatArray, state: JointState, period_s: float) -> None:
-        """One cycle; ``command`` (n,) is where the joints are commanded to be."""
-        self._sent += np.clip(command - self._sent, -self._velocity * period_s, self._velocity * period_s)
+    def look(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> None:
+        """Look at one cycle. The joints are to come to ``goal`` (n,); ``command`` (n,) is on its way there."""
         # Last known values say nothing of now: joints that are not measured have neither arrived nor stalled.
         if not self.settled and not any(joint in state.faults for joint in self._joints):
             # A state that is older than the command says nothing of a stall.
-            self.settled = self._arrived(command, state) or (
-                not self._fresh and self._stalled(command, state, period_s)
+            self.settled = self._arrived(goal, state) or (
+                not self._fresh and self._stalled(goal, command, state, period_s)
             )
             self._fresh = False
 
-    def _arrived(self, command: FloatArray, state: JointState) -> bool:
-        return bool((np.abs(state.position[self._index] - command) <= self._near).all())
+    def _arrived(self, goal: FloatArray, state: JointState) -> bool:
+        return bool((np.abs(state.position[self._index] - goal) <= self._near).all())
 
-    def _stalled(self, command: FloatArray, state: JointState, period_s: float) -> bool:
+    def _stalled(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> bool:
         position = state.position[self._index]
         slow = np.abs(state.velocity[self._index]) <= self._slow
         # Fingers that held something stand until the command has come back to them from within it.
-        driven = (self._sent - position) * np.sign(command - position) > 0.0
-        still = bool((slow & (driven | (np.abs(position - command) <= self._near))).all())
+        driven = (command - position) * np.sign(goal - position) > 0.0
+        still = bool((slow & (driven | (np.abs(position - goal) <= self._near))).all())
         self._still_s = self._still_s + period_s if still else 0.0
         # The first cycles after a command are still because nothing has begun to move yet.
         return self._still_s > STILL_S

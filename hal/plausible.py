@@ -27,6 +27,7 @@ RANGES: Final = {
     "torque_limit": Range(0.001, 1.0, "of the stall torque"),
     "metres_per_radian": Range(1e-5, 10.0, "m/rad"),
     "update_rate": Range(1, 1000, "Hz"),
+    "max_message_size": Range(10_000, 1_000_000_000, "bytes"),
 }
 """By kind of number."""
 
@@ -64,3 +65,4 @@ VelocityScale = Annotated[float, Share, AfterValidator(partial(_plausible, "velo
 TorqueLimit = Annotated[float, Share, AfterValidator(partial(_plausible, "torque_limit")), NoTruth]
 MetresPerRadian = Annotated[float, Positive, AfterValidator(partial(_plausible, "metres_per_radian")), NoTruth]
 UpdateRate = Annotated[int, NoTruth, AfterValidator(partial(_plausible, "update_rate"))]
+MaxMessageSize = Annotated[int, NoTruth, AfterValidator(partial(_plausible, "max_message_size"))]

@@ -14,6 +14,7 @@ from rclpy.timer import Timer
 from nodes.rclpy_patches import type_service
 from nodes.rclpy_patches.guard import usable_patches
 from nodes.ros_time import RosTime
+from nodes.set_parameters import answering
 
 NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
 """No warnings of subscribers that do not fit: each is one more event to wait on in every cycle."""
@@ -73,6 +74,9 @@ class ParameterNode(Node):
             more["event_callbacks"] = NO_EVENT_CALLBACKS
         return super().create_publisher(msg_type, topic, qos_profile, **more)
 
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **more: Any) -> Any:
+        return super().create_service(srv_type, srv_name, answering(srv_type, callback), **more)
+
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         for parameter in parameter_list:
             if why := self._why_not(parameter.name):
@@ -81,7 +85,12 @@ class ParameterNode(Node):
             if parameter.name == USE_SIM_TIME_NAME and parameter.value is not self._ros_time.simulated:
                 whose = "simulated time" if self._ros_time.simulated else "the machine's clock"
                 self.get_logger().warning(f"use_sim_time has no effect: the loop and its stamps keep {whose}")
-        return super().set_parameters_atomically(parameter_list)
+        new = [parameter.name for parameter in parameter_list if not self.has_parameter(parameter.name)]
+        result: SetParametersResult = super().set_parameters_atomically(parameter_list)
+        for name in new if result.successful else ():
+            if self.has_parameter(name):  # nobody has declared its type: the next value may have another
+                self.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
+        return result
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
         """The descriptor, also of a parameter that was never declared, which rclpy leaves without name and type."""

@@ -9,6 +9,7 @@ import numpy as np
 from controller.forward.commands import ForwardParameters, Inbox
 from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import Controller, ControllerContext, indices, limits_of
+from controller.motion import within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
 from hal.types import FloatArray, JointLimits, JointState
@@ -17,7 +18,10 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ForwardCommandController:
-    """The controller of positions holds the position until the first message comes; then repeats the last one."""
+    """The controller of positions holds the position until the first message comes; then goes to the newest one.
+
+    The command is a ramp at the joints' velocity limits, and stays at its end.
+    """
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
     parameters_type: ClassVar[type[Parameters]] = ForwardParameters
@@ -39,6 +43,9 @@ class ForwardCommandController:
         self.command: FloatArray = np.full(len(joints), np.nan)
         self._lower = np.array([limit.lower for limit in limits])
         self._upper = np.array([limit.upper for limit in limits])
+        self._velocity = np.array([limit.velocity for limit in limits])
+        self._goal = self.command
+        """Where the command is to come to (n,)."""
         self._inbox = Inbox(joints, strict)
         self._settling = Settling(self.joints, limits, indices(joints, hardware_joints))
 
@@ -63,8 +70,8 @@ class ForwardCommandController:
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._inbox.clear()
-        self.command = command.copy()
-        self._settling.begin(command)
+        self.command = self._goal = command.copy()
+        self._settling.begin()
 
     def deactivate(self, reason: str = "") -> None:
         self._inbox.clear()
@@ -73,7 +80,8 @@ class ForwardCommandController:
         wanted = self._inbox.take()
         if wanted is not None:
             self._go(wanted)
-        self._settling.look(self.command, state, period_s)
+        self.command = within_reach(self._goal, self.command, self._velocity, period_s)
+        self._settling.look(self._goal, self.command, state, period_s)
 
     def settled(self) -> bool:
         return self._settling.settled and not self._inbox
@@ -82,9 +90,9 @@ class ForwardCommandController:
         clipped = np.clip(wanted, self._lower, self._upper)
         if (clipped != wanted).any():
             LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
-        if (clipped != self.command).any():
+        if (clipped != self._goal).any():
             self._settling.command_changed()
-        self.command = clipped
+        self._goal = clipped
 
 
 class PositionGroupParameters(ForwardParameters):

@@ -22,7 +22,7 @@ from controller.gripper.goal import (
     velocity_of,
 )
 from controller.interface import ControllerContext
-from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop
+from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_stop, within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
 from controller.unmeasured import Unmeasured
@@ -51,6 +51,7 @@ class GripperActionController:
         self.state: GripperState | None = None
         """The gripper's state in the newest cycle; None while inactive."""
         self._limits = limits
+        self._velocity = np.array([limits.velocity])
         self._index = index
         self._inbox: deque[GripperHandle] = deque()
         self._cancels: deque[GripperHandle] = deque()
@@ -102,7 +103,7 @@ class GripperActionController:
         self._last_s = state.stamp_s
         self._unmeasured.forget()
         self.command = command.copy()
-        self._settling.begin(command)
+        self._settling.begin()
         self.state = None
         self._running = True
 
@@ -128,9 +129,10 @@ class GripperActionController:
         self._take_goals(reference)
         if self._active:
             self._check_goal(self._active, state, before, step_s, period_s)
-        self.command = self._sample(period_s).position
+        goal = self._sample(period_s).position
+        self.command = within_reach(goal, self.command, self._velocity, period_s)
         if self._elapsed_s >= self._duration_s:
-            self._settling.look(self.command, state, period_s)
+            self._settling.look(goal, self.command, state, period_s)
 
     @property
     def _duration_s(self) -> float:

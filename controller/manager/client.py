@@ -1,15 +1,16 @@
 """The manager's client asks the manager from another thread: calls return at once, and are served between cycles."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 from controller.loop import ControlLoop
 from controller.manager.controller_spec import ControllerSpec, name_mistake
+from controller.manager.controllers_file import no_type
 from controller.manager.factory import Factory
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.requests import Request
+from controller.manager.settings import Settings
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from controller.parameters import Parameters
 
@@ -31,25 +32,15 @@ class ManagerClient:
         self._changes: dict[str, tuple[ControllerSpec, Request[None]]] = {}
         """By controller: the newest change of its parameters, which the loop may not have come to yet."""
 
-    def load(
-        self,
-        name: str,
-        kind: str,
-        paths: Sequence[Path] = (),
-        fallback: Sequence[str] = (),
-        node_arguments: Sequence[str] = (),
-    ) -> Request[None]:
+    def load(self, name: str, settings: Settings) -> Request[None]:
         """Take a controller in; the arguments as for ``Factory.spec``."""
         if name in self._manager.registry.loaded:
             raise ManagerError(f"A controller named '{name}' was already loaded inside the controller manager")
-        if not name or not kind:
-            raise ManagerError(
-                f"The 'type' param was not defined for '{name}': set {name}.type on /controller_manager, "
-                "or give the controller a section with its type in a parameter file"
-            )
+        if not name:
+            raise ManagerError(no_type(name))
         if mistake := name_mistake(name):
             raise ManagerError(f"{name} {mistake}")
-        spec = self._factory.spec(name, kind, paths, fallback, node_arguments)
+        spec = self._factory.spec(name, settings)
         return self._ask(lambda: self._manager.registry.load(spec))
 
     def configure(self, name: str) -> Request[None]:

@@ -12,6 +12,7 @@ from controller.manager.controller_spec import ControllerSpec, name_mistake, wit
 from controller.manager.node_parameters import Content, merged, names, parameters_in, parameters_of
 from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
+from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
 from hal.yaml_file import YamlFile, mistakes
@@ -23,8 +24,6 @@ GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overr
 """Groups of the manager's own parameters, which look like controllers."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
 """Parameters of the manager that have an effect, or that every node has."""
-FOR_THE_MANAGER = ("type", "fallback_controllers", "params_file", "node_options_args")
-"""Names among a controller's parameters that are for the spawner, and not for the controller."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
 """By controller: the values of parameters that no file gives."""
@@ -74,22 +73,17 @@ def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInf
     return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
 
 
-def load_controller(
-    file: ControllersFile,
-    name: str,
-    kind: str,
-    paths: Sequence[Path],
-    component: HardwareInfo,
-    given: Mapping[str, Any] | None = None,
-) -> ControllerSpec:
-    """One controller's spec; ``paths`` count more than ``file``, and parameters that are ``given`` count most.
+def load_controller(file: ControllersFile, name: str, settings: Settings, component: HardwareInfo) -> ControllerSpec:
+    """One controller's spec; ``settings`` and their parameter files count more than ``file``.
 
-    Required parameters may still be missing. Raises ControllersFileError with every other mistake.
+    Required parameters may still be missing. Raises ControllersFileError with every other mistake, and ValueError where
+    an argument of the node is no YAML.
     """
     source = _Source(file.yaml, file.content, file.defaults)
-    last, content, parameters = source.parameters(name, paths, given or {})
+    settings = settings.over(Settings.of(source.entry(name)))
+    last, content, parameters = source.parameters(name, settings)
     reader = _Reader(last, content, component, [], complete=False)
-    found = list(reader.controller(name, {**source.entry(name), "type": kind}, parameters))
+    found = list(reader.controller(name, settings, parameters))
     if reader.problems:
         raise ControllersFileError("\n".join(reader.problems))
     return found[0]
@@ -105,9 +99,16 @@ class _Source:
 
     def entry(self, name: str) -> dict[str, Any]:
         """What the file says of a controller for the manager: in the manager's section, or else in its own."""
+        found: dict[str, Any] = {}
+        for _, _, said in self.sections(name):
+            found |= said
+        return found
+
+    def sections(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+        """The settings in the controller's own section and in the manager's: the node, the key above them, they."""
         own, said = parameters_of(self.content, name), parameters_of(self.content, MANAGER).get(name)
-        found = {key: own[key] for key in FOR_THE_MANAGER if key in own}
-        return {**found, **said} if isinstance(said, Mapping) else found
+        yield name, "", {key: own[key] for key in SETTINGS if key in own}
+        yield MANAGER, f"{name}.", dict(said) if isinstance(said, Mapping) else {}
 
     def controllers(self) -> list[str]:
         """The controllers that the manager names, and those whose own section has a type of controllers."""
@@ -117,10 +118,9 @@ class _Source:
         typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
         return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
 
-    def parameters(
-        self, name: str, paths: Sequence[Path], given: Mapping[str, Any]
-    ) -> tuple[YamlFile, Content, dict[str, Any]]:
-        """A controller's parameters, and the file that counts most. Raises ControllersFileError."""
+    def parameters(self, name: str, settings: Settings) -> tuple[YamlFile, Content, dict[str, Any]]:
+        """A controller's parameters, and the file that counts most. Raises ControllersFileError, ValueError."""
+        given, paths = parameters_in(settings.node_arguments, name), settings.files
         contents = [read_parameter_file(path, ControllersFileError) for path in paths]
         if paths and not any(names(content, name) or ALL in content for _, content in contents):
             listed = ", ".join(map(str, paths))
@@ -133,9 +133,12 @@ class _Source:
         return (*(contents[-1] if contents else (self.file, self.content)), found)
 
 
-def texts(value: Any) -> tuple[str, ...]:
-    """A setting of one or several texts, as upstream takes it."""
-    return (value,) * bool(value) if isinstance(value, str) else tuple(map(str, value or ()))
+def no_type(name: str) -> str:
+    """What to say of a controller for which no type is given, in upstream's words."""
+    return (
+        f"The 'type' param was not defined for '{name}': set {name}.type on /controller_manager, "
+        "or give the controller a section with its type in a parameter file"
+    )
 
 
 @dataclass(slots=True)
@@ -163,18 +166,27 @@ class _Reader:
             waits = parameters_of(self.content, name).get("wait_for")
             for other in self._strangers(name, waits, known):
                 self.say(name, "wait_for", f"names {other}, which is no other controller of this file")
-            for other in self._strangers(name, texts(entry.get("fallback_controllers")), known):
+            if self._settings_wrong(source, name):
+                continue
+            settings = Settings.of(entry)
+            for other in self._strangers(name, settings.fallback, known):
                 key = f"{name}.fallback_controllers"
                 self.say(MANAGER, key, f"names {other}, which is no other controller of this file: correct it")
             try:
-                given = parameters_in(texts(entry.get("node_options_args")), name)
-                paths = [Path(path) for path in texts(entry.get("params_file"))]
-                last, content, parameters = source.parameters(name, paths, given)
+                last, content, parameters = source.parameters(name, settings)
             except (ControllersFileError, ValueError) as error:
                 self.say(MANAGER, name, f"cannot be loaded: {error}")
                 continue
-            found += _Reader(last, content, self.component, self.problems).controller(name, entry, parameters)
+            found += _Reader(last, content, self.component, self.problems).controller(name, settings, parameters)
         return found
+
+    def _settings_wrong(self, source: _Source, name: str) -> bool:
+        """Note the mistakes in a controller's settings; returns whether there are any."""
+        known = len(self.problems)
+        for node, above, said in source.sections(name):
+            for key, text in setting_mistakes(said):
+                self.say(node, f"{above}{key}", text)
+        return len(self.problems) > known
 
     def name_unused(self, manager: ManagerParameters) -> None:
         """Name the manager's parameters that have no effect here."""
@@ -191,13 +203,14 @@ class _Reader:
             self.problems += mistakes(self.file, error, (name, PARAMETERS), name)
             return None
 
-    def controller(
-        self, name: str, entry: Mapping[str, Any], parameters: Mapping[str, Any]
-    ) -> Iterator[ControllerSpec]:
-        """The controller, unless there are mistakes. ``entry`` is its entry in the manager's section."""
-        kind = str(entry.get("type") or "")
+    def controller(self, name: str, settings: Settings, parameters: Mapping[str, Any]) -> Iterator[ControllerSpec]:
+        """The controller, unless there are mistakes."""
+        kind = settings.kind
         if kind in SUCCESSORS and self.complete:
             LOG.error("%s: %s is not loaded: %s", self.file.path, name, outdated(kind))
+            return
+        if not kind and not self.complete:
+            self.problems.append(no_type(name))
             return
         if kind not in controller_types():
             what = f"unknown type '{kind}'" if kind else "no type"
@@ -211,7 +224,7 @@ class _Reader:
         if mistake := name_mistake(str(name)):
             self.say(MANAGER, name, mistake)
             return
-        own = {key: value for key, value in parameters.items() if key not in FOR_THE_MANAGER}
+        own = {key: value for key, value in parameters.items() if key not in SETTINGS}
         impossible = list(ros_mistakes(own))
         for key, text in impossible:
             self.say(name, key, text)
@@ -222,10 +235,9 @@ class _Reader:
             LOG.info("%s is loaded without %s: to be set on its node before it is configured", name, ", ".join(missing))
         else:
             self._check_use(name, checked)
-        fallback = texts(entry.get("fallback_controllers"))
-        if name in fallback and not self.complete:  # of the controllers file it was said before
+        if name in settings.fallback and not self.complete:  # of the controllers file it was said before
             self.say(name, "fallback_controllers", f"names {name} itself: name another controller, or take it out")
-        yield ControllerSpec(name, kind, checked, fallback, with_ros_flag(texts(entry.get("node_options_args"))))
+        yield ControllerSpec(name, kind, checked, settings.fallback, with_ros_flag(settings.node_arguments))
 
     def _check_use(self, name: str, parameters: Parameters) -> None:
         for key, text in claim_mistakes(parameters, self.component):

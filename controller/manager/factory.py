@@ -1,15 +1,13 @@
 """The factory makes controllers from parameter files and spawners' arguments."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 from controller.interface import Controller, ControllerContext
-from controller.manager.controller_spec import ControllerSpec, with_ros_flag
+from controller.manager.controller_spec import ControllerSpec
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
 from controller.manager.manager import ControllerManager
-from controller.manager.node_parameters import parameters_in
 from controller.manager.plugins import controller_types
+from controller.manager.settings import Settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,24 +17,14 @@ class Factory:
     file: ControllersFile
     context: ControllerContext
 
-    def spec(
-        self,
-        name: str,
-        kind: str,
-        paths: Sequence[Path] = (),
-        fallback: Sequence[str] = (),
-        node_arguments: Sequence[str] = (),
-    ) -> ControllerSpec:
-        """The checked spec of a controller. ``paths`` are parameter files, the last of which counts most.
+    def spec(self, name: str, settings: Settings) -> ControllerSpec:
+        """The checked spec of a controller; what ``settings`` leave open, the controllers file may give.
 
-        Raises ControllersFileError with every mistake.
+        Raises ControllersFileError with every mistake, ValueError where an argument of the node is no YAML.
         """
-        given = parameters_in(node_arguments, name)
-        spec = load_controller(self.file, name, kind, paths, self.context.component, given)
-        if name in fallback:
+        if name in settings.fallback:
             raise ControllersFileError(f"{name} cannot be its own fallback: name another controller")
-        arguments = with_ros_flag(node_arguments) or spec.node_arguments
-        return replace(spec, fallback=tuple(fallback) or spec.fallback, node_arguments=arguments)
+        return load_controller(self.file, name, settings, self.context.component)
 
     def make(self, spec: ControllerSpec) -> Controller:
         """The controller, inactive. Raises ValueError where it does not fit the robot, or parameters are missing."""

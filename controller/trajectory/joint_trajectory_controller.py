@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.action_goals import DEACTIVATED, LONGEST_STEP, NOT_RUNNING, GoalStatus
 from controller.interface import ControllerContext, Settled, indices, limits_of
-from controller.motion import Kinematics
+from controller.motion import Kinematics, within_reach
 from controller.parameters import Parameters
 from controller.trajectory.active_goal import Cycle
 from controller.trajectory.execution import Execution
@@ -60,6 +60,7 @@ class JointTrajectoryController:
         self._planner.warm_up()
         self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, lags)
         self.scaling = self._sampler.scaling
+        self._velocity = np.array([limit.velocity for limit in limits])
         self._lead_s = parameters.command_lead
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
@@ -170,7 +171,8 @@ class JointTrajectoryController:
         if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap
             self._lead_s = parameters.command_lead
         if not standstill.waits:
-            self.command = sampler.ahead(period_s, self._lead_s)
+            ahead = sampler.ahead(period_s, self._lead_s)
+            self.command = within_reach(ahead, self.command, self._velocity, period_s)
         self.period_s = period_s
         assert sampler.path is not None, "activated before the first update"
         shown = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate

@@ -1,4 +1,4 @@
-"""No interpolation: the command leaps from point to point, and the safety gate makes ways of the leaps."""
+"""No interpolation: the reference leaps from point to point, and the command follows at the velocity limit."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from hal.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class StepPlan:
-    """A plan of leaps, which the safety gate turns into ways at the velocity limit."""
+    """A plan of leaps, which the command follows at the velocity limit."""
 
     waypoints: Waypoints
 

@@ -9,6 +9,7 @@ from drivers.bus.types import ServoFault
 from drivers.clock import Clock
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
+from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.types import JointFault
 
@@ -46,6 +47,8 @@ class ServoFaults:
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.withheld: set[str] = set()
         """Joints whose servos must get no goals."""
+        self.log = FaultLog()
+        """The log of a cycle's events."""
         self._joints = tuple(joints)
         self._clock = clock
         self._faults: dict[str, JointFault] = {}
@@ -77,20 +80,27 @@ class ServoFaults:
 
     def reactivated(self, names: Iterable[str]) -> None:
         """The servos of these joints have been checked and have their torque again."""
+        names = list(names)
         for name in names:
             for facts in (self._faults, self._let_go, self._latched, self._heard_s):
                 facts.pop(name, None)
             self.withheld.discard(name)
             self._shown_s[name] = self._clock.now()
-            LOG.warning("%s is activated again: it holds where it is", name)
+        if names:
+            one = len(names) == 1
+            ends = (
+                "is activated again: it holds where it is" if one else "are activated again: they hold where they are"
+            )
+            LOG.warning("%s %s", ", ".join(names), ends)
 
-    def note_missing(self, name: str, fault: ServoFault | JointFault, heard_s: float) -> None:
+    def note_missing(self, joint: Joint, fault: ServoFault | JointFault, heard_s: float, buses: JointBuses) -> None:
         """A joint's servo, last measured at ``heard_s``, has given no state, or none that is believed."""
+        name = joint.name
         found = JointFault(fault.kind, fault.text)
         if found.kind == "implausible" and name in self._faults and self._faults[name].kind == "no_torque":
             return  # a limp joint may well be moved, and must go on being named as limp
         if name not in self._faults and found not in self._faults.values():  # a line's is told once
-            LOG.error("%s", found.text)
+            self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, found.text)
         self._faults[name] = found
         self._shown_s[name] = self._clock.now()
         if self._clock.now() - self._heard_s.setdefault(name, heard_s) >= RESET_S:
@@ -103,7 +113,7 @@ class ServoFaults:
         taken = [alarm for alarm in alarms if alarm in TAKEN]
         if taken and joint.name not in self._let_go:
             self._let_go[joint.name] = f"{_called(joint, buses)} has let go ({', '.join(taken)} alarm)"
-            self._refuse(joint.name, self._let_go[joint.name])
+            self._refuse(joint, buses, self._let_go[joint.name])
 
     def present(
         self, measured: Mapping[str, int], buses: JointBuses, ask_until_s: float | None
@@ -122,8 +132,8 @@ class ServoFaults:
                 self._rejoin(joint.name)
             self._shown_s = dict.fromkeys((joint.name for joint in self._joints), self._clock.now())
         else:
-            for name in [joint.name for joint in back if joint.name in self._let_go]:
-                self._refuse(name, self._let_go[name])  # also if it was silent meanwhile
+            for joint in [joint for joint in back if joint.name in self._let_go]:
+                self._refuse(joint, buses, self._let_go[joint.name])  # also if it was silent meanwhile
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
             self._ask([joint for joint in back if joint.name not in self._let_go], buses, until_s)
@@ -151,13 +161,15 @@ class ServoFaults:
 
     def _ask(self, back: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
         """Take back all that were missing and have their torque. One that lost its power comes back limp."""
-        called = {joint.name: _called(joint, buses) for joint in back}
+        joints = {joint.name: joint for joint in back}
         for name, driven in self._driven(back, buses, ask_until_s).items():
+            joint, called = joints[name], _called(joints[name], buses)
             if driven:
-                LOG.warning("%s answers again", called[name])
+                self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} answers again")
                 self._rejoin(name)
             else:
-                self._refuse(name, f"{called[name]} came back without torque ({self._latched.get(name, 'power dip?')})")
+                why = self._latched.get(name, "power dip?")
+                self._refuse(joint, buses, f"{called} came back without torque ({why})")
 
     def _watch(self, due: Sequence[Joint], buses: JointBuses, ask_until_s: float) -> None:
         driven = self._driven(due, buses, ask_until_s)
@@ -167,7 +179,7 @@ class ServoFaults:
         for joint in limp:
             if not again.get(joint.name):
                 why = self._latched.get(joint.name, "current protection, power dip?")
-                self._refuse(joint.name, f"{_called(joint, buses)} has lost its torque ({why})")
+                self._refuse(joint, buses, f"{_called(joint, buses)} has lost its torque ({why})")
 
     def _due(self, measured: Mapping[str, int], missed_s: float) -> list[Joint]:
         """The joints whose servos are to show that they have torque: those that missed their turn, and whose it is."""
@@ -193,11 +205,12 @@ class ServoFaults:
         self._heard_s.pop(name, None)
         self.withheld.discard(name)
 
-    def _refuse(self, name: str, what: str) -> None:
+    def _refuse(self, joint: Joint, buses: JointBuses, what: str) -> None:
+        name = joint.name
         former = self._faults.get(name)
         if former is None or former.kind != "no_torque":
             text = f"{what}: {REBOOT if name in self._latched else 'activate again'}"
-            LOG.error("%s", text)
+            self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, text)
             self._faults[name] = JointFault("no_torque", text)
         self._heard_s[name] = -math.inf
         self.withheld.add(name)

@@ -75,10 +75,13 @@ class ServoStates:
                 )
                 continue
             account.implausible += reading.kind == "implausible"
-            self.faults.note_missing(joint.name, reading, self._last.stamp_s)
+            self.faults.note_missing(joint, reading, self._last.stamp_s, buses)
             if joint.name in health:  # what is counted of a silent servo goes on
                 health[joint.name] = replace(health[joint.name], counters=account)
-        faults = self.faults.present(self.measured, buses, ask_until_s)
+        try:
+            faults = self.faults.present(self.measured, buses, ask_until_s)
+        finally:
+            self.faults.log.flush()
         lines = {buses.port(name): account for name, account in counters.items()}
         last = self._last
         answered = ~np.isnan(raw[0])

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from typing import Any, Final, Generic, Protocol, TypeVar
 
-from rclpy.action import CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
 from rclpy.task import Future
 
 from controller.action_goals import GoalStatus
+from nodes.rclpy_patches.size_limit import SIZE_LIMIT
 
 RESULT_TIMEOUT_S: Final = 10
 """So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status
@@ -24,6 +26,29 @@ class AcceptedGoal(Protocol):
 
 
 Handle = TypeVar("Handle", bound=AcceptedGoal)
+
+
+def make_action_server(
+    node: Node,
+    kind: Any,
+    name: str,
+    goals: "ActionGoals[Any]",
+    on_goal: Callable[[Any], GoalResponse],
+    on_accepted: Callable[[ServerGoalHandle], None],
+) -> ActionServer:
+    """Make the server of an action whose goals are decided by the loop."""
+    server = ActionServer(
+        node,
+        kind,
+        name,
+        execute_callback=goals.execute,
+        goal_callback=on_goal,
+        handle_accepted_callback=on_accepted,
+        cancel_callback=goals.on_cancel,
+        result_timeout=RESULT_TIMEOUT_S,
+    )
+    SIZE_LIMIT.add_action(server, node.resolve_topic_name(name))
+    return server
 
 
 class ActionGoals(Generic[Handle]):

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from builtin_interfaces.msg import Time
 from control_msgs.action import GripperCommand, ParallelGripperCommand
-from rclpy.action import ActionServer, GoalResponse
+from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from controller.gripper.goal import GripperGoal, GripperHandle, GripperState
 from controller.gripper.gripper_action_controller import GripperActionController
 from drivers.printable import printable
-from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
+from nodes.controllers.action_goals import ActionGoals, make_action_server
 from nodes.publishing import RateLimiter
 
 
@@ -27,15 +27,8 @@ class GripperNode(ABC):
         self._controller = controller
         self._goals: ActionGoals[GripperHandle] = ActionGoals(controller.cancel, self._result)
         self._rate_limiter = RateLimiter()
-        self._server = ActionServer(
-            node,
-            self.action,
-            "~/gripper_cmd",
-            execute_callback=self._goals.execute,
-            goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted,
-            cancel_callback=self._goals.on_cancel,
-            result_timeout=RESULT_TIMEOUT_S,
+        self._server = make_action_server(
+            node, self.action, "~/gripper_cmd", self._goals, self._on_goal, self._on_accepted
         )
 
     @abstractmethod

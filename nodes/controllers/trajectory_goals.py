@@ -1,11 +1,12 @@
 """The goals that reach a joint trajectory controller over ROS: of its action, and trajectories on its topic."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
-from rclpy.action import ActionServer, GoalResponse
+from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -16,10 +17,13 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.sampler import Tracking
 from controller.trajectory.tolerances import ERASE, Tolerances
 from drivers.printable import printable
-from nodes.controllers.action_goals import RESULT_TIMEOUT_S, ActionGoals
+from nodes.controllers.action_goals import ActionGoals, make_action_server
 from nodes.publishing import ANY_CLIENT, LATCHED
+from nodes.rclpy_patches.size_limit import SIZE_LIMIT
 
 NO_TOLERANCES = Tolerances()
+ACTION = "~/follow_joint_trajectory"
+IGNORED = "trajectory on the topic ignored"
 
 
 class TrajectoryGoals:
@@ -35,17 +39,11 @@ class TrajectoryGoals:
         self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
         self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
         self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
+        for name, what in ((ACTION, "goal rejected"), ("~/joint_trajectory", IGNORED)):
+            SIZE_LIMIT.on_refused[node.resolve_topic_name(name)] = self._refused(what)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
-        self._server = ActionServer(
-            node,
-            FollowJointTrajectory,
-            "~/follow_joint_trajectory",
-            execute_callback=self.under_way.execute,
-            goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted,
-            cancel_callback=self.under_way.on_cancel,
-            result_timeout=RESULT_TIMEOUT_S,
-        )
+        kind, goals = FollowJointTrajectory, self.under_way
+        self._server = make_action_server(node, kind, ACTION, goals, self._on_goal, self._on_accepted)
 
     def _on_goal(self, request: FollowJointTrajectory.Goal) -> GoalResponse:
         goal = self._goal_of(request)
@@ -69,9 +67,13 @@ class TrajectoryGoals:
     def _on_trajectory(self, message: JointTrajectory) -> None:
         goal = self._timed(message, NO_TOLERANCES, from_topic=True)
         if reason := self._controller.check(goal):
-            self._refuse(f"trajectory on the topic ignored: {reason}")
+            self._refuse(f"{IGNORED}: {reason}")
         else:
             self._controller.submit(goal)
+
+    def _refused(self, what: str) -> Callable[[str], None]:
+        """What to do where a message is refused before it is read, which the log has already."""
+        return lambda reason: self._reason.publish(String(data=f"{what}: {reason}"))
 
     def _refuse(self, reason: str) -> None:
         """Say why something is not executed, in the log and on the topic."""

@@ -1,7 +1,6 @@
 """``/controller_manager``: who controls what, as ``ros2 control`` and the spawner ask and order it."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from controller_manager_msgs.msg import ControllerManagerActivity, ControllerState, NamedLifecycleState
@@ -15,20 +14,25 @@ from controller_manager_msgs.srv import (
     SwitchController,
     UnloadController,
 )
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
+from controller.manager.settings import SETTINGS, Settings, setting_mistake
 from controller.manager.switch import Loaded, Strictness, SwitchRequest
+from controller.parameters import ManagerParameters
 from drivers.printable import printable
 from hal.lifecycle import LifecycleState
+from hal.plausible import RANGES, range_mistake
 from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
+from nodes.rclpy_patches.size_limit import PARAMETER, SIZE_LIMIT
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
 
@@ -86,9 +90,22 @@ class ManagerNode:
         rate = round(1.0 / self._stack.loop.period_s)
         for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
+        self._limit_messages(parameters)
         for name, value in _flat(parameters):
             if not self.node.has_parameter(name):
                 self.node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))
+        self.node.add_on_set_parameters_callback(_check_settings)
+
+    def _limit_messages(self, parameters: Mapping[str, Any]) -> None:
+        SIZE_LIMIT.bytes = ManagerParameters.model_validate(dict(parameters)).max_message_size
+        size = RANGES[PARAMETER]
+        descriptor = ParameterDescriptor(
+            description=f"Largest goal, command or request that is read, in {size.unit}",
+            additional_constraints=f"{size.lowest:g} to {size.highest:g}",
+        )
+        self.node.declare_parameter(PARAMETER, SIZE_LIMIT.bytes, descriptor)
+        self.node.add_on_set_parameters_callback(_check_size)
+        self.node.add_post_set_parameters_callback(_set_size)
 
     def _said(self, controller: str, what: str) -> Any:
         """The parameter ``<controller>.<what>``, or None."""
@@ -119,13 +136,8 @@ class ManagerNode:
 
     def _load(self, request: LoadController.Request) -> Request[None]:
         name = request.name
-        return self._manager_client.load(
-            name,
-            str(self._said(name, "type") or ""),
-            [Path(path) for path in _listed(self._said(name, "params_file"))],
-            _listed(self._said(name, "fallback_controllers")),
-            _listed(self._said(name, "node_options_args")),
-        )
+        said = {key: value for key in SETTINGS if (value := self._said(name, key)) is not None}
+        return self._manager_client.load(name, Settings.of(said))
 
     def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
         return self._manager_client.reload(request.force_kill)
@@ -182,9 +194,28 @@ def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
     )
 
 
-def _listed(value: Any) -> list[str]:
-    """A parameter of one or several texts as a list, as upstream takes it."""
-    return [value] if isinstance(value, str) and value else list(value or [])
+def _check_size(parameters: list[Parameter]) -> SetParametersResult:
+    for parameter in parameters:
+        if parameter.name == PARAMETER and (mistake := range_mistake(PARAMETER, parameter.value)):
+            return SetParametersResult(successful=False, reason=mistake)
+    return SetParametersResult(successful=True)
+
+
+def _set_size(parameters: list[Parameter]) -> None:
+    for parameter in parameters:
+        if parameter.name == PARAMETER:
+            SIZE_LIMIT.bytes = parameter.value
+
+
+def _check_settings(parameters: list[Parameter]) -> SetParametersResult:
+    """Refuse a controller's setting (``<controller>.type`` and the like) with which it could never be loaded."""
+    for parameter in parameters:
+        controller, _, key = parameter.name.partition(".")
+        if not controller or key not in SETTINGS or parameter.type_ is Parameter.Type.NOT_SET:
+            continue
+        if mistake := setting_mistake(key, parameter.value):
+            return SetParametersResult(successful=False, reason=f"{printable(parameter.name)} {mistake}")
+    return SetParametersResult(successful=True)
 
 
 def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -3,7 +3,8 @@
 rclpy holds it. But DDS can keep a sender waiting: for its own locks while clients come and go (50 that start at once:
 0.4 s on two cores), and up to 0.1 s in each answer to a client whose ear is not known yet or fits no answer of ours
 (rmw_fastrtps waits for it). Meanwhile no Python ran in this process: no control cycle either. The functions of
-rcl_calls.py stand in for eleven methods of rclpy; they call the same C functions through ctypes.
+rcl_calls.py stand in for twelve methods of rclpy; they call the same C functions through ctypes. What they take is not
+turned into Python if it is larger than a client may send (size_limit.py).
 """
 
 import ctypes
@@ -12,6 +13,7 @@ import platform
 from collections.abc import Iterable
 from typing import Any, Final
 
+from control_msgs.action import FollowJointTrajectory
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.service import Service
 
@@ -21,6 +23,7 @@ _C: Final = "rclpy._rclpy_pybind11"
 _REQUESTS: Final = ("goal", "cancel", "result")
 _SIGNATURES: Final = {
     "Publisher": {"publish": f"(self: {_C}.Publisher, arg0: object) -> None"},
+    "Subscription": {"take_message": f"(self: {_C}.Subscription, arg0: object, arg1: bool) -> object"},
     "Service": {"service_take_request": f"(self: {_C}.Service, arg0: object) -> tuple"},
     "ActionServer": {
         **{f"take_{name}_request": f"(self: {_C}.ActionServer, arg0: object) -> tuple" for name in _REQUESTS},
@@ -49,6 +52,7 @@ def replacements() -> list[tuple[Any, str, Any]]:
     server = rclpy_implementation.ActionServer
     return [
         (rclpy_implementation.Publisher, "publish", rcl_calls.publisher_publish),
+        (rclpy_implementation.Subscription, "take_message", rcl_calls.subscription_take),
         (rclpy_implementation.Service, "service_take_request", rcl_calls.service_take_request),
         (Service, "send_response", rcl_calls.service_send_response),
         *((server, f"take_{name}_request", rcl_calls.server_take(name)) for name in _REQUESTS),
@@ -83,9 +87,11 @@ def _other_methods() -> Iterable[str]:
 
 def _other_layouts() -> Iterable[str]:
     from nodes.rclpy_patches import rcl_calls
+    from nodes.rclpy_patches.message_size import layout_of
 
     for name, fields in _FIELDS.items():
         yield from missing(getattr(rclpy_implementation, name), fields)
+    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # raises where the layout of messages is another one
     ours = ctypes.sizeof(rcl_calls.GoalStatuses)
     if platform.machine() == "x86_64" and (theirs := rcl_calls.written_by_zero_initialized_goal_statuses()) != ours:
         yield f"rcl_action_goal_status_array_t has {theirs} bytes and not {ours}"
@@ -94,6 +100,7 @@ def _other_layouts() -> Iterable[str]:
 PATCH: Final = Patch(
     "gil_release",
     RCLPY_7_1_5,
-    "a client that leaves, or listens with other qualities of service, can hold up the control loop for 0.1 s",
+    "a client that leaves, or listens with other qualities of service, can hold up the control loop for 0.1 s, and one "
+    "that sends a message of many megabytes for a second (max_message_size has no effect)",
     _differences,
 )

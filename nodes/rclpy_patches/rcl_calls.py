@@ -6,16 +6,31 @@ only where gil_release.py allows it: the libraries are opened here, and their fu
 
 import ctypes
 import logging
+import sys
 from collections.abc import Callable
 from typing import Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.service import Service
 
+from nodes.rclpy_patches.message_size import capsule_address, layout_of
+from nodes.rclpy_patches.size_limit import SIZE_LIMIT
+
 LOG = logging.getLogger("servoloop.nodes")
 
 _TIMEOUT: Final = 2  # RCL_RET_TIMEOUT of rcl/types.h
-_NOTHING_TAKEN: Final = (601, 2201)  # RCL_RET_SERVICE_TAKE_FAILED; RCL_RET_ACTION_SERVER_TAKE_FAILED
+_NOTHING_TAKEN: Final = (401, 601, 2201)  # RCL_RET_{SUBSCRIPTION,SERVICE,ACTION_SERVER}_TAKE_FAILED
+
+TOO_LARGE: Final = object()
+"""Stands for a message that is larger than clients may send, and was not turned into Python."""
+_MESSAGE_INFO: Final = (
+    "source_timestamp",
+    "received_timestamp",
+    "publication_sequence_number",
+    "reception_sequence_number",
+)
+_UNKNOWN: Final = 2**64 - 1  # RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
+_TAKE_MESSAGE: Final = rclpy_implementation.Subscription.take_message
 
 _RCL: Final = ctypes.CDLL("librcl.so")
 _RCL_ACTION: Final = ctypes.CDLL("librcl_action.so")
@@ -32,6 +47,18 @@ class _ServiceInfo(ctypes.Structure):
     """rmw_service_info_t."""
 
     _fields_ = (("sent_ns", ctypes.c_int64), ("received_ns", ctypes.c_int64), ("request_id", _RequestId))
+
+
+class _MessageInfo(ctypes.Structure):
+    """rmw_message_info_t."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("publisher", ctypes.c_uint8 * 32),
+    )
 
 
 class GoalStatuses(ctypes.Structure):
@@ -53,12 +80,13 @@ class _Kind:
     """A message type's functions that turn messages into C and back. These do hold the interpreter's lock."""
 
     def __init__(self, kind: Any) -> None:
-        self._create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(_address(kind._CREATE_ROS_MESSAGE))
-        self._destroy = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(_address(kind._DESTROY_ROS_MESSAGE))
+        self._create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(capsule_address(kind._CREATE_ROS_MESSAGE))
+        self._destroy = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(capsule_address(kind._DESTROY_ROS_MESSAGE))
         self._from_python = ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)(
-            _address(kind._CONVERT_FROM_PY)
+            capsule_address(kind._CONVERT_FROM_PY)
         )
-        self._to_python = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)(_address(kind._CONVERT_TO_PY))
+        self._to_python = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)(capsule_address(kind._CONVERT_TO_PY))
+        self._layout = layout_of(kind)
 
     def sent(self, message: Any, send: Callable[[int], int]) -> int:
         """The return value of ``send`` for the message in C."""
@@ -70,11 +98,13 @@ class _Kind:
             self._destroy(raw)
 
     def taken(self, take: Callable[[int], int]) -> tuple[int, Any]:
-        """The return value of ``take``, and the message that ``take`` has filled in."""
+        """The return value of ``take``, and the message that ``take`` has filled in; TOO_LARGE for a larger one."""
         raw = self._create()
         try:
-            code = take(raw)
-            return code, None if code else self._to_python(raw)
+            code, allowed = take(raw), SIZE_LIMIT.bytes
+            if code:
+                return code, None
+            return code, TOO_LARGE if self._layout.measured(raw, allowed) > allowed else self._to_python(raw)
         finally:
             self._destroy(raw)
 
@@ -89,18 +119,22 @@ def _kind(kind: Any) -> _Kind:
     return _KINDS[kind]
 
 
-def _address(capsule: object) -> int:
-    get = ctypes.pythonapi.PyCapsule_GetPointer
-    get.restype, get.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
-    return int(get(capsule, None))
-
-
 def _function(library: ctypes.CDLL, name: str, arguments: int) -> Any:
     function = getattr(library, name)
     function.restype, function.argtypes = ctypes.c_int, (ctypes.c_void_p,) * arguments
     return function
 
 
+def _name(library: ctypes.CDLL, name: str) -> Any:
+    """The function that tells an entity's name by its pointer."""
+    function = getattr(library, name)
+    function.restype, function.argtypes = ctypes.c_char_p, (ctypes.c_void_p,)
+    return lambda pointer: (function(pointer) or b"?").decode(errors="replace")
+
+
+_topic_name = _name(_RCL, "rcl_subscription_get_topic_name")
+_service_name = _name(_RCL, "rcl_service_get_service_name")
+_take = _function(_RCL, "rcl_take", 4)
 _publish = _function(_RCL, "rcl_publish", 3)
 _take_request = _function(_RCL, "rcl_take_request_with_info", 3)
 _send_response = _function(_RCL, "rcl_send_response", 3)
@@ -126,13 +160,40 @@ def publisher_publish(publisher: Any, message: Any) -> None:
     _check(_kind(type(message)).sent(message, lambda raw: int(_publish(pointer, raw, None))), "publish")
 
 
+def subscription_take(subscription: Any, kind: Any, raw: bool) -> tuple[Any, dict[str, int | None]] | None:
+    if raw:
+        found: tuple[Any, dict[str, int | None]] | None = _TAKE_MESSAGE(subscription, kind, raw)
+        return found
+    info, pointer = _MessageInfo(), subscription.pointer
+    code, message = _kind(kind).taken(lambda address: int(_take(pointer, address, ctypes.byref(info), None)))
+    if code in _NOTHING_TAKEN:
+        return None
+    _check(code, "take a message")
+    if message is TOO_LARGE:
+        SIZE_LIMIT.refuse(_topic_name(pointer))
+        return None
+    numbers = {name: int(getattr(info, name)) for name in _MESSAGE_INFO}
+    return message, {name: None if number == _UNKNOWN else number for name, number in numbers.items()}
+
+
 def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | None]:
     info, pointer = _ServiceInfo(), service.pointer
     code, request = _kind(kind).taken(lambda raw: int(_take_request(pointer, ctypes.byref(info), raw)))
     if code in _NOTHING_TAKEN:
         return None, None
     _check(code, "take a request")
+    if request is TOO_LARGE:
+        SIZE_LIMIT.refuse(_service_name(pointer))
+        _answer_empty(kind, lambda raw: int(_send_response(pointer, ctypes.byref(info.request_id), raw)))
+        return None, None
     return request, info
+
+
+def _answer_empty(kind: Any, send: Callable[[int], int]) -> None:
+    """Answer a request that was not read with a response that says nothing: it is not ok, or not accepted."""
+    response = getattr(sys.modules[kind.__module__], kind.__name__.removesuffix("Request") + "Response")
+    if _kind(response).sent(response(), send):
+        LOG.warning("a client whose message is too large could not be answered: %s", _said())
 
 
 def service_send_response(service: Service, response: Any, info: _ServiceInfo) -> None:
@@ -150,6 +211,7 @@ def service_send_response(service: Service, response: Any, info: _ServiceInfo) -
 
 def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]]:
     function = _function(_RCL_ACTION, f"rcl_action_take_{name}_request", 3)
+    answer = _function(_RCL_ACTION, f"rcl_action_send_{name}_response", 3)
 
     def take(server: Any, kind: Any) -> tuple[_RequestId | None, Any]:
         request_id, pointer = _RequestId(), server.pointer
@@ -157,6 +219,10 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
         if code in _NOTHING_TAKEN:
             return None, None
         _check(code, f"take a {name} request")
+        if request is TOO_LARGE:
+            SIZE_LIMIT.refuse(SIZE_LIMIT.actions.get(pointer, "an action"))
+            _answer_empty(kind, lambda raw: int(answer(pointer, ctypes.byref(request_id), raw)))
+            return None, None
         return request_id, request
 
     return take

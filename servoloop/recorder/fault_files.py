@@ -27,6 +27,11 @@ FILES: Final = 20
 """The oldest file goes when there is one more."""
 LARGEST_FOLDER: Final = 100_000_000
 """Bytes of all files together; the oldest files go when there are more. The newest file stays, however large."""
+LASTS_S: Final = 0.25
+"""A joint that is measured again sooner has had no fault: a machine or a line that is late for a moment is normal."""
+LOST: Final = "lost"
+AT_ONCE: Final = ("no_torque", LOST)
+"""The kinds of faults that are recorded without waiting."""
 NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 
 
@@ -43,8 +48,10 @@ class FaultFiles:
         """``now`` is the time of day, for the files' names."""
         self._folder, self._messages, self._now = folder, messages, now
         self._kept: deque[CycleSample] = deque()
+        self._since_s: Mapping[str, float] = {}
+        """When the faults of the last cycle began, by the joint or component that has them."""
         self._known: Mapping[str, str] = {}
-        """The faults of the last cycle, by the joint or component that has them."""
+        """Those of them that are faults to be recorded."""
         self._new: list[str] = []
         """Faults that are in no file yet."""
         self._written_s: float | None = None
@@ -55,7 +62,11 @@ class FaultFiles:
         self._kept.append(sample)
         while sample.state.stamp_s - self._kept[0].state.stamp_s > KEPT_S:
             self._kept.popleft()
-        faults = dict(_lasting(sample))
+        stamp_s, found = sample.state.stamp_s, dict(_faults(sample))
+        self._since_s = {name: self._since_s.get(name, stamp_s) for name in found}
+        faults = {
+            name: kind for name, kind in found.items() if kind in AT_ONCE or stamp_s - self._since_s[name] >= LASTS_S
+        }
         self._new += [f"{name}: {kind}" for name, kind in faults.items() if name not in self._known]
         ends = (goal for goal in sample.goals if isinstance(goal, GoalEnd))
         self._new += [f"{end.controller}: {end.text}" for end in ends if end.missed]
@@ -102,10 +113,10 @@ def tidy(folder: Path) -> None:
                 path.unlink()
 
 
-def _lasting(sample: CycleSample) -> Iterator[tuple[str, str]]:
-    """The faults of a cycle that last: the joint or the component, and the kind."""
+def _faults(sample: CycleSample) -> Iterator[tuple[str, str]]:
+    """The faults of a cycle: the joint or the component, and the kind."""
     for joint, fault in sample.state.faults.items():
         if fault.kind != "component":  # lost, which is below, or switched
             yield joint, fault.kind
     for component in sample.lost:
-        yield component, "lost"
+        yield component, LOST

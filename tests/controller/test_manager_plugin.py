@@ -14,6 +14,7 @@ from controller.manager.controllers_file import ControllersFileError, load_contr
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
+from controller.manager.settings import Settings
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
@@ -142,7 +143,10 @@ def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> N
     assert (dict(manager.registry.loaded), "wave/Wave" in manager_client.controller_types()) == ({}, True)
     extra = site / "wave.yaml"
     extra.write_text("wave: {ros__parameters: {joint: joint2}}")
-    for ask in (lambda: manager_client.load("wave", "wave/Wave", [extra]), lambda: manager_client.configure("wave")):
+    for ask in (
+        lambda: manager_client.load("wave", Settings("wave/Wave", (extra,))),
+        lambda: manager_client.configure("wave"),
+    ):
         request = ask()
         cycles(loop, 1)
         request.result()
@@ -173,4 +177,4 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
 def test_a_name_that_no_ros_node_can_have_is_refused(name: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
     with pytest.raises(ManagerError, match=f"^{name} cannot be a controller's name: ROS nodes' names are letters"):
-        manager_client.load(name, "wave/Wave")
+        manager_client.load(name, Settings("wave/Wave"))

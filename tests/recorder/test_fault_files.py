@@ -38,7 +38,8 @@ class Watched(Rig):
         self.stack.bus.faults.silence(servo_id)
 
     def heal(self) -> None:
-        self.stack.bus.faults.mute.clear()
+        for servo_id in range(1, 8):
+            self.stack.bus.faults.restore(servo_id)
 
 
 @pytest.fixture
@@ -51,6 +52,20 @@ def test_while_all_is_well_nothing_is_written(rig: Watched) -> None:
     rig.pass_on(3.0)
     rig.sink.close((), failed=False)
     assert not rig.folder.exists()
+
+
+def test_servos_that_are_silent_for_a_late_cycle_are_no_fault(rig: Watched) -> None:
+    rig.stack.go(PICK)
+    rig.pass_on(0.5)
+    for servo_id in range(1, 8):
+        rig.silence(servo_id)
+    samples = rig.run(0.2)
+    rig.heal()
+    assert any(len(sample.state.faults) == 7 for sample in samples)
+    for sample in samples:
+        rig.sink.write(sample)
+    rig.pass_on(3.0)
+    assert rig.files == []
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """Parameters over DDS: of the manager, of the controllers and of the hardware component, by all of their services."""
 
+import math
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameterTypes,
@@ -18,6 +20,7 @@ from rclpy.parameter import Parameter
 
 from tests.ros.manager_bench import AT_START, FORWARD
 from tests.ros.manager_client import MANAGER, ManagerClient
+from tests.ros.stack_process import StackProcess
 
 pytestmark = pytest.mark.ros
 
@@ -194,3 +197,41 @@ def test_a_parameter_that_can_be_set_outlives_a_new_configuration(client: Manage
     assert client.get(ARM, "constraints.joint1.goal") == [0.25]
     assert client.put(ARM, "constraints.joint1.goal", 0.0) == ""
     assert client.switch(["arm_controller"])[0] and client.states() == AT_START
+
+
+# What makes no sense
+
+
+def put_strange(client: ManagerClient, node: str) -> list[str]:
+    """The reasons why a value of type 77 is refused, of both services."""
+    strange = ParameterMessage(name="use_sim_time", value=ParameterValue(type=77))
+    (one,) = client.call(SetParameters, f"{node}/set_parameters", parameters=[strange]).results
+    all_ = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=[strange]).result
+    assert not one.successful and not all_.successful
+    return [one.reason, all_.reason]
+
+
+@pytest.mark.parametrize("node", [MANAGER, ARM, COMPONENT])
+def test_a_value_of_an_unknown_type_is_answered(client: ManagerClient, stack: StackProcess, node: str) -> None:
+    reason = "parameter 'use_sim_time' cannot be set because its type 77 does not exist: use 0 to 9"
+    assert put_strange(client, node) == [reason, reason]
+    assert "Traceback" not in stack.words
+
+
+@pytest.mark.parametrize("wrong", [math.nan, 5, True, [1.0, 2.0], ["a/B"]])
+def test_a_type_that_is_no_text_is_refused_and_the_controller_can_be_loaded(client: ManagerClient, wrong: Any) -> None:
+    reason = client.put(MANAGER, "odd.type", wrong)
+    assert reason.startswith("odd.type is ") and reason.endswith(
+        "which is not a type of controllers: write one as a text"
+    )
+    assert client.put(MANAGER, "odd.type", "no/Such") == "" and not client.load("odd")
+    assert client.put(MANAGER, "odd.type", FORWARD) == "" and client.load("odd")
+
+
+def test_a_setting_may_be_a_text_and_then_a_list(client: ManagerClient) -> None:
+    for value in ("a.yaml", ["a.yaml", "b.yaml"], "c.yaml"):
+        assert client.put(MANAGER, "other.params_file", value) == ""
+        assert client.get(MANAGER, "other.params_file") == [value]
+    assert client.put(MANAGER, "other.node_options_args", 5) == (
+        "other.node_options_args is 5: write a text, or a list of texts in quotes"
+    )

@@ -13,7 +13,10 @@ LARGEST_RAD, RMS_RAD = 0.08, 0.03
 
 
 @pytest.mark.parametrize("grade", BINS)
-def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grade: str) -> None:
+def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(
+    grade: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
     rig = SimulatedStack().up()
     job = UnpacedJob(rig, grade)
     job.run()
@@ -21,6 +24,7 @@ def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(grad
     assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
     assert rig.world.cube_bin() == grade
     assert rig.loop.figures.missed == 0
+    assert "safety gate" not in caplog.text
     largest, rms = rig.trace.following_error()
     assert largest.max() < LARGEST_RAD
     assert rms.max() < RMS_RAD

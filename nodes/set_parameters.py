@@ -1,0 +1,67 @@
+"""Answers to clients that set parameters: every call has one, whatever is in it."""
+
+import logging
+from collections.abc import Callable
+from typing import Any, Final
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+
+from drivers.printable import printable
+
+LOG = logging.getLogger("servoloop.nodes")
+
+Callback = Callable[[Any, Any], Any]
+_TYPES: Final = {kind.value for kind in Parameter.Type}
+
+
+def answering(kind: Any, callback: Callback) -> Callback:
+    """Return a callback for a service that sets parameters, which rclpy's own would leave without an answer.
+
+    rclpy's raises where a value's type does not exist, or where a plug-in's callback fails. Callbacks of other services
+    stay as they are.
+    """
+    if kind is SetParameters:
+        return lambda request, response: _each(callback, request, response)
+    if kind is SetParametersAtomically:
+        return lambda request, response: _together(callback, request, response)
+    return callback
+
+
+def _each(callback: Callback, request: Any, response: Any) -> Any:
+    for parameter in request.parameters:
+        reason = _mistake(parameter)
+        if not reason:
+            try:
+                one = callback(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
+                response.results.append(one.results[0])
+                continue
+            except Exception as error:  # a callback's, which may be a plug-in's
+                reason = _failed(parameter, error)
+        response.results.append(SetParametersResult(successful=False, reason=reason))
+    return response
+
+
+def _together(callback: Callback, request: Any, response: Any) -> Any:
+    reason = next(filter(None, map(_mistake, request.parameters)), "")
+    if not reason:
+        try:
+            return callback(request, response)
+        except Exception as error:  # a callback's, which may be a plug-in's
+            reason = _failed(request.parameters[0], error) if request.parameters else str(error)
+    response.result = SetParametersResult(successful=False, reason=reason)
+    return response
+
+
+def _mistake(parameter: ParameterMessage) -> str:
+    kind = parameter.value.type
+    known = f"{min(_TYPES)} to {max(_TYPES)}"
+    named = f"parameter '{printable(parameter.name)}'"
+    return "" if kind in _TYPES else f"{named} cannot be set because its type {kind} does not exist: use {known}"
+
+
+def _failed(parameter: ParameterMessage, error: Exception) -> str:
+    LOG.error("parameter '%s' is not set: %s: %s", parameter.name, type(error).__name__, error)
+    return f"parameter '{printable(parameter.name)}' cannot be set: {error}"

@@ -1,0 +1,89 @@
+"""Servos to which the same happens in one cycle are one event: one line in the log, whatever happens to how many."""
+
+import logging
+
+import pytest
+
+from hal.servos.fault_log import FaultLog
+from hal.servos.servo_faults import RESET_S
+from tests.hal.bench import IDS, PERIOD_S, Bench
+
+
+@pytest.fixture
+def log_lines(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
+    caplog.set_level("INFO")
+    return caplog
+
+
+@pytest.mark.parametrize(
+    ("what", "of_two"),
+    [
+        ("does not answer", "do not answer"),
+        ("answered with a wrong checksum", "answered with a wrong checksum"),
+        (
+            "has lost its torque (power dip?): reboot it, then activate again",
+            "have lost their torque (power dip?): reboot it, then activate again",
+        ),
+    ],
+)
+def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureFixture) -> None:
+    log = FaultLog()
+    log.note(logging.ERROR, "elbow", 2, f"elbow: servo 2 {what}")
+    log.flush()
+    for label, servo_id in (("elbow", 2), ("finger (bus hand)", 7)):
+        log.note(logging.ERROR, label, servo_id, f"{label}: servo {servo_id} {what}")
+    log.flush()
+    log.flush()
+    assert log_lines.messages == [f"elbow: servo 2 {what}", f"elbow (servo 2), finger (bus hand) (servo 7) {of_two}"]
+
+
+def test_a_line_that_misses_one_cycle_has_two_lines_in_the_log(log_lines: pytest.LogCaptureFixture) -> None:
+    bench = Bench().active()
+    bench.wait()
+    log_lines.clear()
+    for servo_id in IDS:
+        bench.servos.faults.silence(servo_id)
+    assert len(bench.wait().faults) == 3
+    for servo_id in IDS:
+        bench.servos.faults.restore(servo_id)
+    assert bench.wait().faults == {}
+    begin, end = log_lines.messages
+    assert begin.startswith("no servo answers on virtual: ")
+    assert end == "shoulder (servo 1), elbow (servo 2), finger (servo 7) answer again"
+
+
+def test_servos_behind_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
+    bench = Bench().active()
+    bench.wait()
+    log_lines.clear()
+    for servo_id in IDS[1:]:
+        bench.servos.faults.silence(servo_id)
+    assert len(bench.wait().faults) == 2
+    for servo_id in IDS[1:]:
+        bench.servos.faults.restore(servo_id)
+    assert bench.wait().faults == {}
+    assert log_lines.messages == [
+        "elbow (servo 2), finger (servo 7) do not answer",
+        "elbow (servo 2), finger (servo 7) answer again",
+    ]
+
+
+def test_servos_that_come_back_limp_together_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
+    bench = Bench().active()
+    bench.wait()
+    log_lines.clear()
+    for servo_id in IDS:
+        bench.servos.faults.silence(servo_id)
+    for _ in range(round(2 * RESET_S / PERIOD_S)):
+        bench.wait()
+    for servo_id in IDS:
+        bench.servos.servo(servo_id).power_cycle()
+        bench.servos.faults.restore(servo_id)
+    for _ in range(20):
+        bench.wait()
+    _, limp = log_lines.messages
+    assert limp == (
+        "shoulder (servo 1), elbow (servo 2), finger (servo 7) came back without torque (power dip?): activate again"
+    )
+    bench.hardware.reactivate()
+    assert log_lines.messages[2:] == ["shoulder, elbow, finger are activated again: they hold where they are"]
