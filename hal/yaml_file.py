@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -15,12 +15,34 @@ from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LOADER: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_FASTEST: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The loader in C, which is about eight times as fast, if PyYAML was built with it."""
 MOST_MISTAKES: Final = 50
 """Number of mistakes that are listed one by one."""
 _BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
 """Errors of PyYAML's constructors for a value that does not fit its tag, such as ``!!bool maybe``."""
+
+
+class Loader(_FASTEST):  # type: ignore[misc, valid-type]
+    """A loader that names the line of a value that does not fit its tag."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Make the value of a node. Raises yaml.constructor.ConstructorError."""
+        try:
+            return super().construct_object(node, deep)
+        except _BAD_VALUES as error:
+            text = f" '{node.value[:50]}'" if isinstance(node, yaml.ScalarNode) else ""
+            kind = node.tag.rpartition(":")[2]
+            raise yaml.constructor.ConstructorError(
+                problem=f"the value{text} cannot be of the type {kind}", problem_mark=node.start_mark
+            ) from error
+
+
+class Places(Protocol):
+    """The places of a file's values."""
+
+    def place(self, location: Sequence[int | str]) -> str:
+        """File and line of the innermost part of ``location`` that the file has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +90,16 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
     """Read a file as nodes. Raises ``error`` if it is not YAML, or larger or deeper than any file of an arm."""
     text = read_text(path, error)
     try:
-        aliases = check_size(yaml.parse(text, Loader=LOADER))
-        root = LOADER(text).get_single_node()
+        aliases = check_size(yaml.parse(text, Loader=Loader))
+        root = Loader(text).get_single_node()
         check_expanded(root)
     except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
+        raise error(f"{path} is not YAML: {_problem(reason, text)}: correct it") from reason
     except TooLarge as reason:
         raise error(f"{path} {reason}") from reason
-    except (TooDeep, RecursionError) as reason:
+    except TooDeep as reason:
         raise error(
-            f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
+            f"{path}:{reason}: the file contains itself, or is nested too deeply: write out what an alias (*) stands for"
         ) from reason
     return YamlFile(path, root, aliases)
 
@@ -87,11 +109,9 @@ def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
     file = compose(path, error)
     doubles = list(_doubles(file.root))  # before merge keys (<<) are replaced by what they stand for
     try:
-        content = None if file.root is None else LOADER("").construct_document(file.root)
+        content = None if file.root is None else Loader("").construct_document(file.root)
     except yaml.YAMLError as reason:
         raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
-    except _BAD_VALUES as reason:  # of a date, say: it has no line
-        raise error(f"{path} has a value that cannot be: {reason}") from reason
     if doubles:
         raise error("\n".join(listed([f"{path}:{double}" for double in doubles])))
     return file, content
@@ -106,7 +126,7 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
         raise error("\n".join(mistakes(file, reason))) from reason
 
 
-def mistakes(file: YamlFile, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
+def mistakes(file: Places, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
     """Each mistake of a model, with file and line. ``within``: where the model's values are; ``name``: their owner."""
     return listed([partial(_mistake, file, item, within, name) for item in error.errors(include_url=False)])
 
@@ -128,16 +148,19 @@ def said(item: ErrorDetails) -> str:
     return item["msg"].removeprefix("Value error, ")
 
 
-def _mistake(file: YamlFile, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
+def _mistake(file: Places, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
     names = [name] if name else []
     return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {said(item)}"
 
 
-def _problem(error: yaml.YAMLError) -> str:
-    """The parser's words with the line, on one line."""
+def _problem(error: yaml.YAMLError, text: str = "") -> str:
+    """The parser's words with the line, on one line. ``text``: the file's."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         context = f"{error.context}: " if error.context else ""
         return f"{context}{error.problem} (line {error.problem_mark.line + 1})"
+    if isinstance(error, yaml.reader.ReaderError):
+        line = text.encode().count(b"\n", 0, error.position) + 1
+        return f"the character U+{error.character:04X} is not allowed (line {line})"
     return " ".join(str(error).split())
 
 

@@ -206,3 +206,12 @@ def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_nothing_half_d
     write_ready(tmp_path / "again")
     assert f"cannot write {tmp_path / 'again'}: No space left on device" in caplog.text
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
+
+
+def test_a_default_of_the_robot_file_is_named_with_its_own_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = edited(tmp_path, CONFIG / "robot_arm.yaml", "interpolation_method: ruckig", "interpolation_method: true")
+    said = complaint(capsys, monkeypatch, "up", "--robot", path, "--port", str(tmp_path / "none"))
+    line = next(n for n, text in enumerate(Path(path).read_text().splitlines(), 1) if "interpolation_method" in text)
+    assert f"{path}:{line}: arm_controller.interpolation_method: Input should be" in said
