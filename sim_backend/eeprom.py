@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.errors import DriverError
+from hal.plausible import Number, RegisterValue
 from hal.yaml_file import load
 from sim_backend.flash import Flash
 from sim_backend.generic.packet_servo import WiredServo
@@ -28,8 +29,8 @@ class _Entry(BaseModel):
 
     joint: str
     model: str
-    registers: dict[str, int]
-    bytes: dict[int, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    registers: dict[str, RegisterValue]
+    bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
     """Those without a name, by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
     """What a factory reset brings back, in hexadecimal; empty: what it is from the factory."""

@@ -6,9 +6,10 @@ from functools import cache, partial
 from pathlib import Path
 from typing import cast
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from drivers.errors import DriverError
+from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.yaml_file import load
 from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
@@ -37,12 +38,12 @@ class Scenario(BaseModel):
     arm: str = OWN
     job: tuple[str, ...] = ()
     """Grades, one job each."""
-    seconds: float = Field(0.0, ge=0.0)
+    seconds: Time = 0.0
     """So long the arm stays up behind its jobs."""
-    backlash_deg: float = Field(1.0, ge=0.0, le=10.0)
-    faults: int = Field(3, ge=0)
+    backlash_deg: Backlash = 1.0
+    faults: FaultCount = 3
     """So many in each run."""
-    within_s: float = Field(10.0, gt=0.0)
+    within_s: Duration = 10.0
     """Since the arm is up: by then all have begun."""
     kinds: tuple[str, ...] | None = None
     """Of faults; None: all that the arm can have."""
