@@ -99,7 +99,8 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
         raise error(f"{path} {reason}") from reason
     except TooDeep as reason:
         raise error(
-            f"{path}:{reason}: the file contains itself, or is nested too deeply: write out what an alias (*) stands for"
+            f"{path}:{reason}: the file contains itself, or is nested too deeply: "
+            "write out what an alias (*) stands for"
         ) from reason
     return YamlFile(path, root, aliases)
 

@@ -34,7 +34,7 @@ def check_size(events: Iterable[yaml.Event]) -> list[int]:
             aliases.append(event.start_mark.line + 1)
         depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
         if depth > DEEPEST:
-            raise TooDeep(event.start_mark.line + 1)
+            raise TooDeep(event.start_mark.line + 1 if event.start_mark else 1)
         if values > MOST_VALUES:
             raise TooLarge(f"has more than {MOST_VALUES} values: shorten it, or choose another file")
     return aliases
