@@ -21,7 +21,8 @@ from commissioning.calibrate.result import CalibrationError
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.text_file import read_text
-from hal.yaml_file import listed, said
+from hal.yaml_file import said
+from hal.yaml_nodes import listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
 """LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""

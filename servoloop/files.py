@@ -17,7 +17,7 @@ from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
 from hal.text_file import read_xml
 from hal.types import JointLimits
-from hal.yaml_file import YamlFile, compose
+from hal.yaml_nodes import YamlFile, compose
 
 LOG = logging.getLogger("servoloop")
 

@@ -14,7 +14,8 @@ from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_fi
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
-from hal.yaml_file import Places, YamlFile, mistakes
+from hal.yaml_file import Places, mistakes
+from hal.yaml_nodes import YamlFile
 
 LOG = logging.getLogger("servoloop.controller")
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import yaml
 
-from hal.yaml_file import Loader, YamlFile, compose, listed
 from hal.yaml_limits import TooDeep, TooLarge, check_size
+from hal.yaml_nodes import Loader, YamlFile, compose, listed
 
 ALL: Final = "/**"
 PARAMETERS: Final = "ros__parameters"
