@@ -45,7 +45,7 @@ RANGES: Final = {
     "resistance": Range(0.0, 100.0, "ohm"),
     "temperature": Range(0.0, 200.0, "°C"),
     "number": Range(0, 1_000_000, "(whole)"),
-    "faults": Range(0, 10_000, "faults in each run"),
+    "number_of_faults": Range(0, 10_000, "in each run"),
     "seed": Range(0, 2**63 - 1, "(whole)"),
     "register_value": Range(-(2**31), 2**32 - 1, "(whole)"),
     "mass": Range(0.0, 10_000.0, "kg"),
@@ -115,7 +115,7 @@ Factor = Annotated[float, NotNegative, _is("factor"), NoTruth]
 Torque = Annotated[float, Finite, _is("torque"), NoTruth]
 Counts = Annotated[int, _is("counts"), NoTruth]
 Number = Annotated[int, Field(ge=0), _is("number"), NoTruth]
-FaultCount = Annotated[int, Field(ge=0), _is("faults"), NoTruth]
+FaultCount = Annotated[int, Field(ge=0), _is("number_of_faults"), NoTruth]
 Backlash = Annotated[float, NotNegative, _is("backlash"), NoTruth]
 Chance = Annotated[float, Share, _is("share"), NoTruth]
 Volts = Annotated[float, NotNegative, _is("voltage"), NoTruth]

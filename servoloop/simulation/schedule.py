@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from drivers.errors import DriverError
 from hal.plausible import Backlash, Seed, Time
 from hal.yaml_file import load
-from servoloop.arms.folder import OWN
+from servoloop.arms.folder import OWN, arm_in
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 
@@ -34,8 +34,10 @@ class Schedule(BaseModel):
 
 
 def read_schedule(path: Path) -> Schedule:
-    """The schedule in this YAML file. Raises ScheduleError."""
-    return load(path, Schedule, ScheduleError)
+    """The schedule in this YAML file. Raises ScheduleError, and ArmFileError where there is no such arm."""
+    schedule = load(path, Schedule, ScheduleError)
+    arm_in(path, schedule.arm)
+    return schedule
 
 
 def schedule_text(schedule: Schedule) -> str:
