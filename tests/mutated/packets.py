@@ -10,6 +10,7 @@ from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from drivers.servos.xl320 import XL320
+from sim_backend.box import VirtualBox
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire import dynamixel_wire, sts_wire
 from sim_backend.wire.bus import VirtualBus
@@ -41,7 +42,15 @@ def _of_v2(model: ServoModel) -> Make:
     return Make(v2, dynamixel_wire, lambda: VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, model)))
 
 
+def _boxed() -> ServoLine[Any]:
+    """Servos as they come from the factory, which all have one ID."""
+    box = VirtualBox([sts.STS3215, sts.STS3215])
+    box.connect_all()
+    return box.line
+
+
 MAKES: Final = {
+    "box": Make(v1, sts_wire, _boxed),
     "sts": _of_v1(sts.STS3215),
     "scs": _of_v1(_first(scs.MODELS)),
     "ax": _of_v1(_first(ax_mx.MODELS, bulk_read=False)),

@@ -1,6 +1,7 @@
 """The kinds of files that users write: good ones, and what the commands do with them before anything moves."""
 
 import json
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -17,20 +18,23 @@ from controller.loop import ControlLoop
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from drivers.clock import MonotonicClock
+from hal.errors import ArmFileError
 from hal.robot_description.urdf import UrdfJoint
 from hal.robot_file.calibration_file import calibration_path
 from servoloop.arms.check import check_arm
-from servoloop.arms.folder import ARMS, OWN, Arm, arms, find_arm, read_arm_files, read_arm_servos
+from servoloop.arms.folder import ARMS, OWN, arms, find_arm, read_arm_files, read_arm_servos
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.campaign.campaign import read_scenario, schedule_of
 from servoloop.emulator import virtual_lines
 from servoloop.files import CONFIG, HOME, Files, initial_states
-from servoloop.handling.poses import Poses, check
+from servoloop.handling.poses import Poses
 from servoloop.hardware import build, compensation
 from servoloop.live.recording import Recording
 from servoloop.moveit.surroundings import surroundings
+from servoloop.recorder.page import page
 from servoloop.recorder.reader import read_recording
-from servoloop.simulation.schedule import read_schedule
+from servoloop.simulation.schedule import Schedule, read_schedule
+from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 from servoloop.simulation.virtual_lines import VirtualLines
 from servoloop.teach.recorded import recorded_motion
@@ -162,8 +166,9 @@ def read_taught(path: Path) -> None:
 
 
 def read_poses(path: Path) -> None:
-    for pose in Poses(path.parent).all().values():
-        check(pose, files_of(SO101).limits)
+    poses = Poses(path.parent)
+    for name in list(poses.all())[:10]:
+        poses.check(name, files_of(SO101).limits)
 
 
 def beside_robot(folder: Path) -> None:
@@ -227,8 +232,6 @@ def read_eeprom(path: Path) -> None:
 
 @cache
 def good_eeprom() -> bytes:
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "eeprom.yaml"
         read_eeprom(path)
@@ -242,24 +245,21 @@ def beside_arm(folder: Path) -> None:
             (folder / path.name).write_bytes(path.read_bytes())
 
 
-class ArmFolderRefused(Exception):
-    """What ``servoloop arms check`` prints."""
-
-
 def read_arm_folder(path: Path) -> None:
-    from hal.errors import ArmFileError
-
+    """What ``servoloop arms check`` prints is an error here."""
     if problems := check_arm(path.parent):
         raise ArmFileError("\n".join(problems))
 
 
+@cache
 def good_recordings() -> list[bytes]:
-    import tempfile
-
+    """One of ``servoloop simulate``, and two as other programs write them."""
     joints = files_of(SO101).robot.joints
     others = {joint.name: 0.5 * (joint.limits.lower + joint.limits.upper) for joint in joints}
-    found = []
     with tempfile.TemporaryDirectory() as folder:
+        own = Path(folder) / "own.mcap"
+        simulate(files_of(SO101), load_pick_place(find_arm(SO101).pick_place).settings(), Schedule(seconds=1.0), own)
+        found = [own.read_bytes()]
         for number, joint in enumerate(joints[:2]):
             path = Path(folder) / f"{number}.mcap"
             states = [
@@ -272,26 +272,32 @@ def good_recordings() -> list[bytes]:
 
 
 def read_mcap(path: Path) -> None:
+    """What ``plot``, ``view``, ``monitor`` and ``replay`` read."""
     joints = files_of(SO101).robot.joints
-    read_recording(path)
-    Recording(path).play_to(1.0)
+    page(read_recording(path), path.name)
+    recording = Recording(path)
+    for share in (0.0, 0.5, 1.0):
+        recording.play_to(share * recording.length_s)
     recorded_motion(path, [joint.name for joint in joints], [joint.limits for joint in joints])
 
 
-def _arms() -> list[Arm]:
-    return arms()
+def _each(kind: str, read: Callable[[str], Callable[[Path], None]]) -> dict[str, Kind]:
+    """A kind of file for each arm that has one of its own; ``read`` makes the reader for an arm's name."""
+    paths = {getattr(arm, kind): arm.name for arm in reversed(arms())}
+    names = {"urdf": "arm.urdf", "scene": "scene.xml", "robot": "robot.yaml"}
+    return {f"{kind} of {name}": Kind(names[kind], of_paths(path), read(name)) for path, name in paths.items()}
 
 
 KINDS: Final = {
-    **{f"robot of {arm.name}": Kind("robot.yaml", of_paths(arm.robot), read_robot(arm.name)) for arm in _arms()},
+    **_each("robot", read_robot),
     "robot with two buses": Kind("robot.yaml", of_paths(CONFIG / "robot_arm_two_buses.yaml"), read_robot("robot_arm")),
-    **{f"urdf of {arm.name}": Kind("arm.urdf", of_paths(arm.urdf), read_urdf(arm.name)) for arm in _arms()},
+    **_each("urdf", read_urdf),
     "controllers": Kind("controllers.yaml", of_paths(CONFIG / "arm_controllers.yaml"), read_controllers),
-    "pick-place": Kind("pick_place.yaml", of_paths(*{arm.pick_place for arm in _arms()}), read_pick_place),
+    "pick-place": Kind("pick_place.yaml", of_paths(*sorted({arm.pick_place for arm in arms()})), read_pick_place),
     "faults": Kind("faults.yaml", good_faults, read_faults),
     "schedule": Kind("schedule.yaml", of_paths(*sorted((TESTS / "schedules").glob("*.yaml"))), read_whole_schedule),
     "campaign": Kind("campaign.yaml", of_paths(HOME / "docs" / "campaign.yaml"), read_campaign),
-    **{f"scene of {arm.name}": Kind("scene.xml", of_paths(arm.scene), read_scene(arm.name)) for arm in _arms()},
+    **_each("scene", read_scene),
     "taught": Kind("taught/motion.yaml", good_taught, read_taught),
     "poses": Kind("poses.yaml", lambda: [good_poses()], read_poses),
     "calibration": Kind("robot.calibration.yaml", lambda: [good_calibration()], read_calibration, beside_robot),

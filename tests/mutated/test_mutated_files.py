@@ -2,22 +2,28 @@
 
 import os
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from controller.manager import plugins
+from servoloop import hardware
 from tests.mutated.cases import LONGEST_S, good, mutated, quiet, tried
 from tests.mutated.readers import KINDS
 
 pytestmark = pytest.mark.slow
 
-FILES = int(os.environ.get("SERVOLOOP_MUTATED_FILES", "700"))
+FILES = int(os.environ.get("SERVOLOOP_MUTATED_FILES", "250"))
 """Number of mutated files of all kinds together."""
 SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
 
 @pytest.fixture(autouse=True)
-def silence() -> Iterator[None]:
+def hurry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Look for plug-ins of other packages once instead of for each file, and keep warnings to oneself."""
+    for module in (hardware, plugins):
+        monkeypatch.setattr(module, "entry_points", cache(module.entry_points))
     with quiet():
         yield
 

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from random import Random
 from typing import Any, Final
 
@@ -37,6 +38,11 @@ Slot = tuple[list[Any], int]
 
 def parsed(text: str) -> Any:
     """The content of a file as lists and mappings that can be changed."""
+    return in_copy(_content(text))
+
+
+@cache
+def _content(text: str) -> Any:
     return _changeable(yaml.safe_load(text))
 
 
