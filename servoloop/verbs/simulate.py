@@ -68,8 +68,8 @@ def simulate(
             faults=read_script(faults) if faults else (),
         )
     files = read_arm_files(chosen, robot=robot)
-    if schedule or faults:
-        require_possible_in(schedule or faults, said.faults, files.robot, ("faults",) if schedule else ())
+    if source := schedule or faults:
+        require_possible_in(source, said.faults, files.robot, ("faults",) if schedule else ())
     result = run(files, poses.settings(), said, record)
     if json:
         print_json(_plain(result, poses.joints))
