@@ -1,5 +1,5 @@
 # `make demo` or `make test` is all a newcomer needs: each sets everything up first.
-.PHONY: help setup demo test test-slow test-all soak docs mutants check lint format lock clean
+.PHONY: help setup demo test test-slow test-all soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -13,6 +13,8 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH 
 unexport PYTHONDONTWRITEBYTECODE
 
 CYCLES ?= 10000
+FILES ?= 20000
+STREAMS ?= 500000
 
 # Three files at a time for two cores, up to two of them in real time (tests/distribution.py): those mostly wait. Three
 # stacks keep each other from their cycles on a slow machine.
@@ -24,6 +26,7 @@ help:
 	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
 	@echo 'make test-all  the others too; make test-slow: only those'
 	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
+	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
 	@echo 'make docs    the documentation site from docs/ into build/site'
 	@echo 'make check   set-up, then lint, types, import direction and all tests: what CI runs'
@@ -59,6 +62,11 @@ lint: setup
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo 'The site is built: build/site/index.html. With a search: $(BIN)/python -m http.server -d build/site'
+
+# Mutated files and streams of bytes. They are the same for the same seed.
+fuzz: setup
+	SERVOLOOP_MUTATED_FILES=$(FILES) SERVOLOOP_MUTATED_STREAMS=$(STREAMS) nice -n 19 $(PYTEST) --timeout 0 \
+	  -o faulthandler_timeout=0 tests/mutated $(PYTEST_ARGS)
 
 mutants: setup
 	$(BIN)/python tools/mutants.py $(AREAS)

@@ -1,13 +1,14 @@
 """What scripts do with an arm's calibration: import and export LeRobot's file, and show what there is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from commissioning.calibrate.file import save
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
-from commissioning.lerobot import lerobot_text, read_lerobot, to_lerobot, without_prefix
+from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
 from commissioning.whole_file import write_whole
 from hal.errors import RobotFileError
@@ -42,7 +43,8 @@ def import_calibration(
     """
     require_offsets(joints)
     file = without_prefix(read_lerobot(lerobot), prefix)
-    made = from_lerobot(file, joints, built_signs(robot), plans, load_calibration(robot))
+    with _placed(places(lerobot), {name: (f"{prefix}{name}",) for name in file}):
+        made = from_lerobot(file, joints, built_signs(robot), plans, load_calibration(robot))
     return made, save(robot, {one.joint.name: (one.joint.servo_id, one.made) for one in made})
 
 
@@ -51,11 +53,23 @@ def export_calibration(lerobot: Path, robot: Path) -> None:
     calibration = load_calibration(robot)
     if calibration is None:
         raise CalibrationError(f"there is no {calibration_path(robot)}: servoloop calibrate makes it")
-    text = lerobot_text(to_lerobot(calibration, built_signs(robot)))
+    with _placed(places(calibration_path(robot)), {name: ("joints", name) for name in calibration.joints}):
+        text = lerobot_text(to_lerobot(calibration, built_signs(robot)))
     try:
         write_whole(lerobot, text)
     except OSError as error:
         raise CalibrationError(f"cannot write {lerobot}: {error.strerror}") from error
+
+
+@contextmanager
+def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[str]]) -> Iterator[None]:
+    """Name file and line in mistakes that begin with a joint's name; ``known``: where the file has each joint."""
+    try:
+        yield
+    except CalibrationError as error:
+        lines = [(line, known.get(line.partition(":")[0])) for line in str(error).splitlines()]
+        placed = [line if location is None else f"{place(location)}: {line}" for line, location in lines]
+        raise CalibrationError("\n".join(placed)) from error
 
 
 def built_signs(robot: Path) -> dict[str, int]:

@@ -10,17 +10,19 @@ Both name a servo's ID, its homing offset and the ends of its travel in counts. 
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from calibration.angles import LARGEST_OFFSET
 from commissioning.calibrate.result import CalibrationError
+from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.text_file import read_text
-from hal.yaml_file import listed
+from hal.yaml_file import said
+from hal.yaml_nodes import compose, listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
 """LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""
@@ -37,11 +39,11 @@ class LerobotJoint(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    id: int = Field(ge=0, le=253)
-    drive_mode: Literal[0, 1]
-    homing_offset: int
-    range_min: int
-    range_max: int
+    id: ServoId
+    drive_mode: Annotated[Literal[0, 1], NoTruth]
+    homing_offset: Counts
+    range_min: Counts
+    range_max: Counts
 
 
 LerobotFile = dict[str, LerobotJoint]
@@ -59,8 +61,17 @@ def read_lerobot(path: Path) -> LerobotFile:
     try:
         return _FILE.validate_python(content)
     except ValidationError as error:
-        lines = [f"{path}: {'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()]
+        place = places(path)
+        lines = [f"{place(item['loc'])}: {'.'.join(map(str, item['loc']))}: {said(item)}" for item in error.errors()]
         raise CalibrationError("\n".join(listed(lines))) from error
+
+
+def places(path: Path) -> Callable[[Sequence[int | str]], str]:
+    """Where values of a JSON file are: file and line, as far as it is YAML too, which most JSON is."""
+    try:
+        return compose(path, CalibrationError).place
+    except CalibrationError:
+        return lambda location: str(path)
 
 
 def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:

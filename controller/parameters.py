@@ -1,13 +1,11 @@
 """Parameters of nodes in general; those of a controller stand beside the controller."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
-
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
+from hal.plausible import MaxMessageSize, UpdateRate
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

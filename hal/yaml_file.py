@@ -1,100 +1,23 @@
-"""YAML with line numbers: all mistakes of a file at once, each with file and line."""
+"""YAML files as models: all mistakes of a file at once, each with file and line."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Protocol, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hal.text_file import read_text
-from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
+from hal.yaml_nodes import listed, read
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LOADER: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The loader in C, which is about eight times as fast, if PyYAML was built with it."""
-MOST_MISTAKES: Final = 50
-"""Number of mistakes that are listed one by one."""
-_BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
-"""Errors of PyYAML's constructors for a value that does not fit its tag, such as ``!!bool maybe``."""
 
-
-@dataclass(frozen=True, slots=True)
-class YamlFile:
-    """A YAML file as its nodes, which know their lines."""
-
-    path: Path
-    root: yaml.Node | None
-    aliases: Sequence[int] = ()
-    """The lines of its aliases."""
-    _entries: dict[int, dict[str, list[tuple[int, yaml.Node]]]] = field(default_factory=dict)
-    """Lines and values by key, of each mapping in which ``line`` has searched."""
+class Places(Protocol):
+    """The places of a file's values."""
 
     def place(self, location: Sequence[int | str]) -> str:
-        """``path:line`` of the innermost part of ``location`` that the file has."""
-        return f"{self.path}:{self.line(location)}"
-
-    def line(self, location: Sequence[int | str]) -> int:
-        """The line of the innermost part of ``location`` that the file has."""
-        return max(self._reached(self.root, tuple(map(str, location)), 0, 1))[1]
-
-    def _reached(
-        self, node: yaml.Node | None, location: tuple[str, ...], depth: int, line: int
-    ) -> Iterator[tuple[int, int]]:
-        """Yields depth and line of each way along ``location``: parameter files may name a node several times."""
-        yield depth, line
-        if not location:
-            return
-        if isinstance(node, yaml.MappingNode):
-            for start, value in self._entries_of(node).get(location[0], ()):
-                yield from self._reached(value, location[1:], depth + 1, start)
-        elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
-            part = node.value[int(location[0])]
-            yield from self._reached(part, location[1:], depth + 1, part.start_mark.line + 1)
-
-    def _entries_of(self, node: yaml.MappingNode) -> dict[str, list[tuple[int, yaml.Node]]]:
-        if id(node) not in self._entries:
-            entries = self._entries.setdefault(id(node), {})
-            for key, value in node.value:
-                entries.setdefault(str(key.value), []).append((key.start_mark.line + 1, value))
-        return self._entries[id(node)]
-
-
-def compose(path: Path, error: type[Exception]) -> YamlFile:
-    """Read a file as nodes. Raises ``error`` if it is not YAML, or larger or deeper than any file of an arm."""
-    text = read_text(path, error)
-    try:
-        aliases = check_size(yaml.parse(text, Loader=LOADER))
-        root = LOADER(text).get_single_node()
-        check_expanded(root)
-    except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
-    except TooLarge as reason:
-        raise error(f"{path} {reason}") from reason
-    except (TooDeep, RecursionError) as reason:
-        raise error(
-            f"{path} contains itself, or is nested too deeply: write out what an alias (*) stands for"
-        ) from reason
-    return YamlFile(path, root, aliases)
-
-
-def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
-    """Read a file as nodes and as values. Raises ``error`` also if a key stands twice in one mapping."""
-    file = compose(path, error)
-    doubles = list(_doubles(file.root))  # before merge keys (<<) are replaced by what they stand for
-    try:
-        content = None if file.root is None else LOADER("").construct_document(file.root)
-    except yaml.YAMLError as reason:
-        raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
-    except _BAD_VALUES as reason:  # of a date, say: it has no line
-        raise error(f"{path} has a value that cannot be: {reason}") from reason
-    if doubles:
-        raise error("\n".join(listed([f"{path}:{double}" for double in doubles])))
-    return file, content
+        """File and line of the innermost part of ``location`` that the file has."""
 
 
 def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
@@ -106,16 +29,9 @@ def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
         raise error("\n".join(mistakes(file, reason))) from reason
 
 
-def mistakes(file: YamlFile, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
+def mistakes(file: Places, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
     """Each mistake of a model, with file and line. ``within``: where the model's values are; ``name``: their owner."""
     return listed([partial(_mistake, file, item, within, name) for item in error.errors(include_url=False)])
-
-
-def listed(lines: Sequence[str | partial[str]]) -> list[str]:
-    """The first lines, and how many more there are."""
-    shown = [line if isinstance(line, str) else line() for line in lines[:MOST_MISTAKES]]
-    more = len(lines) - len(shown)
-    return [*shown, f"and {more} more mistakes"] if more else shown
 
 
 def said(item: ErrorDetails) -> str:
@@ -128,29 +44,6 @@ def said(item: ErrorDetails) -> str:
     return item["msg"].removeprefix("Value error, ")
 
 
-def _mistake(file: YamlFile, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
+def _mistake(file: Places, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
     names = [name] if name else []
     return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {said(item)}"
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    """The parser's words with the line, on one line."""
-    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        context = f"{error.context}: " if error.context else ""
-        return f"{context}{error.problem} (line {error.problem_mark.line + 1})"
-    return " ".join(str(error).split())
-
-
-def _doubles(node: yaml.Node | None) -> Iterator[str]:
-    """Keys that stand twice in one mapping: YAML would quietly take the last."""
-    if isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            yield from _doubles(item)
-    if isinstance(node, yaml.MappingNode):
-        first: dict[str, int] = {}
-        for key, value in node.value:
-            name, line = str(key.value), key.start_mark.line + 1
-            if name in first:
-                yield f"{line}: {name} stands here for the second time, first in line {first[name]}"
-            first.setdefault(name, line)
-            yield from _doubles(value)

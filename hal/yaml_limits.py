@@ -18,7 +18,7 @@ class TooLarge(Exception):
 
 
 class TooDeep(Exception):
-    """Values are nested too deeply, or within themselves."""
+    """Values are nested too deeply, or within themselves. The text is the line."""
 
 
 def check_size(events: Iterable[yaml.Event]) -> list[int]:
@@ -34,7 +34,7 @@ def check_size(events: Iterable[yaml.Event]) -> list[int]:
             aliases.append(event.start_mark.line + 1)
         depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
         if depth > DEEPEST:
-            raise TooDeep
+            raise TooDeep(event.start_mark.line + 1 if event.start_mark else 1)
         if values > MOST_VALUES:
             raise TooLarge(f"has more than {MOST_VALUES} values: shorten it, or choose another file")
     return aliases
@@ -51,7 +51,7 @@ def check_expanded(root: yaml.Node | None) -> None:
 def _counted(node: yaml.Node, known: dict[int, tuple[int, int]], allowed: int) -> tuple[int, int]:
     """Number of values in ``node`` and its depth, at most ``allowed``. ``known``: those of nodes that were counted."""
     if allowed < 0:
-        raise TooDeep
+        raise TooDeep(node.start_mark.line + 1)
     if id(node) not in known:
         parts: list[yaml.Node] = []
         if isinstance(node, yaml.SequenceNode):
@@ -61,5 +61,5 @@ def _counted(node: yaml.Node, known: dict[int, tuple[int, int]], allowed: int) -
         counts = [_counted(part, known, allowed - 1) for part in parts]
         known[id(node)] = 1 + sum(c for c, _ in counts), 1 + max((d for _, d in counts), default=-1)
     if known[id(node)][1] > allowed:
-        raise TooDeep
+        raise TooDeep(node.start_mark.line + 1)
     return known[id(node)]

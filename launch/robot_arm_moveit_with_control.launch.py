@@ -9,7 +9,6 @@ ros2 launch servoloop robot_arm_moveit_with_control.launch.py arm:=so101 moveit:
 from pathlib import Path
 from typing import Any
 
-import yaml
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription, OpaqueFunction
 from launch.conditions import IfCondition
@@ -17,6 +16,8 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from hal.text_file import read_text, read_xml
+from hal.yaml_nodes import read as read_yaml
 from launch import LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("servoloop"))
@@ -25,9 +26,15 @@ URDF = SHARE / "urdf" / "robot_arm.urdf"
 SCENE = "planning_scene.yaml"
 
 
+class FileError(Exception):
+    """A file that cannot be used; the text, which `ros2 launch` prints, says why."""
+
+
 def read(file: Path) -> dict[str, Any]:
-    """A YAML file."""
-    values: dict[str, Any] = yaml.safe_load(file.read_text())
+    """A YAML file with a mapping. Raises FileError."""
+    _, values = read_yaml(file, FileError)
+    if not isinstance(values, dict):
+        raise FileError(f"{file}:1: this is not a mapping: write parameters by name")
     return values
 
 
@@ -39,10 +46,14 @@ def described(urdf: Path, moveit: Path) -> Path:
 
 def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
     """What both move_group and RViz must know of the arm."""
-    (semantic,) = moveit.glob("*.srdf")
+    semantic = sorted(moveit.glob("*.srdf"))
+    if len(semantic) != 1:
+        raise FileError(
+            f"{moveit} has {len(semantic)} files *.srdf and needs one: name a folder that `servoloop arms moveit` wrote"
+        )
     return {
-        "robot_description": described(urdf, moveit).read_text(),
-        "robot_description_semantic": semantic.read_text(),
+        "robot_description": read_xml(described(urdf, moveit), FileError, "the URDF"),
+        "robot_description_semantic": read_xml(semantic[0], FileError, "the SRDF"),
         "robot_description_kinematics": read(moveit / "kinematics.yaml"),
         "robot_description_planning": read(moveit / "joint_limits.yaml"),
         "planning_pipelines": ["ompl"],
@@ -69,8 +80,9 @@ def tell_surroundings(file: Path) -> ExecuteProcess:
     Not MoveIt's moveit_publish_scene_from_text: in Jazzy it asks a publisher that it has not made, and with --scene it
     sends paddings of 0 along, which replace that of joint_limits.yaml.
     """
+    read(file)
     service = ["/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
-    call = ["ros2", "service", "call", *service, file.read_text()]
+    call = ["ros2", "service", "call", *service, read_text(file, FileError)]
     return ExecuteProcess(cmd=call, name="apply_planning_scene", output="log")  # errors come on the screen all the same
 
 

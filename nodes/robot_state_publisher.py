@@ -5,7 +5,7 @@ As upstream's node of this name, but for three things: the joint states come fro
 the stack drives the robot that it was started with.
 """
 
-from typing import Final
+from typing import Annotated, Final
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
@@ -17,6 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
 from controller.manager.node_parameters import parameters_of
+from hal.plausible import Rate
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import LATCHED, RateLimiter
 from nodes.ros_time import RosTime
@@ -35,7 +36,7 @@ class RobotStateParameters(BaseModel):
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
-    publish_frequency: float = Field(default=20.0, gt=0, le=1000.0)
+    publish_frequency: Annotated[Rate, Field(gt=0, le=1000.0)] = 20.0
     frame_prefix: str = ""
     ignore_timestamp: bool = False
 

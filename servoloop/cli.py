@@ -57,6 +57,8 @@ VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
 """The verbs, by the panel of ``servoloop --help`` in which they stand."""
 NEGATIVE_NUMBERS = (hand,)
 """The verbs whose arguments may be negative numbers: those look like options."""
+ERRORS = (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError)
+"""The errors that a user can correct: their text is printed, without a traceback."""
 INTERRUPTED = 130
 """The exit status that a shell gives a program that Ctrl-C has ended."""
 
@@ -96,7 +98,7 @@ def main() -> None:
     outlive_terminal()
     try:
         app()
-    except (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError) as error:
+    except ERRORS as error:
         for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
             typer.secho(printable(text), fg="red", err=True)
         raise SystemExit(1) from None

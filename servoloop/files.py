@@ -17,6 +17,7 @@ from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
 from hal.text_file import read_xml
 from hal.types import JointLimits
+from hal.yaml_nodes import YamlFile, compose
 
 LOG = logging.getLogger("servoloop")
 
@@ -99,7 +100,9 @@ def read_files(
 
 def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
     """Read the controllers file for these servos and check that it fits them. Raises ControllersFileError."""
-    loaded = load_controllers_file(controllers, servos.robot.file.controller_defaults, servos.component)
+    defaults = servos.robot.file.controller_defaults
+    origin = compose(servos.robot_path, ControllersFileError) if defaults else None
+    loaded = load_controllers_file(controllers, defaults, servos.component, origin)
     known = {one.name: getattr(servos, one.name) for one in fields(servos)}
     return Files(**known, controllers=loaded)
 
@@ -158,7 +161,14 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
     try:
         return assemble(file, description, component)
     except RobotFileError as error:
-        raise RobotFileError("\n".join(f"{path}: {line}" for line in str(error).splitlines())) from error
+        yaml = compose(path, RobotFileError)
+        raise RobotFileError("\n".join(f"{_place(yaml, line)}: {line}" for line in str(error).splitlines())) from error
+
+
+def _place(file: YamlFile, mistake: str) -> str:
+    """The file and the line of a mistake that begins with the name of a joint, or with the keys of a value."""
+    keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
+    return file.place(("joints", *keys) if keys[0] != "park" else keys)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,8 @@ from sim_backend.scene.world_feed import listening
 
 ANSWER_S: Final = 5.0
 """So long a client waits for an emulator's answer."""
+LARGEST_COMMAND_BYTES: Final = 100_000
+"""A client that sends a longer line is disconnected."""
 
 Command = Mapping[str, Any]
 Handler = Callable[[Command], Mapping[str, Any]]
@@ -36,6 +38,11 @@ class ControlServer:
         self._clients: dict[socket.socket, bytes] = {}
         self._socket = listening(path)
 
+    @property
+    def clients(self) -> int:
+        """Number of clients that are connected."""
+        return len(self._clients)
+
     def tick(self) -> None:
         """Do what has been asked since the last call."""
         with contextlib.suppress(BlockingIOError):
@@ -53,19 +60,23 @@ class ControlServer:
             return
         except OSError:
             data = b""
-        *lines, self._clients[client] = (self._clients[client] + data).split(b"\n")
+        *lines, rest = (self._clients[client] + data).split(b"\n")
+        self._clients[client] = rest
         with contextlib.suppress(OSError):
             for line in lines:
                 client.sendall(json.dumps(self._answer(line)).encode() + b"\n")
-        if not data:
+        if not data or len(rest) > LARGEST_COMMAND_BYTES:
             client.close()
             del self._clients[client]
 
     def _answer(self, line: bytes) -> Mapping[str, Any]:
         try:
-            return self._handle(json.loads(line))
-        except (ValueError, TypeError, KeyError) as error:
-            return {"error": str(error)}
+            command = json.loads(line)
+            if not isinstance(command, dict):
+                raise ValueError('a command is a JSON object, such as {"do": "look"}')
+            return self._handle(command)
+        except (ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
+            return {"error": str(error) or type(error).__name__}
 
     def __enter__(self) -> Self:
         return self

@@ -11,7 +11,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.errors import DriverError
+from hal.plausible import Number, RegisterValue
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 from sim_backend.flash import Flash
 from sim_backend.generic.packet_servo import WiredServo
 from sim_backend.wire.line import ServoLine
@@ -28,8 +30,8 @@ class _Entry(BaseModel):
 
     joint: str
     model: str
-    registers: dict[str, int]
-    bytes: dict[int, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    registers: dict[str, RegisterValue]
+    bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
     """Those without a name, by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
     """What a factory reset brings back, in hexadecimal; empty: what it is from the factory."""
@@ -88,14 +90,15 @@ class Eeprom:
 
     def _read(self) -> None:
         owners = {owner.joint: owner for owner in self._owners}
-        for entry in load(self._path, _File, EepromError).servos:
-            owner = owners.pop(entry.joint, None)
+        entries, file = load(self._path, _File, EepromError).servos, compose(self._path, EepromError)
+        for number, entry in enumerate(entries):
+            owner, place = owners.pop(entry.joint, None), file.place(("servos", number))
             if owner is None:
-                raise EepromError(f"{self._path}: {entry.joint} has no servo, or two entries: another arm's?")
+                raise EepromError(f"{place}: {entry.joint} has no servo, or two entries: another arm's?")
             try:
                 owner.take(entry)
             except ValueError as error:
-                raise EepromError(f"{self._path}: {entry.joint}: {error}. Mend the file, or name another") from None
+                raise EepromError(f"{place}: {entry.joint}: {error}. Mend the file, or name another") from None
 
     def save_changes(self) -> None:
         """Write the file, if anything in it has changed: beside it first, so that it is never half there."""

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+
+from hal.plausible import Position, TorqueLimit
 
 Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class JointPlan(BaseModel):
@@ -18,7 +19,7 @@ class JointPlan(BaseModel):
     """A sentence: which way the joint is to be moved for its position to grow."""
     zero: Zero = "middle"
     """Where the counts and the URDF's angles are brought together: the middle of the travel, a stop, a marked pose."""
-    at: Finite | None = None
+    at: Position | None = None
     """The joint's position there; not said for the middle and the stops: what the URDF's limits say."""
     pose: str = ""
     """A sentence for ``zero: pose``: how the joint stands there."""
@@ -56,10 +57,7 @@ def _in_order(steps: Any) -> Any:
     return found
 
 
-Drive = Annotated[float, Field(gt=0.0, le=1.0)]
-
-
-Steps = Annotated[dict[str, Finite], BeforeValidator(_in_order)]
+Steps = Annotated[dict[str, Position], BeforeValidator(_in_order)]
 """Positions by joint, one after the other: in a file a list of single entries."""
 
 
@@ -68,13 +66,13 @@ class AutoPlan(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    start: dict[str, Finite] = {}
+    start: dict[str, Position] = {}
     """How the arm lies at the beginning, roughly: so that it also lies there limp."""
     clear: Steps = {}
     """Where joints go one by one before any of them seeks its stops. Only those whose ``start`` is known."""
     stops: Steps = {}
     """In this order joints seek their stops, and there each waits then. Those not named come last, and wait at 0."""
-    drive: dict[str, Drive] = {}
+    drive: dict[str, TorqueLimit] = {}
     """Share of full drive: enough to lift what hangs on the joint, and no more; half unless said."""
 
     @model_validator(mode="after")

@@ -12,6 +12,7 @@ from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.whole_file import cannot_write, write_whole
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
+from hal.plausible import Baud, RegisterValue, ServoId
 from hal.text_file import read_text
 from hal.yaml_file import load
 
@@ -36,7 +37,7 @@ class ServoPassport(_Strict):
 
     model: str
     joint: str | None = None
-    registers: dict[str, int]
+    registers: dict[str, RegisterValue]
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
@@ -68,8 +69,8 @@ class Passport(_Strict):
 
     adapter: str | None = None
     """The serial number of the USB adapter, where it has one."""
-    baud: int = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
-    servos: dict[int, ServoPassport]
+    baud: Baud = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
+    servos: dict[ServoId, ServoPassport]
     """By ID."""
 
     @model_validator(mode="after")

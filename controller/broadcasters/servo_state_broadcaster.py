@@ -7,7 +7,8 @@ import numpy as np
 
 from controller.broadcasters.state_values import SERVO, reader
 from controller.interface import ControllerContext
-from controller.parameters import NotNegative, Parameters
+from controller.parameters import Parameters
+from hal.plausible import Rate
 from hal.types import FloatArray, JointState
 
 ROUNDING = 1e-6
@@ -21,7 +22,7 @@ class ServoStateParameters(Parameters):
     """None: all."""
     interfaces: tuple[str, ...] = ()
     """None: all."""
-    rate: NotNegative = 1.0
+    rate: Rate = 1.0
     """Hz; 0: every cycle."""
 
 

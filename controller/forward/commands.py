@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from controller.parameters import NotNegative, Parameters
+from controller.parameters import Parameters
+from hal.plausible import Time
 from hal.types import FloatArray
 
 COMMAND_TIMEOUT_S = 0.5
@@ -23,7 +24,7 @@ class ForwardParameters(Parameters):
 
     joints: tuple[str, ...] = Field(min_length=1)
     interface_name: Literal["position", "velocity", "effort"]
-    command_timeout: NotNegative = COMMAND_TIMEOUT_S
+    command_timeout: Time = COMMAND_TIMEOUT_S
     """Seconds after which a velocity or an effort without a new message falls to 0; 0: never, as upstream."""
     deactivate_on_wrong_length: bool = False
 

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Annotated
 
 from pydantic import Field, field_validator
 
 from controller.action_goals import GoalStatus
-from controller.parameters import NotNegative, Parameters
+from controller.parameters import Parameters
+from hal.plausible import Effort, MonitorRate, Speed, Time, Tolerance
 from hal.types import JointLimits
 
 
@@ -15,16 +15,16 @@ class GripperParameters(Parameters):
     """Parameters of a gripper action controller, under upstream's names."""
 
     joint: str = Field(min_length=1)
-    action_monitor_rate: Annotated[float, Field(ge=0.1, allow_inf_nan=False)] = 20.0
+    action_monitor_rate: MonitorRate = 20.0
     """Feedback in Hz."""
-    goal_tolerance: NotNegative = 0.01
+    goal_tolerance: Tolerance = 0.01
     allow_stalling: bool = False
     """Whether fingers that stand still short of the goal have succeeded: they hold something."""
-    stall_velocity_threshold: NotNegative = 0.001
-    stall_timeout: NotNegative = 1.0
-    max_velocity: NotNegative = 0.0
+    stall_velocity_threshold: Speed = 0.001
+    stall_timeout: Time = 1.0
+    max_velocity: Speed = 0.0
     """For goals that name none; 0: the joint's own limit. Upstream's default is 0.1, whatever the joint."""
-    max_effort: NotNegative = 0.0
+    max_effort: Effort = 0.0
     state_interfaces: tuple[str, ...] = ("position", "velocity")
     max_effort_interface: str = ""
     max_velocity_interface: str = ""

@@ -15,13 +15,16 @@ from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_ty
 from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
-from hal.yaml_file import YamlFile, mistakes
+from hal.yaml_file import Places, mistakes
+from hal.yaml_nodes import YamlFile
 
 LOG = logging.getLogger("servoloop.controller")
 
 MANAGER = "controller_manager"
 GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overruns", "qos_overrides")
 """Groups of the manager's own parameters, which look like controllers."""
+DEFAULTS = "controller_defaults"
+"""The robot file's parameters of controllers."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
 """Parameters of the manager that have an effect, or that every node has."""
 
@@ -54,15 +57,33 @@ class ControllersFile:
         return parameters_of(self.content, MANAGER)
 
 
-def load_controllers_file(path: Path, defaults: Defaults, component: HardwareInfo) -> ControllersFile:
+@dataclass(frozen=True, slots=True)
+class _FileWithDefaults:
+    """The places of parameters, some of which only the robot file gives."""
+
+    file: YamlFile
+    content: Content
+    defaults: Places
+
+    def place(self, location: Sequence[int | str]) -> str:
+        node, _, *keys = location
+        if keys and str(keys[0]) not in parameters_of(self.content, str(node)):
+            return self.defaults.place((DEFAULTS, node, *keys))
+        return self.file.place(location)
+
+
+def load_controllers_file(
+    path: Path, defaults: Defaults, component: HardwareInfo, origin: Places | None = None
+) -> ControllersFile:
     """Read and check the file; ``defaults`` by controller fill in missing parameters.
 
-    Raises ControllersFileError with every mistake.
+    ``origin``: the robot file that gives the defaults. Raises ControllersFileError with every mistake.
     """
     file, content = read_parameter_file(path, ControllersFileError)
     if not names(content, MANAGER):
-        raise ControllersFileError(f"{path} has no {MANAGER}")
-    reader = _Reader(file, content, component, [])
+        raise ControllersFileError(f"{path}:1: the file has no {MANAGER}: add a section with its controllers")
+    places = file if origin is None else _FileWithDefaults(file, content, origin)
+    reader = _Reader(file, content, component, [], places)
     controllers = reader.controllers(defaults)
     manager = reader.checked(MANAGER, ManagerParameters, parameters_of(content, MANAGER))
     if reader.problems or not isinstance(manager, ManagerParameters):
@@ -82,7 +103,7 @@ def load_controller(file: ControllersFile, name: str, settings: Settings, compon
     source = _Source(file.yaml, file.content, file.defaults)
     settings = settings.over(Settings.of(source.entry(name)))
     last, content, parameters = source.parameters(name, settings)
-    reader = _Reader(last, content, component, [], complete=False)
+    reader = _Reader(last, content, component, [], last, complete=False)
     found = list(reader.controller(name, settings, parameters))
     if reader.problems:
         raise ControllersFileError("\n".join(reader.problems))
@@ -149,12 +170,13 @@ class _Reader:
     content: Content
     component: HardwareInfo
     problems: list[str]
+    places: Places
     complete: bool = True
     """Whether a required parameter that is missing is a mistake."""
 
     def say(self, node: str, key: str, text: str) -> None:
         """A mistake with file and line."""
-        self.problems.append(f"{self.file.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
+        self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
         """The controllers of the file whose parameters are right, each with its parameter files and arguments."""
@@ -177,7 +199,9 @@ class _Reader:
             except (ControllersFileError, ValueError) as error:
                 self.say(MANAGER, name, f"cannot be loaded: {error}")
                 continue
-            found += _Reader(last, content, self.component, self.problems).controller(name, settings, parameters)
+            places = self.places if last is self.file else last
+            reader = _Reader(last, content, self.component, self.problems, places)
+            found += reader.controller(name, settings, parameters)
         return found
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
@@ -200,7 +224,7 @@ class _Reader:
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
-            self.problems += mistakes(self.file, error, (name, PARAMETERS), name)
+            self.problems += mistakes(self.places, error, (name, PARAMETERS), name)
             return None
 
     def controller(self, name: str, settings: Settings, parameters: Mapping[str, Any]) -> Iterator[ControllerSpec]:

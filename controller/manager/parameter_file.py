@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import yaml
 
-from hal.yaml_file import LOADER, YamlFile, compose, listed
 from hal.yaml_limits import TooDeep, TooLarge, check_size
+from hal.yaml_nodes import Loader, YamlFile, compose, listed
 
 ALL: Final = "/**"
 PARAMETERS: Final = "ros__parameters"
@@ -111,7 +111,7 @@ def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
 
 def _tagged_as_text(node: yaml.ScalarNode) -> bool:
     """Whether ``!!str`` stands before a value that would be of another type without it."""
-    resolver: Any = LOADER("")
+    resolver: Any = Loader("")
     return bool(node.tag == _TEXT and resolver.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
 
 
@@ -130,8 +130,8 @@ def _integer(text: str) -> int | None:
 def parse_value(text: str) -> Any:
     """Read one value as rcl reads that of ``-p name:=value``. Raises ValueError."""
     try:
-        aliases = check_size(yaml.parse(text, Loader=LOADER))
-        root = LOADER(text).get_single_node()
+        aliases = check_size(yaml.parse(text, Loader=Loader))
+        root = Loader(text).get_single_node()
     except (yaml.YAMLError, TooLarge, TooDeep) as error:
         raise ValueError("it is no YAML") from error
     reader = _Reader(YamlFile(Path("-p"), root))

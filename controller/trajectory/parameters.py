@@ -4,9 +4,10 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from controller.parameters import NotNegative, Parameters
+from controller.parameters import Parameters
 from controller.trajectory.goal import Allowed
 from controller.trajectory.tolerances import Tolerances
+from hal.plausible import Deceleration, Factor, MonitorRate, Speed, Time, Tolerance
 
 SETTABLE: Final = frozenset(
     {
@@ -26,19 +27,19 @@ class JointConstraints(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    trajectory: NotNegative = 0.0
-    goal: NotNegative = 0.0
-    lag_time: NotNegative = 0.0
+    trajectory: Tolerance = 0.0
+    goal: Tolerance = 0.0
+    lag_time: Time = 0.0
     """Ours, in s: a joint that moves may be further off its path than ``trajectory`` by its speed times this."""
-    max_deceleration_on_cancel: NotNegative = 0.0
+    max_deceleration_on_cancel: Deceleration = 0.0
     """rad/s² or m/s²; 0 is the joint's own limit, which is never exceeded."""
 
 
 class Constraints(Parameters):
     """Tolerances of a trajectory controller: seconds, and by joint."""
 
-    goal_time: NotNegative = 0.0
-    stopped_velocity_tolerance: NotNegative = 0.01  # upstream's; acts only on velocity commands, which we have not
+    goal_time: Time = 0.0
+    stopped_velocity_tolerance: Speed = 0.01  # upstream's; acts only on velocity commands, which we have not
     decelerate_on_cancel: bool = True
     """Ours, on purpose: upstream's default false steps back to the measured position, at any speed."""
     __pydantic_extra__: dict[str, JointConstraints]
@@ -53,7 +54,7 @@ class Scaling(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    initial_scaling_factor: NotNegative = 1.0
+    initial_scaling_factor: Factor = 1.0
 
 
 class TrajectoryParameters(Parameters):
@@ -66,19 +67,19 @@ class TrajectoryParameters(Parameters):
     allow_partial_joints_goal: bool = False
     allow_integration_in_goal_trajectories: bool = False
     allow_nonzero_velocity_at_trajectory_end: bool = False
-    action_monitor_rate: float = Field(20.0, ge=0.1, allow_inf_nan=False)
-    cmd_timeout: NotNegative = 0.0
+    action_monitor_rate: MonitorRate = 20.0
+    cmd_timeout: Time = 0.0
     speed_scaling: Scaling = Scaling()
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
     """Upstream's default. Our robot files say ruckig (jerk-limited) where the controllers file says nothing."""
-    command_lead: NotNegative | None = None
+    command_lead: Time | None = None
     """The servos' lag behind their goals (s): so much earlier each goal is sent. None: as is known of each servo."""
     wait_for: tuple[str, ...] = ()
     """Controllers that must have settled before a goal begins. A client's patience counts from acceptance:
     MoveIt cancels after 1.1 times the duration and 0.5 s, so keep ``wait_for_timeout`` within 0.5 s for it, or
     raise its ``allowed_goal_duration_margin``."""
-    wait_for_timeout: NotNegative = 1.5
+    wait_for_timeout: Time = 1.5
 
     @field_validator("command_interfaces")
     @classmethod

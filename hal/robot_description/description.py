@@ -11,7 +11,7 @@ from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hard
 from hal.robot_description.limit_check import limit_problems
 from hal.robot_description.links import Link, link_problems, parse_links
 from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints, with_leaders
-from hal.robot_description.xml_places import is_xacro, not_finite, parse_xml
+from hal.robot_description.xml_places import is_xacro, number_problems, parse_xml, place
 
 __all__ = ["Description", "HardwareInfo", "Link", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
 
@@ -45,12 +45,12 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         robot = parse_xml(xml, file)
     except ExpatError as error:
         if "<xacro:" in xml:
-            raise DescriptionError(XACRO) from error
+            raise DescriptionError(f"{file}, line {error.lineno}: {XACRO}") from error
         raise DescriptionError(f"the URDF is not well-formed XML: {error}") from error
     if robot.tag != "robot":
-        raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot>")
+        raise DescriptionError(f"the URDF's root is <{robot.tag}>, not <robot> ({place(robot)}): correct it")
     if is_xacro(robot):
-        raise DescriptionError(XACRO)
+        raise DescriptionError(f"{place(robot)}: {XACRO}")
     blocks, links = robot.findall("ros2_control"), parse_links(robot)
     joints = with_leaders(without_refused_mimics(blocks, parse_joints(robot)))
     components = tuple(parse_hardware_info(block, joints) for block in blocks)
@@ -62,7 +62,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
         )
     whole = merged(components)
     joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
-    if problems := [*link_problems(joints, links), *limit_problems(joints), *not_finite(robot)]:
+    if problems := [*link_problems(joints, links), *limit_problems(joints), *number_problems(robot)]:
         raise DescriptionError("\n".join(problems))
     limited, warnings = _narrowed(joints, whole)
     return Description(xml, limited, components, links, warnings)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
+from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
 from hal.robot_description.xml_places import place
@@ -77,12 +78,12 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
     hardware = block.find("hardware")
     plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
     if hardware is None or not plugin:
-        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin>")
+        raise DescriptionError(f"<ros2_control name='{name}'> has no <hardware><plugin> ({place(block)}): add one")
     parameters = {attribute(p, "name", "a <param>"): (p.text or "").strip() for p in hardware.findall("param")}
     kind = _kind(name, block)
     elements = _block_joints(name, block, joints)
     commands = {j: _interfaces(e, "command_interface") for j, e in elements.items()}
-    _check_commands(name, kind, commands, joints)
+    _check_commands(f"<ros2_control name='{name}'>", kind, elements, joints)
     return HardwareInfo(
         name=name,
         kind=kind,
@@ -93,7 +94,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
         mimics=frozenset(j for j in elements if joints[j].mimic is not None),
         initial_values=_initial_values(elements),
         command_ranges=_command_ranges(elements),
-        rw_rate=_rw_rate(name, block.get("rw_rate", parameters.get("rw_rate", "0"))),
+        rw_rate=_rw_rate(block, block.get("rw_rate", parameters.get("rw_rate", "0"))),
     )
 
 
@@ -122,7 +123,9 @@ def without_refused_mimics(blocks: Sequence[Element], joints: Mapping[str, UrdfJ
 def _kind(name: str, block: Element) -> str:
     kind = attribute(block, "type", f"<ros2_control name='{name}'>")
     if kind not in TYPES:
-        raise DescriptionError(f"<ros2_control name='{name}'> has type '{kind}': it is one of {', '.join(TYPES)}")
+        raise DescriptionError(
+            f"<ros2_control name='{name}'> has type '{kind}': it is one of {', '.join(TYPES)} ({place(block)})"
+        )
     return kind
 
 
@@ -131,53 +134,62 @@ def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) ->
     elements: dict[str, Element] = {}
     for child in block:
         if child.tag in ("gpio", "sensor", "transmission"):
-            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)}")
+            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)} ({place(child)})")
         if child.tag not in ("hardware", "joint"):
-            raise DescriptionError(f"<ros2_control name='{name}'> has the unknown tag <{child.tag}>")
+            raise DescriptionError(
+                f"<ros2_control name='{name}'> has the unknown tag <{child.tag}> ({place(child)}): take it out"
+            )
         if child.tag == "joint":
             joint = attribute(child, "name", f"a joint of '{name}'")
             if joint in elements:
-                raise DescriptionError(f"<ros2_control name='{name}'> has joint '{joint}' twice")
-            _check_driven(name, joint, joints)
+                raise DescriptionError(
+                    f"<ros2_control name='{name}'> has joint '{joint}' twice ({place(child)}): take one out"
+                )
+            _check_driven(f"<ros2_control name='{name}'> names joint '{joint}'", child, joints)
             elements[joint] = child
     return elements
 
 
-def _check_driven(name: str, joint: str, joints: Mapping[str, UrdfJoint]) -> None:
-    if joint not in joints:
-        raise DescriptionError(f"<ros2_control name='{name}'> names joint '{joint}', which the URDF has not")
-    if joints[joint].kind not in DRIVEN:
+def _check_driven(named: str, element: Element, joints: Mapping[str, UrdfJoint]) -> None:
+    """Check that hardware can have this joint; ``named``: the beginning of the message otherwise."""
+    joint = joints.get(element.get("name", ""))
+    if joint is None:
+        raise DescriptionError(f"{named}, which the URDF has not ({place(element)}): correct its name")
+    if joint.kind not in DRIVEN:
         raise DescriptionError(
-            f"<ros2_control name='{name}'> names joint '{joint}', which is {joints[joint].kind} in the URDF: "
-            f"hardware has joints that are {', '.join(DRIVEN)}"
+            f"{named}, which is {joint.kind} in the URDF: hardware has joints that are {', '.join(DRIVEN)} "
+            f"({place(element)})"
         )
 
 
-def _check_commands(
-    name: str, kind: str, commands: Mapping[str, tuple[str, ...]], joints: Mapping[str, UrdfJoint]
-) -> None:
-    for joint, own in commands.items():
+def _check_commands(block: str, kind: str, elements: Mapping[str, Element], joints: Mapping[str, UrdfJoint]) -> None:
+    """Check that the joints of a block can take its commands; ``block``: what a message calls it."""
+    for joint, element in elements.items():
+        own, where = _interfaces(element, "command_interface"), place(element)
         if own and kind == "sensor":
             raise DescriptionError(
-                f"<ros2_control name='{name}'> is a sensor: take the <command_interface> of joint '{joint}' out"
+                f"{block} is a sensor: take the <command_interface> of joint '{joint}' out ({where})"
             )
         mimic = joints[joint].mimic
         if own and mimic is not None:
             raise DescriptionError(
-                f"<ros2_control name='{name}'>: joint '{joint}' follows '{mimic.joint}' by its <mimic>: "
-                'take its <command_interface> out, or write mimic="false" in its <joint> of the block'
+                f"{block}: joint '{joint}' follows '{mimic.joint}' by its <mimic>: take its <command_interface> out, "
+                f'or write mimic="false" in its <joint> of the block ({where})'
             )
         for command in own:
             if command not in COMMANDS:
                 raise DescriptionError(
-                    f"<ros2_control name='{name}'>: joint '{joint}' has the <command_interface> '{command}': "
-                    f"there are {', '.join(COMMANDS)}"
+                    f"{block}: joint '{joint}' has the <command_interface> '{command}': "
+                    f"there are {', '.join(COMMANDS)} ({where})"
                 )
 
 
-def _rw_rate(name: str, text: str) -> int:
-    if not text.isdecimal():
-        raise DescriptionError(f"<ros2_control name='{name}'>: rw_rate '{text}' is not a whole number of hertz")
+def _rw_rate(block: Element, text: str) -> int:
+    if not text.isdecimal() or len(text) > 10:
+        raise DescriptionError(
+            f"<ros2_control name='{block.get('name')}'>: rw_rate '{text}' is not a whole number of hertz "
+            f"({place(block)}): correct it"
+        )
     return int(text)
 
 
@@ -200,19 +212,27 @@ def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:
                 if parameter.get("name") == "initial_value":
                     text = (parameter.text or "").strip()
                     interface = f"{joint}/{state.get('name')}"
-                    values[interface] = _initial_value(interface, text)
+                    values[interface] = _initial_value(interface, text, place(parameter))
     return values
 
 
-def _initial_value(interface: str, text: str) -> float:
+def _initial_value(interface: str, text: str, where: str) -> float:
     try:
-        return finite(text)
+        value = finite(text)
     except ValueError as error:
-        raise DescriptionError(f"initial_value '{text}' of {interface} is not a number") from error
+        raise DescriptionError(
+            f"initial_value '{text}' of {interface} is not a number ({where}): correct it"
+        ) from error
+    kind = "position" if interface.endswith("/position") else "initial_value"
+    if mistake := range_mistake(kind, value):
+        raise DescriptionError(f"initial_value of {interface}: {mistake} ({where})")
+    return value
 
 
 def _interfaces(element: Element, tag: str) -> tuple[str, ...]:
     names = tuple(attribute(e, "name", f"a <{tag}>") for e in element.findall(tag))
     if twice := doubles(names):
-        raise DescriptionError(f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice")
+        raise DescriptionError(
+            f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice ({place(element)}): take one out"
+        )
     return names

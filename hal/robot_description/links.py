@@ -6,6 +6,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
+from hal.plausible import range_mistake
 from hal.robot_description.urdf import UrdfJoint, Vector, attribute, finite, vector
 from hal.robot_description.xml_places import place
 
@@ -39,30 +40,37 @@ def _link(element: Element) -> Link:
     name = attribute(element, "name", "a link")
     origin, inertia = element.find("inertial/origin"), element.find("inertial/inertia")
     for product in PRODUCTS:
-        _number(name, inertia, product, product)
-    ixx, iyy, izz = (_not_negative(name, inertia, axis, axis) for axis in AXES)
+        _number(name, inertia, product, (product, "product_of_inertia"))
+    ixx, iyy, izz = (_not_negative(name, inertia, axis, (axis, "inertia")) for axis in AXES)
     return Link(
         name,
-        _not_negative(name, element.find("inertial/mass"), "value", "mass"),
-        vector("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), name),
+        _not_negative(name, element.find("inertial/mass"), "value", ("mass", "mass")),
+        vector(Element("origin") if origin is None else origin, "xyz", f"link '{name}'", "distance"),
         (ixx, iyy, izz),
     )
 
 
-def _not_negative(link: str, element: Element | None, key: str, what: str) -> float:
+def _not_negative(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
     value = _number(link, element, key, what)
     if element is not None and value < 0.0:
-        raise DescriptionError(f"link '{link}': {what} {value:g} is below zero ({place(element)}): correct it")
+        raise DescriptionError(f"link '{link}': {what[0]} {value:g} is below zero ({place(element)}): correct it")
     return value
 
 
-def _number(link: str, element: Element | None, key: str, what: str) -> float:
-    text = "0" if element is None else element.get(key, "0")
+def _number(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
+    """A number of a link; ``what``: its name in messages, and its kind among the plausible ranges."""
+    if element is None:
+        return 0.0
+    (name, kind), text = what, element.get(key, "0")
     try:
-        return finite(text)
+        value = finite(text)
     except ValueError as error:
-        where = "" if element is None else f" ({place(element)})"
-        raise DescriptionError(f"link '{link}': {what} '{text}' is not a number{where}: correct it") from error
+        raise DescriptionError(
+            f"link '{link}': {name} '{text}' is not a number ({place(element)}): correct it"
+        ) from error
+    if (value >= 0.0 or kind == "product_of_inertia") and (mistake := range_mistake(kind, value)):
+        raise DescriptionError(f"link '{link}': {name} {mistake} ({place(element)})")
+    return value
 
 
 def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) -> Iterator[str]:

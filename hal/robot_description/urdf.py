@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 from hal.errors import DescriptionError
+from hal.plausible import range_mistake
 from hal.robot_description.xml_places import place
 from hal.types import JointLimits
 
@@ -63,11 +64,13 @@ def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
     joints: dict[str, UrdfJoint] = {}
     for joint in map(_joint, robot.findall("joint")):
         if joint.name in joints:
-            raise DescriptionError(f"the URDF has two joints named '{joint.name}'")
+            raise DescriptionError(f"the URDF has two joints named '{joint.name}' ({joint.place}): rename one")
         joints[joint.name] = joint
     for joint in joints.values():
         if joint.mimic and joint.mimic.joint not in joints:
-            raise DescriptionError(f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not")
+            raise DescriptionError(
+                f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not ({joint.place}): correct it"
+            )
     for joint in joints.values():
         _check_led(joint, joints)
     return joints
@@ -116,8 +119,8 @@ def _joint(element: Element) -> UrdfJoint:
         kind=kind,
         parent=_child(element, "parent", name),
         child=_child(element, "child", name),
-        xyz_m=vector(pose.get("xyz", "0 0 0"), name),
-        rpy_rad=vector(pose.get("rpy", "0 0 0"), name),
+        xyz_m=vector(pose, "xyz", f"joint '{name}'", "distance"),
+        rpy_rad=vector(pose, "rpy", f"joint '{name}'", "angle"),
         axis=_axis(element, name),
         lower=-math.inf if endless else number(bounds, "lower", name, 0.0),
         upper=math.inf if endless else number(bounds, "upper", name, 0.0),
@@ -131,23 +134,27 @@ def _joint(element: Element) -> UrdfJoint:
 def _mimic(element: Element, name: str) -> Mimic:
     return Mimic(
         attribute(element, "joint", f"<mimic> of joint '{name}'"),
-        number(element, "multiplier", name, 1.0),
-        number(element, "offset", name, 0.0),
+        number(element, "multiplier", name, 1.0, "multiplier"),
+        number(element, "offset", name, 0.0, "position"),
     )
 
 
 def _child(element: Element, tag: str, name: str) -> str:
     child = element.find(tag)
     if child is None:
-        raise DescriptionError(f"joint '{name}' has no <{tag}>")
+        raise DescriptionError(f"joint '{name}' has no <{tag}> ({place(element)}): add it")
     return attribute(child, "link", f"<{tag}> of joint '{name}'")
 
 
 def _axis(element: Element, name: str) -> Vector:
     axis = element.find("axis")
-    direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
+    if axis is None:
+        return 1.0, 0.0, 0.0
+    direction = vector(axis, "xyz", f"joint '{name}'", "distance", "1 0 0")
     if not any(direction):
-        raise DescriptionError(f"joint '{name}': the <axis> has no direction")
+        raise DescriptionError(f"joint '{name}': the <axis> has no direction ({place(axis)}): give it one")
+    if mistake := range_mistake("axis_length", math.hypot(*direction)):
+        raise DescriptionError(f"joint '{name}': the length of <axis> {mistake} ({place(axis)})")
     return direction
 
 
@@ -155,27 +162,34 @@ def attribute(element: Element, key: str, where: str) -> str:
     """An attribute that must be there. Raises DescriptionError, in which ``where`` says whose it is."""
     value = element.get(key)
     if not value:
-        raise DescriptionError(f"{where} of the URDF has no {key}")
+        raise DescriptionError(f"{where} of the URDF has no {key} ({place(element)}): add it")
     return value
 
 
-def number(element: Element, key: str, name: str, default: float) -> float:
-    """A finite number of joint ``name``. Raises DescriptionError."""
+def number(element: Element, key: str, name: str, default: float, kind: str = "") -> float:
+    """A finite number of joint ``name``, of a plausible ``kind`` if that is given. Raises DescriptionError."""
     text = element.get(key)
     try:
-        return default if text is None else finite(text)
+        value = default if text is None else finite(text)
     except ValueError as error:
         raise DescriptionError(
             f"joint '{name}': {key} '{text}' is not a number ({place(element)}): correct it"
         ) from error
+    if kind and (mistake := range_mistake(kind, value)):
+        raise DescriptionError(f"joint '{name}': {key} {mistake} ({place(element)})")
+    return value
 
 
-def vector(text: str, name: str) -> Vector:
-    """Three finite numbers of joint ``name``. Raises DescriptionError."""
+def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 0 0") -> Vector:
+    """Three plausible numbers of one ``kind``; ``owner`` has the element. Raises DescriptionError."""
+    text = element.get(key, default)
     try:
         x, y, z = (finite(part) for part in text.split())
     except ValueError as error:
-        raise DescriptionError(f"joint '{name}': '{text}' is not three numbers") from error
+        raise DescriptionError(f"{owner}: '{text}' is not three numbers ({place(element)}): correct {key}") from error
+    for value in (x, y, z):
+        if mistake := range_mistake(kind, value):
+            raise DescriptionError(f"{owner}: {key} {mistake} ({place(element)})")
     return x, y, z
 
 

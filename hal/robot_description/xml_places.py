@@ -8,10 +8,22 @@ _PLACE: Final = " place"
 """The attribute that holds an element's place. XML itself cannot have a name with a space."""
 
 
-_SHAPES: Final = {"xyz", "rpy", "size", "radius", "length", "scale", "rgba"}
-_DYNAMICS: Final = {"damping", "friction", "k_position", "k_velocity", "soft_lower_limit", "soft_upper_limit"}
-_NUMBERS: Final = frozenset(_SHAPES | _DYNAMICS)
+_DYNAMICS: Final = frozenset(
+    {"damping", "friction", "k_position", "k_velocity", "soft_lower_limit", "soft_upper_limit"}
+)
 """Attributes of a URDF that hold numbers and that only other programs read."""
+_SIZES: Final = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "box": {"size": 3},
+    "mesh": {"scale": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "color": {"rgba": 4},
+}
+"""How many numbers the attributes of places and shapes hold, by tag."""
+_LARGEST: Final = 1e6
+"""The largest number of a shape, m; far larger ones are no numbers of 32 bits, which meshes have."""
 
 
 def parse_xml(text: str, file: str) -> Element:
@@ -43,11 +55,24 @@ def is_xacro(root: Element) -> bool:
     )
 
 
-def not_finite(root: Element) -> list[str]:
-    """The places of numbers that are not finite, also of those that nothing here computes with."""
+def number_problems(root: Element) -> list[str]:
+    """The places of numbers that cannot be right, also of those that nothing here computes with."""
+    parts = [element for tag in ("link", "joint", "material") for one in root.findall(tag) for element in one.iter()]
     return [
-        f'{element.tag} {key}="{value}" is not a finite number ({place(element)}): correct it'
-        for element in root.iter()
-        for key, value in element.attrib.items()
-        if key in _NUMBERS and any(part.lower().lstrip("+-") in ("nan", "inf", "infinity") for part in value.split())
+        f'{element.tag} {key}="{text}" is not {_wanted(count)} ({place(element)}): correct it'
+        for element in parts
+        for key, text in element.attrib.items()
+        if (count := _SIZES.get(element.tag, {}).get(key, int(key in _DYNAMICS))) and not _are_numbers(text, count)
     ]
+
+
+def _wanted(count: int) -> str:
+    return f"a finite number up to {_LARGEST:g}" if count == 1 else f"{count} finite numbers up to {_LARGEST:g}"
+
+
+def _are_numbers(text: str, count: int) -> bool:
+    try:
+        values = [float(part) for part in text.split()]
+    except ValueError:
+        return False
+    return len(values) == count and all(abs(value) <= _LARGEST for value in values)

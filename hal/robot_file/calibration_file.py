@@ -1,11 +1,12 @@
 """The calibration file: how one arm's servos are mounted. It lies beside the robot file, and goes before it."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from hal.errors import RobotFileError
+from hal.plausible import Counts, NoTruth, ServoId
 from hal.yaml_file import load
 
 
@@ -14,16 +15,16 @@ class CalibratedJoint(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    servo_id: int = Field(ge=0, le=253)
-    sign: Literal[1, -1]
-    zero_counts: int = Field(ge=-32767, le=32767)
-    homing_offset: int | None = None
+    servo_id: ServoId
+    sign: Annotated[Literal[1, -1], NoTruth]
+    zero_counts: Counts = Field(ge=-32767, le=32767)
+    homing_offset: Counts | None = None
     """What the servo's register held when the rest was measured; None: it has none that counts."""
     extended: bool = False
     """Whether a Dynamixel X was in extended position mode then, in which alone every homing offset counts."""
-    lower_counts: int
+    lower_counts: Counts
     """The ends of the travel, by count."""
-    upper_counts: int
+    upper_counts: Counts
 
 
 class CalibrationFile(BaseModel):

@@ -17,6 +17,8 @@ from hal.plausible import (
     MetresPerRadian,
     NoTruth,
     Position,
+    RegisterValue,
+    ServoId,
     TorqueLimit,
     VelocityScale,
 )
@@ -49,9 +51,9 @@ class JointFile(_Strict):
 
     bus: str | None = None
     """Which of the file's ``buses``; not said where there is only one."""
-    servo_id: Annotated[int, NoTruth, Field(ge=0, le=253)]
+    servo_id: ServoId
     model: str
-    sign: Literal[1, -1] = 1
+    sign: Annotated[Literal[1, -1], NoTruth] = 1
     zero_counts: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
     """Not said: the middle of the servo's range."""
     homing_offset: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
@@ -62,7 +64,7 @@ class JointFile(_Strict):
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
     """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
-    settings: dict[str, Annotated[int, NoTruth]] = {}
+    settings: dict[str, RegisterValue] = {}
     """Registers of the servo's EEPROM, by name: gains, dead zones, protections. Written where the servo has others."""
     acceleration: Acceleration
     jerk: Jerk

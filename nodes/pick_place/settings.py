@@ -63,9 +63,13 @@ def _mistakes(settings: Settings) -> Iterator[str]:
         value_s = getattr(settings, name)
         if not (math.isfinite(value_s) and value_s > 0.0):
             yield f"{name} is {value_s}: it must be a positive number of seconds"
+        elif mistake := range_mistake("duration", value_s):
+            yield f"{name}: {mistake}"
     for name in ("hand_open_m", "hand_closed_m"):
         if not math.isfinite(getattr(settings, name)):
             yield f"{name} must be a finite number of metres"
+        elif mistake := range_mistake("position", getattr(settings, name)):
+            yield f"{name}: {mistake}"
     for grade in settings.bins_rad:
         if grade != normal_grade(grade) or not grade:
             yield f"grade {grade!r} can never be asked for: write {normal_grade(grade)!r}"

@@ -9,6 +9,7 @@ from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
+from hal.yaml_nodes import compose
 from servoloop.arms.folder import ARM_FILE, Arm, read_arm
 from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.arms.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
@@ -52,7 +53,7 @@ class _Check:
         return self.problems
 
     def _say(self, path: Path, problems: Iterable[str]) -> None:
-        self.problems += [f"{path}: {problem}" for problem in problems]
+        self.problems += [p if p.startswith(str(path)) else f"{path}: {p}" for p in problems]
 
     def _description(self) -> Description | None:
         try:
@@ -84,7 +85,8 @@ class _Check:
 
     def _controllers(self, file: RobotFile, component: HardwareInfo) -> ControllersFile | None:
         try:
-            return load_controllers_file(self._arm.controllers, file.controller_defaults, component)
+            origin = compose(self._arm.robot, RobotFileError)
+            return load_controllers_file(self._arm.controllers, file.controller_defaults, component, origin)
         except ControllersFileError as error:
             self._failed(error)
             return None

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 from servoloop.files import CONFIG, Files, ServoFiles, read_servo_files, with_controllers
 
 ARMS: Final = CONFIG / "arms"
@@ -95,6 +96,14 @@ def find_arm(name: str = OWN) -> Arm:
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))
     raise ArmFileError(f"there is no arm {name}: name one of {known}, or a folder with {ARM_FILE}")
+
+
+def arm_in(path: Path, name: str) -> Arm:
+    """The arm that the file at ``path`` names under ``arm``. Raises ArmFileError with file and line."""
+    try:
+        return find_arm(name)
+    except ArmFileError as error:
+        raise ArmFileError(f"{compose(path, ArmFileError).place(('arm',))}: {error}") from error
 
 
 def read_arm(folder: Path) -> Arm:

@@ -6,11 +6,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import cast
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from drivers.errors import DriverError
+from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.yaml_file import load
-from servoloop.arms.folder import OWN, find_arm, read_arm_files
+from servoloop.arms.folder import OWN, arm_in, find_arm, read_arm_files
 from servoloop.arms.pick_place import load_pick_place
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.ray_workers import on_ray
@@ -22,7 +23,7 @@ from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.events import KINDS, FaultEvent
 
 
 class ScenarioError(DriverError):
@@ -37,20 +38,29 @@ class Scenario(BaseModel):
     arm: str = OWN
     job: tuple[str, ...] = ()
     """Grades, one job each."""
-    seconds: float = Field(0.0, ge=0.0)
+    seconds: Time = 0.0
     """So long the arm stays up behind its jobs."""
-    backlash_deg: float = Field(1.0, ge=0.0, le=10.0)
-    faults: int = Field(3, ge=0)
+    backlash_deg: Backlash = 1.0
+    faults: FaultCount = 3
     """So many in each run."""
-    within_s: float = Field(10.0, gt=0.0)
+    within_s: Duration = 10.0
     """Since the arm is up: by then all have begun."""
     kinds: tuple[str, ...] | None = None
     """Of faults; None: all that the arm can have."""
 
+    @field_validator("kinds")
+    @classmethod
+    def _known_kinds(cls, kinds: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if unknown := [kind for kind in kinds or () if kind not in KINDS]:
+            raise ValueError(f"there is no fault {', '.join(unknown)}: known are {', '.join(KINDS)}")
+        return kinds
+
 
 def read_scenario(path: Path) -> Scenario:
-    """The scenario in this YAML file. Raises ScenarioError."""
-    return load(path, Scenario, ScenarioError)
+    """The scenario in this YAML file. Raises ScenarioError, and ArmFileError where there is no such arm."""
+    scenario = load(path, Scenario, ScenarioError)
+    arm_in(path, scenario.arm)
+    return scenario
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:

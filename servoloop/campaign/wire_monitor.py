@@ -90,9 +90,9 @@ class WireMonitor:
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
     """Servo, address and bytes of everything that an instruction of Feetech's protocols or Dynamixel 1.0 writes."""
     parameters, code = instruction.parameters, sts_wire.Code
-    if instruction.code in (code.WRITE, code.REG_WRITE):
+    if instruction.code in (code.WRITE, code.REG_WRITE) and parameters:
         yield instruction.servo_id, parameters[0], parameters[1:]
-    elif instruction.code == code.SYNC_WRITE:
+    elif instruction.code == code.SYNC_WRITE and len(parameters) > 1:
         address, size = parameters[:2]
         for at in range(2, len(parameters), size + 1):
             yield parameters[at], address, parameters[at + 1 : at + 1 + size]

@@ -12,6 +12,7 @@ from drivers.errors import DriverError
 from hal.plausible import Position
 from hal.types import JointLimits
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 
 FILE: Final = "poses.yaml"
 LONGEST_NAME: Final = 100
@@ -48,6 +49,14 @@ class Poses:
             known = ", ".join(poses) or "none yet"
             raise PoseError(f"there is no pose {name} in {self.path}, but: {known}")
         return poses[name]
+
+    def check(self, name: str, limits: Mapping[str, JointLimits]) -> None:
+        """Check that a robot with these limits has the pose. Raises PoseError with file and line."""
+        try:
+            check(self.get(name), limits)
+        except PoseError as error:
+            place = compose(self.path, PoseError).place(("poses", name))
+            raise PoseError(f"{place}: pose {name}: {error}") from error
 
     def save(self, name: str, pose: Mapping[str, float]) -> None:
         """Keep a pose; one of the same name is replaced."""

@@ -50,7 +50,7 @@ def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
             f"change the poses or the scene\n{found}"
         )
     groups = _groups(files)
-    name = ElementTree.fromstring(files.description.xml).attrib["name"]
+    name = ElementTree.fromstring(files.description.xml).get("name", arm.name)
     return {
         f"{arm.name}.urdf": files.description.xml,
         f"{arm.name}.srdf": srdf(name, files.description, groups, _states(arm, groups), unchecked),

@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from drivers.errors import DriverError
+from hal.plausible import Backlash, Seed, Time
 from hal.yaml_file import load
-from servoloop.arms.folder import OWN
+from servoloop.arms.folder import OWN, arm_in
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 
@@ -22,19 +23,21 @@ class Schedule(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: str = OWN
-    seed: int | None = Field(None, ge=0)
+    seed: Seed | None = None
     """Of the arm's friction, motors, masses and supply; None: the nominal ones."""
-    backlash_deg: float = Field(1.0, ge=0.0, le=10.0)
+    backlash_deg: Backlash = 1.0
     job: tuple[str, ...] = ()
     """Grades, one job each."""
-    seconds: float = Field(0.0, ge=0.0)
+    seconds: Time = 0.0
     """So long the arm stays up behind its jobs."""
     faults: tuple[FaultEvent, ...] = ()
 
 
 def read_schedule(path: Path) -> Schedule:
-    """The schedule in this YAML file. Raises ScheduleError."""
-    return load(path, Schedule, ScheduleError)
+    """The schedule in this YAML file. Raises ScheduleError, and ArmFileError where there is no such arm."""
+    schedule = load(path, Schedule, ScheduleError)
+    arm_in(path, schedule.arm)
+    return schedule
 
 
 def schedule_text(schedule: Schedule) -> str:

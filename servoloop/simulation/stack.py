@@ -1,13 +1,14 @@
 """Controllers, loop, driver, bytes, servos and physics in one thread on a simulated clock."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller, ControllerContext
 from controller.loop import ControlLoop
+from controller.manager.controllers_file import ControllersFileError
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
@@ -35,6 +36,7 @@ from sim_backend.wire.port import VirtualPort
 
 NOMINAL_BUILD = Build()
 MOVE_S = 2.0
+AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)
 
 
 class SimulatedStack:
@@ -84,8 +86,8 @@ class SimulatedStack:
         )
         factory = Factory(self.files.controllers, context)
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
-        self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
-        self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        self.arm = self._first(built, JointTrajectoryController)
+        self.hand = self._first(built, ForwardCommandController)
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
         """Where the positions of the arm's joints are, without the hand's: each millisecond asks."""
         self._wrap = wrap
@@ -99,6 +101,16 @@ class SimulatedStack:
         period_s = 1.0 / self.files.controllers.update_rate_hz
         self.loop = ControlLoop(
             components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
+        )
+
+    def _first(self, built: Sequence[Controller], kind: type[AnyController]) -> AnyController:
+        """The first controller of a kind. Raises ControllersFileError if there is none."""
+        for controller in built:
+            if isinstance(controller, kind):
+                return controller
+        raise ControllersFileError(
+            f"{self.files.controllers.path}:1: no controller is a {kind.__name__}, by which simulated jobs move the "
+            "arm and its hand: add one"
         )
 
     def add_controller(self, controller: Controller) -> None:

@@ -1,7 +1,8 @@
 """Faults above the servos, on simulated time: a machine that stalls, a controller that goes wrong, a bad client."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -13,6 +14,10 @@ from drivers.clock import Clock
 from drivers.servos.register import ServoModel
 from hal.robot_file.robot import Robot
 from hal.types import FloatArray, JointState
+from hal.yaml_nodes import compose
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import Inventory, Misdeed, Upset
 
 
@@ -22,6 +27,17 @@ def inventory_of(robot: Robot) -> Inventory:
     for joint in robot.joints:
         servos[joint.bus][joint.servo_id] = joint.model
     return Inventory(servos)
+
+
+def require_possible_in(
+    path: Path, events: Iterable[FaultEvent], robot: Robot, within: Sequence[str] = ("faults",)
+) -> None:
+    """Check that the events of a file can happen to a robot. Raises FaultError with file and line of each that cannot.
+
+    ``within``: where the file has its list of events.
+    """
+    file = compose(path, FaultError)
+    require_possible(events, inventory_of(robot), lambda number: f"{file.place((*within, number))}: ")
 
 
 class Upsettable:

@@ -15,6 +15,7 @@ from commissioning.whole_file import write_whole
 from controller.teach.hand_path import HandPath, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
 from hal.joint import Joint
+from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load
 from servoloop.files import make_folder
@@ -27,17 +28,15 @@ FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
 DIGITS: Final = 5
 """Of positions, velocities and times: far below an encoder's count."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
 
 class PointFile(BaseModel):
     """One point: in the order of the file's joints, rad or m and per second; ``at_s`` and velocities only of a path."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    at_s: Annotated[float, Field(ge=0.0, le=LONGEST_GOAL_S, allow_inf_nan=False)] | None = None
-    positions: list[Finite]
-    velocities: list[Finite] = []
+    at_s: Annotated[float, Field(ge=0.0, le=LONGEST_GOAL_S, allow_inf_nan=False), NoTruth] | None = None
+    positions: list[Position]
+    velocities: list[AnyVelocity] = []
 
 
 class TaughtFile(BaseModel):
@@ -45,7 +44,7 @@ class TaughtFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    version: Literal[2]
+    version: Annotated[Literal[2], NoTruth]
     joints: list[str] = Field(min_length=1)
     """The joints in the order of the positions and velocities of each point."""
     units: dict[str, Literal["rad", "m"]]

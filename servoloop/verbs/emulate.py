@@ -60,6 +60,7 @@ def emulate(
     """
     from servoloop.emulator import emulate as run
     from servoloop.signals import Signals
+    from servoloop.simulation.stack_faults import require_possible_in
     from sim_backend.faults.script import read_script
     from sim_backend.mechanics.build import Build
 
@@ -72,6 +73,8 @@ def emulate(
         make_folder(pictures)
     files = read_arm_servos(find_arm(arm), urdf, robot)
     events = read_script(faults) if faults is not None else ()
+    if faults is not None and not box:
+        require_possible_in(faults, events, files.robot, ())
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     if view and urdf is not None:
         raise DriverError("--view shows the arm of --arm: leave out --urdf")

@@ -10,7 +10,7 @@ from drivers.errors import DriverError
 from drivers.printable import counted
 from nodes.ros_environment import require_ros
 from servoloop.arms.folder import OWN, find_arm
-from servoloop.handling.poses import FILE, Poses, check
+from servoloop.handling.poses import FILE, Poses
 from servoloop.verbs.ros_options import NetworkOption, set_network
 
 app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved, gone to slowly.")
@@ -57,9 +57,10 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
     require_ros()
     set_network(network)
     with Signals() as signals, LiveRobot(arm) as robot:
-        pose = Poses(robot.folder).get(name)
+        poses = Poses(robot.folder)
+        pose = poses.get(name)
         robot.wait()
-        check(pose, robot.limits)
+        poses.check(name, robot.limits)
         with client_node("servoloop_pose") as (node, executor):
             client = RobotClient(node, executor, robot)
             client.connect()

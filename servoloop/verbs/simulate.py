@@ -49,6 +49,7 @@ def simulate(
     from servoloop.arms.pick_place import load_pick_place
     from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
+    from servoloop.simulation.stack_faults import require_possible_in
     from sim_backend.faults.script import read_script
 
     if record is not None:
@@ -66,7 +67,10 @@ def simulate(
             seconds=seconds or 0.0,
             faults=read_script(faults) if faults else (),
         )
-    result = run(read_arm_files(chosen, robot=robot), poses.settings(), said, record)
+    files = read_arm_files(chosen, robot=robot)
+    if source := schedule or faults:
+        require_possible_in(source, said.faults, files.robot, ("faults",) if schedule else ())
+    result = run(files, poses.settings(), said, record)
     if json:
         print_json(_plain(result, poses.joints))
     else:

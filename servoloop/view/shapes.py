@@ -14,6 +14,7 @@ import trimesh
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.types import FloatArray
+from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]
 GREY: Rgb = (150, 152, 156)
@@ -83,13 +84,13 @@ def thing_shapes(path: Path) -> Iterator[Shape]:
     """The boxes that lie free in a MuJoCo scene, each in its body: the cube. The link is the body's name."""
     model, _ = _scene(path)
     for geom, name in _boxes(model):
-        body = model.body(name)
+        body = model.body(model.geom_bodyid[geom])
         if body.jntnum[0] and model.jnt_type[body.jntadr[0]] == mujoco.mjtJoint.mjJNT_FREE:
             yield _box(model, geom, name, model.geom_pos[geom], model.geom_quat[geom])
 
 
 def _scene(path: Path) -> tuple[Any, Any]:
-    model: Any = mujoco.MjModel.from_xml_path(str(path))
+    model: Any = scene_model(path)
     data: Any = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return model, data

@@ -3,17 +3,14 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from random import Random
-from typing import Annotated, Any, Final, Self
+from typing import Any, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from drivers.servos.register import ServoModel
+from hal.plausible import Chance, Duration, Seed, ServoId, Time
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.targets import Inventory, Place, Targets
-
-Chance = Annotated[float, Field(gt=0.0, le=1.0)]
-ServoId = Annotated[int, Field(ge=0, le=253)]
-Seconds = Annotated[float, Field(gt=0.0)]
 
 LONGEST_DRAWN_S: Final = 2.0
 """A drawn fault that ends does so within this time."""
@@ -27,9 +24,9 @@ class Event(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: str
-    at_s: Annotated[float, Field(ge=0.0)] = 0.0
+    at_s: Time = 0.0
     """Since the loop began, or since the emulator was ready."""
-    for_s: Seconds | None = None
+    for_s: Duration | None = None
     """How long it lasts. None: it stays."""
 
     def refuse(self, there: Inventory) -> None:
@@ -135,7 +132,7 @@ class Replies(OfBus, Lasting):
     """None: the replies of all servos."""
     chance: Chance = 1.0
     """For each reply."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the draws."""
 
     def refuse(self, there: Inventory) -> None:

@@ -3,19 +3,19 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from random import Random
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
+from hal.plausible import Duration, Ohms, ServoId, Volts
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.event import Lasting, OfBus, OfServo, Seconds, ServoId, any_servo
+from sim_backend.faults.event import Lasting, OfBus, OfServo, any_servo
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.power import feed, restart, watch_supply
 from sim_backend.wire.line import ServoLine
 
-Volts = Annotated[float, Field(ge=0.0, le=60.0)]
 READ, WRITE = 2, 3
 """The instructions, in all protocols."""
 
@@ -77,7 +77,7 @@ class WeakSupply(OfBus, Lasting):
     kind: Literal["weak_supply"] = "weak_supply"
     voltage_v: Volts | None = None
     """Without load. None: as it was."""
-    resistance_ohm: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    resistance_ohm: Ohms | None = None
     """Of the leads. None: as it was."""
 
     @model_validator(mode="after")
@@ -176,7 +176,7 @@ class ForeignPackets(OfServo, Lasting):
     """Another program talks on the same line, between our packets: it reads a servo, or switches its torque off."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"
-    every_s: Seconds = 0.1
+    every_s: Duration = 0.1
     does: Literal["reads", "lets_go"] = "reads"
 
     @contextmanager

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import field_validator
 
 from drivers.servos.register import ServoModel
+from hal.plausible import Counts, Torque
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.targets import Inventory, Mechanics, Targets
@@ -37,7 +38,7 @@ class Overload(OfServo, Lasting):
     """Something pulls at a servo's shaft with this torque: more than the servo has, and its protection acts."""
 
     kind: Literal["overload"] = "overload"
-    torque_nm: float = 4.0
+    torque_nm: Torque = 4.0
     """Positive towards larger joint positions."""
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
@@ -62,7 +63,7 @@ class SlippedHorn(Momentary, OfServo):
     """The horn slips on the shaft: from now on the encoder says so many counts more at the same joint position."""
 
     kind: Literal["slipped_horn"] = "slipped_horn"
-    counts: int
+    counts: Counts
 
     @field_validator("counts")
     @classmethod

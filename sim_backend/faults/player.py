@@ -1,6 +1,6 @@
 """Lets faults happen at their times, in the world's own milliseconds."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from heapq import heappop, heappush
 from typing import Final
@@ -79,13 +79,18 @@ class FaultPlayer:
         self._running.pop(number).close()
 
 
-def require_possible(events: Iterable[Event], there: Inventory) -> None:
-    """Raise FaultError, with a sentence for each, where some of the events cannot happen to what there is."""
+def require_possible(
+    events: Iterable[Event], there: Inventory, place: Callable[[int], str] = lambda number: ""
+) -> None:
+    """Raise FaultError, with a sentence for each, where some of the events cannot happen to what there is.
+
+    ``place``: the beginning of the sentence about the event of this number.
+    """
     wrong = []
-    for event in events:
+    for number, event in enumerate(events):
         try:
             event.refuse(there)
         except FaultError as error:
-            wrong.append(f"{event.kind} at {event.at_s:g} s: {error}")
+            wrong.append(f"{place(number)}{event.kind} at {event.at_s:g} s: {error}")
     if wrong:
         raise FaultError("\n".join(wrong))

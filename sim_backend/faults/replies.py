@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from random import Random
 from typing import Any, Literal
 
+from hal.plausible import Delay, ServoId
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.event import Replies, Seconds, ServoId
+from sim_backend.faults.event import Replies
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.faults.wire import LONGEST_NOISE
 from sim_backend.wire.line import overlaid
@@ -116,7 +117,7 @@ class LateReplies(Replies):
     """The adapter keeps replies back for so long, and what comes behind them with them."""
 
     kind: Literal["late_replies"] = "late_replies"
-    by_s: Seconds = 0.02
+    by_s: Delay = 0.02
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
+from hal.plausible import Celsius, Chance, Counts, Number
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.power import restart
@@ -46,7 +47,7 @@ class Hot(OfServo, Lasting):
     """A servo's motor is kept at least at this temperature, as in a closed box; afterwards it cools down by itself."""
 
     kind: Literal["hot"] = "hot"
-    temperature_c: Annotated[float, Field(ge=0.0, le=200.0)] = 90.0
+    temperature_c: Celsius = 90.0
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -68,7 +69,7 @@ class Overcurrent(OfServo, Lasting):
     """A winding is shorted: of its turns only a share is left, so the same torque takes as much more current."""
 
     kind: Literal["overcurrent"] = "overcurrent"
-    turns_left: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if model not in sts.MODELS.values():
@@ -129,11 +130,11 @@ class FalsePosition(OfServo, Lasting):
     """A servo reports a false position in a reply whose checksum is right; its own control loop has the true one."""
 
     kind: Literal["false_position"] = "false_position"
-    counts: int = 1000
+    counts: Counts = 1000
     """Added to the true position."""
-    every: Annotated[int, Field(ge=1)] = 1
+    every: Annotated[Number, Field(ge=1)] = 1
     """Of the replies that report the position, every n-th is false, the first one included."""
-    replies: Annotated[int, Field(ge=1)] | None = None
+    replies: Annotated[Number, Field(ge=1)] | None = None
     """Number of false replies. None: as many as there are until the fault ends."""
 
     @contextmanager

@@ -11,6 +11,7 @@ from drivers.servos import sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Register, ServoModel
+from hal.plausible import Baud, Number, ServoId
 from sim_backend.box import FACTORY_ID
 from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.faults.event import Lasting, Momentary, OfServo
@@ -47,7 +48,7 @@ class WrongId(_WrongSetting):
     """A servo answers to another ID; to one that another servo has, both answer."""
 
     kind: Literal["wrong_id"] = "wrong_id"
-    to: Annotated[int, Field(ge=0, le=252)]
+    to: Annotated[ServoId, Field(le=252)]
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
         return "id", self.to
@@ -61,7 +62,7 @@ class WrongRate(_WrongSetting):
     """A servo listens and talks at another rate than the line's."""
 
     kind: Literal["wrong_rate"] = "wrong_rate"
-    baud: int
+    baud: Baud
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if self.baud not in _rates(model):
@@ -79,7 +80,7 @@ class WrongMode(_WrongSetting):
     """A servo runs in another operating mode than position control."""
 
     kind: Literal["wrong_mode"] = "wrong_mode"
-    mode: int
+    mode: Number
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         modes = MODES.get(series_of(model).name)

@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from random import Random
 from typing import Any, ClassVar, Literal
 
+from hal.plausible import Duration, Position, Seed
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.event import Event, Lasting, Momentary, Seconds
+from sim_backend.faults.event import Event, Lasting, Momentary
 from sim_backend.faults.targets import Inventory, Misdeed, StackTarget, Targets, Upset
 
 
@@ -27,7 +28,7 @@ class Stall(_OfStack):
     """The machine stands still for so long, as where another program has it: cycles are missed, the world goes on."""
 
     kind: Literal["stall"] = "stall"
-    for_s: Seconds
+    for_s: Duration
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -80,7 +81,7 @@ class ControllerJumps(_OfController):
 
     kind: Literal["controller_jumps"] = "controller_jumps"
     HOW = "jumps"
-    by_rad: float = 1.0
+    by_rad: Position = 1.0
 
     @property
     def _jump(self) -> float:
@@ -95,7 +96,7 @@ class _OfClient(Momentary, _OfStack):
     """A client of the stack does something it should not."""
 
     DOES: ClassVar[Misdeed]
-    seed: int = 0
+    seed: Seed = 0
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:

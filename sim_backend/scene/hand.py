@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from hal.plausible import range_mistake, without_truth
+
 STRONGEST_NM: Final = 2.0
 """What the hand does to a joint at most."""
 STIFFNESS_NM_RAD: Final = 40.0
@@ -92,6 +94,14 @@ class Hand:
         data.qfrc_applied = max(-STRONGEST_NM, min(torque_nm, STRONGEST_NM)) / grip.reach
 
 
+def _position(value: Any) -> float:
+    """A joint position of a command. Raises ValueError."""
+    position = float(without_truth(value))
+    if mistake := range_mistake("position", position):
+        raise ValueError(mistake)
+    return position
+
+
 def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
     """Do what ``servoloop hand`` asks, and say where all joints are. ValueError for what a hand cannot do."""
     joints, what = command.get("joints", []), command.get("do")
@@ -102,7 +112,7 @@ def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) 
     elif what == "release":
         hand.release(*joints)
     elif what == "move" and len(joints) == 1:
-        hand.move(joints[0], float(command["position"]))
+        hand.move(joints[0], _position(command["position"]))
     elif what == "lay":
         lay_table()
     elif what != "look":

@@ -256,7 +256,7 @@ def test_what_cannot_be_right_is_said_and_nothing_is_written(
         ('{"gripper": {}}', "gripper.id: Field required"),
         ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
         ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
-        ('{"gripper": {"id": true}}', "gripper.id: Input should be a valid integer"),
+        ('{"gripper": {"id": true}}', "gripper.id: true is a truth value, and a number is needed"),
     ],
 )
 def test_a_file_that_is_none_is_refused(robot: Path, text: str, said: str) -> None:
@@ -339,3 +339,14 @@ def test_a_former_file_is_kept_and_a_failed_one_leaves_it(tmp_path: Path, monkey
 
 def _no_room(fd: int) -> None:
     raise OSError("no room")
+
+
+def test_mistakes_of_both_files_are_named_with_file_and_line(robot: Path) -> None:
+    path = robot.with_name("theirs.json")
+    path.write_text(json.dumps(content({**PUBLISHED, "gripper": (6, 0, 1256, 3503, 2025)}), indent=4))
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "gripper" in text)
+    with pytest.raises(CalibrationError, match=rf"theirs.json:{line}: gripper: its range begins at 3503"):
+        import_calibration(path, robot, JOINTS, PLANS)
+    path.write_text(path.read_text().replace('"id": 6', '"id": "six"'))
+    with pytest.raises(CalibrationError, match=rf"theirs.json:{line + 1}: gripper.id: Input should be"):
+        import_calibration(path, robot, JOINTS, PLANS)

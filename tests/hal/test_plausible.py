@@ -25,7 +25,7 @@ GOOD = {"baud": 1000000, "acceleration": 10, "jerk": 100, "torque_limit": 1, "po
         ("acceleration", "1.0e+9", "1e+09 is not a plausible acceleration: write 0.001 to 100000 rad/s"),
         ("jerk", "0.001", "0.001 is not a plausible jerk"),
         ("jerk", ".nan", "joints.elbow.jerk: Input should be"),
-        ("velocity_scale", "1.0e-9", "1e-09 is not a plausible velocity_scale"),
+        ("velocity_scale", "1.0e-9", "1e-09 is not a plausible velocity scale"),
         ("torque_limit", "true", "true is a truth value"),
         ("baud", "7", "7 is not a plausible baud: write 1200 to 1e+07 bit/s"),
         ("baud", "true", "true is a truth value"),
@@ -54,14 +54,37 @@ def test_nonsense_as_the_update_rate(rate: float) -> None:
         ('velocity="', 'velocity="1e-9" was="', "velocity limit 1e-09 is not a plausible velocity"),
         ('effort="', 'effort="-3" was="', "effort limit -3"),
         ('upper="', 'upper="1e30" was="', "upper limit 1e+30 is not a plausible position"),
-        ('rgba="', 'rgba="nan 0 0 1" was="', "is not a finite number"),
+        ('rgba="', 'rgba="nan 0 0 1" was="', "is not 4 finite numbers"),
+        ('rgba="', 'rgba="red" was="', 'color rgba="red" is not 4 finite numbers up to 1e+06 (arm.urdf, line '),
+        ('size="', 'size="1 2" was="', 'box size="1 2" is not 3 finite numbers up to 1e+06 (arm.urdf, line '),
+        (
+            '<mass value="',
+            '<mass value="1e9" was="',
+            "mass 1e+09 is not a plausible mass: write 0 to 10000 kg (arm.urdf,",
+        ),
+        ('ixx="', 'ixx="1e9" was="', "ixx 1e+09 is not a plausible inertia"),
+        ('ixy="', 'ixy="-1e9" was="', "ixy -1e+09 is not a plausible product of inertia"),
+        (
+            '<origin xyz="0 0 0.1"/>',
+            '<origin rpy="1e9 0 0" xyz="0 0 0.1"/>',
+            "is not a plausible angle: write -2000 to 2000 rad (arm.urdf, line ",
+        ),
+        ('xyz="', 'xyz="1e9 0 0" was="', "is not a plausible distance: write -1000 to 1000 m (arm.urdf, line "),
+        ('<axis xyz="', '<axis xyz="1e-300 0 0" was="', "the length of <axis> 1e-300 is not a plausible axis length"),
+        (
+            '<state_interface name="position"/>',
+            '<state_interface name="position"><param name="initial_value">1e9</param></state_interface>',
+            "initial_value of joint1/position: 1e+09 is not a plausible position",
+        ),
+        ('<mimic joint="', '<mimic multiplier="1e9" was="1" joint="', "multiplier 1e+09 is not a plausible multiplier"),
+        ('type="system"', 'type="system" rw_rate="' + "1" * 5000 + '"', "is not a whole number of hertz (arm.urdf"),
     ],
 )
 def test_nonsense_in_a_urdf(old: str, new: str, says: str) -> None:
     xml = URDF.read_text()
     assert old in xml
     with pytest.raises(DescriptionError) as error:
-        parse_urdf(xml.replace(old, new, 1))
+        parse_urdf(xml.replace(old, new, 1), "arm.urdf")
     assert says in str(error.value)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hal.types import JointLimits
 from servoloop.handling.poses import PoseError, Poses
 
 
@@ -12,3 +13,12 @@ def test_a_name_that_cannot_be_printed_is_refused(tmp_path: Path, name: str) -> 
     with pytest.raises(PoseError, match="is not a name for a pose: use 1 to 100 printable characters"):
         Poses(tmp_path).save(name, {"joint1": 0.0})
     Poses(tmp_path).save("über der Kiste", {"joint1": 0.0})
+
+
+def test_a_pose_that_the_arm_cannot_have_is_named_with_file_and_line(tmp_path: Path) -> None:
+    poses = Poses(tmp_path)
+    poses.path.write_text("poses:\n  home: {elbow: 0.1}\n  far: {elbow: 3.0, wrist: 0.0}\n")
+    limits = {"elbow": JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)}
+    poses.check("home", limits)
+    with pytest.raises(PoseError, match=r"poses.yaml:3: pose far: the arm has no wrist; elbow would go to 3.0000, its"):
+        poses.check("far", limits)

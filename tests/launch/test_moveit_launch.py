@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
@@ -125,3 +126,27 @@ def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
         context.shutdown()
     own = ("use_sim_time", "start_type_description_service")
     return {name: value for name, value in parameters.items() if name not in own and not name.startswith("qos_")}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("kinematics.yaml", "a: &a [*a]", r"kinematics.yaml:1: the file contains itself"),
+        ("kinematics.yaml", "a: [", r"kinematics.yaml is not YAML: .*line 2"),
+        ("kinematics.yaml", "- a", r"kinematics.yaml:1: this is not a mapping"),
+        ("joint_limits.yaml", "a: 1\na: 2", r"joint_limits.yaml:2: a stands here for the second time"),
+        ("ompl_planning.yaml", "a: [" + "1, " * 200_000 + "]", r"ompl_planning.yaml has more than 150000 values"),
+        ("planning_scene.yaml", "a: " + "[" * 5000, r"planning_scene.yaml:1: the file .* is nested too deeply"),
+        ("robot_arm.srdf", "<!-- L\xe4nge -->", r"robot_arm.srdf is not text in UTF-8 \(line 1"),
+        ("other.srdf", "<robot/>", r"has 2 files \*.srdf and needs one"),
+    ],
+)
+def test_a_file_that_cannot_be_is_refused_in_a_sentence(
+    share: Path, tmp_path: Path, name: str, text: str, says: str
+) -> None:
+    moveit = tmp_path / "moveit"
+    copytree(share / "config" / "moveit", moveit)
+    (moveit / name).write_text(text, encoding="latin-1")
+    with pytest.raises(Exception, match=says) as error:
+        actions(share / "launch" / MOVEIT, moveit=str(moveit))
+    assert type(error.value).__name__ == "FileError"

@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 
 from servoloop import cli
+from servoloop.arms.folder import find_arm
 from servoloop.files import CONFIG, CONTROLLERS, URDF
 from servoloop.verbs.up import write_ready
 from sim_backend.scene.world_feed import feed_path
@@ -206,3 +208,51 @@ def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_nothing_half_d
     write_ready(tmp_path / "again")
     assert f"cannot write {tmp_path / 'again'}: No space left on device" in caplog.text
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
+
+
+def test_a_default_of_the_robot_file_is_named_with_its_own_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = edited(tmp_path, CONFIG / "robot_arm.yaml", "interpolation_method: ruckig", "interpolation_method: true")
+    said = complaint(capsys, monkeypatch, "up", "--robot", path, "--port", str(tmp_path / "none"))
+    line = next(n for n, text in enumerate(Path(path).read_text().splitlines(), 1) if "interpolation_method" in text)
+    assert f"{path}:{line}: arm_controller.interpolation_method: Input should be" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text", "says"),
+    [
+        (("simulate", "--schedule"), "arm: nobody", ":1: there is no arm nobody"),
+        (("campaign", "--scenario"), "faults: 1\narm: nobody", ":2: there is no arm nobody"),
+        (("campaign", "--scenario"), "kinds: [silence]", ":1: kinds: there is no fault silence: known are silent"),
+        (("campaign", "--scenario"), "faults: 1000000000", ":1: faults: 1e+09 is not a plausible number of faults"),
+        (
+            ("campaign", "--schedule"),
+            "faults:\n- {kind: silent, servo_id: 3}\n- {kind: silent, servo_id: 99}",
+            ":3: silent at 0 s: there is no servo 99",
+        ),
+        (("simulate", "--faults"), "[{kind: silent, servo_id: 99}]", ":1: silent at 0 s: there is no servo 99"),
+        (("emulate", "bus", "--faults"), "[{kind: silent, servo_id: 99}]", ":1: silent at 0 s: there is no servo 99"),
+    ],
+)
+def test_a_mistake_about_faults_is_said_with_its_place(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    text: str,
+    says: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text(text)
+    assert f"mine.yaml{says}" in complaint(capsys, monkeypatch, *arguments, "mine.yaml")
+
+
+def test_a_simulation_without_a_trajectory_controller_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "mine"
+    copytree(find_arm("so101").folder, folder)
+    (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
+    said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
+    assert "controllers.yaml:1: no controller is a JointTrajectoryController" in said

@@ -1,6 +1,9 @@
-"""No bytes on the line may end an emulator, whatever the make of its servos."""
+"""No bytes on the line and no command may end an emulator, whatever the make of its servos."""
 
+import json
+import socket
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +15,14 @@ from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from drivers.servos.xl320 import XL320
+from sim_backend.control import ControlServer
 from sim_backend.eeprom import keep_eeprom
+from sim_backend.faults.control import obey_faults
+from sim_backend.faults.player import FaultPlayer
+from sim_backend.faults.targets import Targets
 from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.scene.hand import Hand, obey
+from sim_backend.scene.world import World
 from sim_backend.wire import dynamixel_wire, sts_wire
 from sim_backend.wire.bus import VirtualBus
 from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
@@ -123,3 +132,54 @@ def test_a_read_of_more_than_an_answer_holds(make: str, size: int) -> None:
     assert all(reply.data[3] == len(reply.data) - 4 for reply in replies)
     (alive,) = line.receive(v1.packet(1, sts_wire.Code.PING, b""), 2.0)
     assert alive.data == sts_wire.status_packet(1, 0)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"[]",
+        b"null",
+        b"1",
+        b"\xff",
+        b"[" * 100_000,
+        b'{"do": ["look"]}',
+        b'{"do": "move", "joints": ["joint1"], "position": NaN}',
+        b'{"do": "move", "joints": ["joint1"], "position": 1e308}',
+        b'{"do": "move", "joints": ["joint1"], "position": true}',
+        b'{"do": "move", "joints": ["joint1"], "position": 1' + b"0" * 400 + b"}",
+        b'{"do": "hold", "joints": 3}',
+        b'{"do": "hold", "joints": [["joint1"]]}',
+        b'{"do": "connect", "joints": [{}]}',
+        b'{"do": "fault", "text": "silent id=' + b"9" * 5000 + b'"}',
+        b'{"do": "fault", "text": "\\ud800"}',
+        b'{"do": "fault", "text": "silent \'"}',
+    ],
+    ids=lambda line: line.decode(errors="replace")[:40],
+)
+def test_no_command_ends_an_emulator(line: bytes, tmp_path: Path) -> None:
+    world = World()
+    hand = Hand(world, dict.fromkeys(world.joints, 1.0))
+    bus = VirtualBus.of(BenchPlant(IDS))
+    player = FaultPlayer(Targets({"": bus}))
+    handle = partial(obey_faults, player, lambda: 0.0, partial(obey, hand, world.lay_table))
+    with ControlServer(tmp_path / "bus.control", handle) as server, socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(server.path))
+        client.settimeout(1.0)
+        client.sendall(line + b'\n{"do": "look"}\n')
+        for _ in range(10):
+            server.tick()
+        refused, looked, _ = client.recv(1 << 16).split(b"\n")
+    assert json.loads(refused)["error"]
+    assert json.loads(looked)["joint1"]["held"] is False
+
+
+def test_a_client_without_end_is_disconnected(tmp_path: Path) -> None:
+    with ControlServer(tmp_path / "bus.control", lambda command: {}) as server, socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(server.path))
+        client.settimeout(1.0)
+        for _ in range(4):
+            client.sendall(b"x" * 50_000)
+            server.tick()
+            if server.clients == 0:
+                break
+        assert server.clients == 0

@@ -1,0 +1,71 @@
+"""Scenes, the MuJoCo files of users: the one way in which they are read, with limits and the lines of mistakes."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError
+
+import mujoco
+
+from hal.errors import ArmFileError
+from hal.robot_description.xml_places import parse_xml, place
+from hal.text_file import read_xml
+
+LARGEST: Final = 1e10
+"""MuJoCo's own limit of positions, velocities and forces; beyond it a simulation is reset."""
+MOST_COPIES: Final = 10_000
+"""Maximum ``count`` of a <replicate>, <composite> or <flexcomp>."""
+
+
+def scene_model(path: Path) -> Any:
+    """The compiled model of a scene. Raises ArmFileError with every mistake."""
+    _check(path)
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise _refused(path, error) from error
+
+
+def scene_spec(path: Path) -> Any:
+    """The description of a scene, which can be changed before it is compiled. Raises ArmFileError."""
+    _check(path)
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise _refused(path, error) from error
+
+
+def _refused(path: Path, error: ValueError) -> ArmFileError:
+    text = " ".join(str(error).replace(" number=", " ").split())
+    return ArmFileError(f"{path}: MuJoCo cannot read it: {text}")
+
+
+def _check(path: Path) -> None:
+    """Check size, encoding and numbers of a scene. Raises ArmFileError."""
+    text = read_xml(path, ArmFileError, "the scene")
+    try:
+        root = parse_xml(text, str(path))
+    except ExpatError as error:
+        raise ArmFileError(f"{path}: MuJoCo cannot read it: it is not well-formed XML: {error}") from error
+    if mistakes := [mistake for element in root.iter() for mistake in _mistakes(element)]:
+        raise ArmFileError("\n".join(mistakes[:50]))
+
+
+def _mistakes(element: Element) -> Iterator[str]:
+    for key, text in element.attrib.items():
+        numbers = list(_numbers(text))
+        if not all(abs(number) <= LARGEST for number in numbers):  # NaN is not, either
+            yield f'{place(element)}: {element.tag} {key}="{text[:50]}" is not a number up to {LARGEST:g}: correct it'
+        if key == "count" and math.prod(numbers) > MOST_COPIES:
+            yield f"{place(element)}: {element.tag} makes more than {MOST_COPIES} copies: lower its count"
+
+
+def _numbers(text: str) -> Iterator[float]:
+    """Yields the numbers of an attribute; other words are names."""
+    for part in text.split():
+        try:
+            yield float(part)
+        except ValueError:
+            continue

@@ -1,0 +1,105 @@
+"""One mutated file after the other, each known by the kind, the seed and its number."""
+
+import logging
+import re
+import shutil
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Final
+
+from servoloop.cli import ERRORS
+from tests.mutated import elements, raw, trees
+from tests.mutated.readers import KINDS
+
+LONGEST_S: Final = 5.0
+"""Maximum time of the processor for one file, in seconds."""
+MOST_LINES: Final = 60
+PLACE: Final = re.compile(r":\d+|[Ll]ine \d+|larger than|more than \d+ values|missing|twice|has no |without|not text")
+"""A line, or a mistake of the whole file."""
+FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|xml|json|mcap)\b|LeRobot's file")
+LINED: Final = (".yaml", ".urdf")
+"""Kinds of files whose readers know lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a mutated file; ``wrong`` is empty if it was read, or refused with a sentence."""
+
+    refused: str
+    wrong: str
+    cpu_s: float
+
+    @property
+    def has_line(self) -> bool:
+        return PLACE.search(self.refused) is not None
+
+
+@cache
+def good(kind: str) -> list[bytes]:
+    return KINDS[kind].good()
+
+
+def mutated(kind: str, seed: int, number: int) -> bytes:
+    """The bytes of one mutated file; the same for the same arguments."""
+    chance = Random(f"{kind}/{seed}/{number}")
+    data, suffix = chance.choice(good(kind)), KINDS[kind].name.rpartition(".")[2]
+    if suffix == "mcap" or chance.random() < 0.2:
+        return raw.changed(data, chance)
+    text = data.decode()
+    if chance.random() < 0.1:
+        return raw.encoded(text, chance)
+    if suffix in ("urdf", "xml"):
+        return elements.changed(text, chance).encode(errors="surrogatepass")
+    return trees.changed(text, chance, as_json=suffix == "json").encode(errors="surrogatepass")
+
+
+def tried(kind: str, data: bytes, folder: Path) -> Outcome:
+    """Write the file into ``folder`` and read it as the commands do."""
+    shutil.rmtree(folder, ignore_errors=True)
+    path = folder / KINDS[kind].name
+    path.parent.mkdir(parents=True)
+    KINDS[kind].beside(folder)
+    path.write_bytes(data)
+    begun_s = time.process_time()
+    refused = wrong = ""
+    try:
+        KINDS[kind].read(path)
+    except ERRORS as error:
+        refused = str(error)
+        wrong = complaint(refused, path)
+    except Exception as error:
+        wrong = f"{type(error).__name__}: {error}"[:500] + _where(error)
+    cpu_s = time.process_time() - begun_s
+    return Outcome(refused, wrong or (f"took {cpu_s:.1f} s" if cpu_s > LONGEST_S else ""), cpu_s)
+
+
+def _where(error: Exception) -> str:
+    """The last line of this project in a traceback."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "site-packages" not in f.filename]
+    return f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}"
+
+
+def complaint(text: str, path: Path) -> str:
+    """Why a refusal is not a sentence that helps; empty if it is."""
+    lines = text.splitlines()
+    if not FILE.search(text):
+        return f"does not name a file: {text[:300]}"
+    if path.name in text and path.suffix in LINED and not PLACE.search(text):
+        return f"does not name the line: {text[:300]}"
+    return f"has {len(lines)} lines: {text[:300]}" if len(lines) > MOST_LINES else ""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep warnings about files with strange values out of the output."""
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)

@@ -1,0 +1,58 @@
+"""Scenes of other people: their size, their encoding, and numbers that MuJoCo warns of or takes as they are."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from hal.errors import ArmFileError
+from servoloop.arms.folder import find_arm
+from servoloop.view.shapes import scene_shapes, thing_shapes
+from sim_backend.scene.scene_check import require_scene
+from sim_backend.scene.scene_file import scene_model, scene_spec
+from sim_backend.scene.world import World
+
+SCENE = find_arm("so101").scene
+READERS = (scene_model, scene_spec, World, lambda path: require_scene(path, []), lambda path: list(scene_shapes(path)))
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    text = SCENE.read_text()
+    assert old in text
+    path = folder / "scene.xml"
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('pos="', 'pos="nan 0 0" was="', 'pos="nan 0 0" is not a number up to 1e+10: correct it'),
+        ('size="', 'size="1e30 1 1" was="', "is not a number up to 1e+10: correct it"),
+        ("<worldbody>", '<worldbody><replicate count="2000000"><geom size="1"/></replicate>', "more than 10000 copies"),
+        ("<worldbody>", "<worldbody", "is not well-formed XML: not well-formed (invalid token): line "),
+        ("<worldbody>", "<worldbody><!-- " + "x" * 2_000_000 + " -->", "scene.xml is larger than 2 MB: shorten it"),
+        ("<worldbody>", '<worldbody><geom size="x"/>', "scene.xml: MuJoCo cannot read it: "),
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused_by_every_reader(tmp_path: Path, old: str, new: str, says: str) -> None:
+    path = edited(tmp_path, old, new)
+    begun_s = time.process_time()
+    for read in READERS:
+        with pytest.raises(ArmFileError) as error:
+            read(path)
+        assert says in str(error.value) and str(path) in str(error.value)
+    assert time.process_time() - begun_s < 5.0
+
+
+def test_a_scene_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_bytes(SCENE.read_text().replace("<worldbody>", "<worldbody><!-- Länge -->").encode("latin-1"))
+    with pytest.raises(ArmFileError, match=r"scene.xml is not text in UTF-8 \(line \d+, byte 0xe4\)"):
+        World(path)
+
+
+def test_bodies_without_names_are_shown_too(tmp_path: Path) -> None:
+    path = edited(tmp_path, "<worldbody>", '<worldbody><body><geom type="box" size="1 1 1"/></body>')
+    assert [shape.link for shape in thing_shapes(path)] == ["cube"]
+    assert len(list(scene_shapes(path))) == len(list(scene_shapes(SCENE)))
