@@ -4,15 +4,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import mujoco
 import numpy as np
 
 from controller.manager.controllers_file import ControllersFile
 from hal.compensation.gravity import Gravity
 from hal.compensation.gravity_compensation import LARGEST_LOAD
+from hal.errors import ArmFileError
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_file.robot import Robot
 from servoloop.arms.pick_place import PickPlace
+from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY
 
 POSE_RAD: Final = 1e-3
@@ -48,10 +49,10 @@ def _outside(what: str, joint: UrdfJoint, position: float) -> Iterator[str]:
 def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
     """Yields joints that are elsewhere in the scene's keyframe than at the ready pose, by which cubes are fed."""
     try:
-        model = mujoco.MjModel.from_xml_path(str(scene))
+        model = scene_model(scene)
         places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}
         ready = model.key(READY).qpos
-    except (ValueError, KeyError):
+    except (ArmFileError, KeyError):
         return  # the scene's own problems say so
     for joint, position in zip(pick_place.joints, pick_place.poses.ready, strict=True):
         there = ready[places[joint]]

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from hal.types import FloatArray
+from sim_backend.scene.scene_file import scene_spec
 
 SAMPLES: Final = 100_000
 SEED: Final = 1
@@ -37,7 +38,7 @@ class LinkModel:
     """The arm of a scene alone, each link against each other link."""
 
     def __init__(self, scene: Path) -> None:
-        spec = mujoco.MjSpec.from_file(str(scene))
+        spec = scene_spec(scene)
         links = arm_links(spec)
         self.links = sorted(str(link.name) for link in links)
         self.adjacent = {pair(str(link.parent.name), str(link.name)) for link in links[1:]}

@@ -12,6 +12,7 @@ import numpy as np
 from hal.errors import ArmFileError
 from hal.types import FloatArray
 from servoloop.moveit.collision_matrix import LinkModel, arm_links
+from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
 """Room between the padded arm and what it stands on, lies on or works at."""
@@ -70,7 +71,7 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
     The table is lower where the padded arm is in it: below the foot, and where the arm lies in the poses ``lying``. The
     stand, at which the arm works, is lower by the padding and ROOM_M. Raises ArmFileError.
     """
-    model = mujoco.MjModel.from_xml_path(str(scene))
+    model = scene_model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     around = [geom for geom in range(model.ngeom) if _stands(model, geom)]
@@ -199,7 +200,7 @@ def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, lis
 
     Padding makes boxes, cylinders and capsules longer at each end and thicker all around.
     """
-    spec = mujoco.MjSpec.from_file(str(scene))
+    spec = scene_spec(scene)
     padded = {
         mujoco.mjtGeom.mjGEOM_BOX: 3,
         mujoco.mjtGeom.mjGEOM_CYLINDER: 2,

@@ -14,6 +14,7 @@ import trimesh
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.types import FloatArray
+from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]
 GREY: Rgb = (150, 152, 156)
@@ -89,7 +90,7 @@ def thing_shapes(path: Path) -> Iterator[Shape]:
 
 
 def _scene(path: Path) -> tuple[Any, Any]:
-    model: Any = mujoco.MjModel.from_xml_path(str(path))
+    model = scene_model(path)
     data: Any = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return model, data

@@ -9,6 +9,8 @@ from typing import Any, Final
 
 import mujoco
 
+from sim_backend.scene.scene_file import scene_spec
+
 OUTPUT_SHARE: Final = 0.1
 """Of rotor, gears and their friction behind the gap: the horn and the last wheel (assumed)."""
 TEETH_SOLREF: Final = (0.004, 1.0)
@@ -24,8 +26,11 @@ def motor_name(joint: str) -> str:
 
 
 def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
-    """The scene's model with a motor for each joint in ``gaps``, which says how far it is free (rad or m)."""
-    spec: Any = mujoco.MjSpec.from_file(str(scene))
+    """The scene's model with a motor for each joint in ``gaps``, which says how far it is free (rad or m).
+
+    Raises ArmFileError.
+    """
+    spec = scene_spec(scene)
     for joint, gap in gaps.items():
         _add_motor(spec, joint, gap)
     if gaps:  # the motors' joints are behind all others

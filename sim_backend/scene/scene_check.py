@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
+from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import BINS, READY, FloatArray
 
 NOTHING: Final = 1e-6
@@ -37,9 +38,9 @@ NEEDED: Final = {
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str]) -> list[str]:
     """All that is wrong with a scene. ``driven``: the joints that have servos."""
     try:
-        model: Any = mujoco.MjModel.from_xml_path(str(scene))
-    except ValueError as error:
-        return [f"MuJoCo cannot read it: {' '.join(str(error).split())}"]
+        model = scene_model(scene)
+    except ArmFileError as error:
+        return [str(error).removeprefix(f"{scene}: ")]
     try:
         described = described_model(urdf_xml)
     except ValueError as error:
@@ -57,10 +58,7 @@ def require_scene(scene: Path, driven: Sequence[str]) -> None:
 
     Raises ArmFileError with everything that the world needs and the scene does not have.
     """
-    try:
-        model: Any = mujoco.MjModel.from_xml_path(str(scene))
-    except ValueError as error:
-        raise ArmFileError(f"{scene}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+    model = scene_model(scene)
     if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
         raise ArmFileError(
             f"{scene} has no actuator for {', '.join(missing)}: name the arm whose scene has these joints with --arm"
