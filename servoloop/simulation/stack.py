@@ -1,13 +1,14 @@
 """Controllers, loop, driver, bytes, servos and physics in one thread on a simulated clock."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller, ControllerContext
 from controller.loop import ControlLoop
+from controller.manager.controllers_file import ControllersFileError
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
@@ -34,6 +35,7 @@ from sim_backend.wire.line import ServoLine
 from sim_backend.wire.port import VirtualPort
 
 NOMINAL_BUILD = Build()
+AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)
 MOVE_S = 2.0
 
 
@@ -84,8 +86,8 @@ class SimulatedStack:
         )
         factory = Factory(self.files.controllers, context)
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
-        self.arm = next(c for c in built if isinstance(c, JointTrajectoryController))
-        self.hand = next(c for c in built if isinstance(c, ForwardCommandController))
+        self.arm = _first(built, JointTrajectoryController, self.files)
+        self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
         """Where the positions of the arm's joints are, without the hand's: each millisecond asks."""
         self._wrap = wrap
@@ -110,6 +112,11 @@ class SimulatedStack:
         configure_all(self.loop.hardware)
         self.loop.activate()
         return self
+
+    @property
+    def hand(self) -> ForwardCommandController:
+        """The controller of the hand. Raises ControllersFileError if the arm has none."""
+        return _first(self._built, ForwardCommandController, self.files)
 
     # Most arms have one component on one line.
 
@@ -177,3 +184,11 @@ class SimulatedStack:
             self.trace.velocity.append(tracking.reference.velocity)
         self.on_state(state)
         self.after_cycle()
+
+
+def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
+    """The first controller of a kind. Raises ControllersFileError."""
+    for controller in built:
+        if isinstance(controller, kind):
+            return controller
+    raise ControllersFileError(f"{files.controllers.path} has no {kind.kind}, which simulated motions need: add one")
