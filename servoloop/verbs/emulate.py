@@ -1,5 +1,6 @@
 """``servoloop emulate``: the virtual servos on a pseudo-terminal, for any program."""
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,8 @@ from servoloop.files import make_folder
 from servoloop.ports import device_paths
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption, UrdfOption
 from servoloop.verbs.ros_options import log_to_terminal
+
+LOG = logging.getLogger("servoloop")
 
 
 def emulate(
@@ -50,6 +53,7 @@ def emulate(
     """
     from servoloop.emulator import emulate as run
     from servoloop.signals import Signals
+    from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
     from sim_backend.mechanics.build import Build
 
@@ -61,7 +65,7 @@ def emulate(
     files = read_arm_servos(find_arm(arm), urdf, robot)
     events = read_script(faults) if faults is not None else ()
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
-    with Signals() as signals:
+    with Signals() as signals, compilation_announced(LOG.info):
         run(
             files,
             link,

@@ -50,6 +50,7 @@ def simulate(
     from servoloop.simulation.job import job_settings
     from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
+    from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
 
     if record is not None:
@@ -69,7 +70,8 @@ def simulate(
             seconds=seconds or 0.0,
             faults=read_script(faults) if faults else (),
         )
-    result = run(read_arm_files(chosen, robot=robot), job_settings(chosen, said.job), said, record)
+    with compilation_announced(lambda text: typer.echo(text, err=True)):
+        result = run(read_arm_files(chosen, robot=robot), job_settings(chosen, said.job), said, record)
     if json:
         print_json(_plain(result))
     else:
