@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from controller.final_state import FinalState
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, Motion, MotionError, motion_to
 from controller.stops import StopMotion
@@ -31,9 +32,11 @@ def shut_down(
     ``park`` maps joint names to rad or m; ``hurry`` (a second signal) skips the way there. ``settle`` waits for
     the work in the background, which can take seconds: the joints stand by then.
     Every step is tried even if the one before it failed: an arm that cannot be parked is still let go. What has
-    lost one of its lines is driven on the others.
+    lost one of its lines is driven on the others. The log ends with the state in which each component is left.
     """
     problems: list[str] = []
+    parked: list[bool] = []
+    failed: list[str] = []
     loop.requests.end()
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
@@ -43,9 +46,14 @@ def shut_down(
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "end the controllers", loop.manager.deactivate)
         if relax and park and not hurry():
-            _try(problems, "park", lambda: _park(loop, park, velocity_scale, hurry))
-        _try(problems, "switch off", lambda: problems.extend(deactivate_all(loop.hardware, relax)))
+            _try(problems, "park", lambda: parked.append(_park(loop, park, velocity_scale, hurry)))
+    left = [FinalState.of(component) for component in loop.hardware.components]
+    if loop.hardware.state is LifecycleState.ACTIVE:
+        _try(failed, "switch off", lambda: failed.extend(deactivate_all(loop.hardware, relax)))
+    problems += failed
     _try(problems, "release the port", lambda: clean_up_all(loop.hardware))
+    for one in left:
+        LOG.info("%s", one.describe(relax, any(parked), failed))
     return problems
 
 
@@ -63,8 +71,8 @@ def _stop(loop: ControlLoop) -> None:
     _drive(loop, stop.sample, stop.duration_s, lambda: False)
 
 
-def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> None:
-    """The positions that are known go to the park pose; velocities and efforts are 0 by now."""
+def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
+    """Move the known positions to the park pose; returns whether they got there. All else is at rest by now."""
     names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits
@@ -78,6 +86,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
         return wanted
 
     _drive(loop, sample, motion.duration_s, hurry)
+    return loop.hardware.reachable and not hurry()
 
 
 def _way(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:

@@ -160,8 +160,7 @@ def emulate(
 
     def after_step(time_s: float) -> None:
         player.update(time_s)
-        if world.laid:
-            feeder.update(world, time_s)
+        feeder.update(world, time_s)
         hand.update()
         if recorder:
             recorder.update(time_s)

@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from controller.manager.plugins import PluginError
+from controller.manager.plugins import PluginError, why_not_loaded
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import PortError
@@ -218,7 +218,7 @@ def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
     except HalError:
         raise  # it says what to mend
     except Exception as error:  # whatever a user's module does when it is imported
-        raise PluginError(f"the hardware {plugin} ({point.value}) cannot be loaded: {error}") from error
+        raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
     _check_names(hardware, component)
     return hardware
 

@@ -77,6 +77,7 @@ def _devices(
         return
     with virtual_servos(files, lambda: signals.count) as devices:
         yield devices
+    LOG.info("the virtual servos have ended with the stack")
 
 
 def _serve(

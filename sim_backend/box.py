@@ -51,6 +51,10 @@ class VirtualBox:
         """Connect the whole chain."""
         self.connect(*range(len(self.servos)))
 
+    def connected(self) -> list[bool]:
+        """Whether each servo is connected, in the order of their numbers."""
+        return [self.line.plugged(servo) for servo in self.servos]
+
     def ids(self) -> list[int]:
         """The IDs of all servos, in the order of their numbers."""
         return [servo.servo_id for servo in self.servos]
@@ -59,6 +63,7 @@ class VirtualBox:
 def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
     """Do what ``servoloop hand`` asks of plugs, connect or disconnect; ``hand`` does the rest.
 
+    The answer also has the ID of each joint's servo, and whether it is connected.
     ``joints``: those of the servos, by number. ValueError for a joint that is none of them.
     """
     what, wanted = command.get("do"), command.get("joints") or []
@@ -68,7 +73,9 @@ def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Comm
         raise ValueError(f"the box has no servo of {', '.join(unknown)}: it has {', '.join(joints)}")
     chain = joints if what == "connect" else ()
     box.connect(*(joints.index(name) for name in (wanted or chain) if what == "connect"))
-    return hand({"do": "look"})
+    plugs = zip(joints, box.ids(), box.connected(), strict=True)
+    state = hand({"do": "look"})
+    return {name: {**state.get(name, {}), "servo_id": servo_id, "connected": there} for name, servo_id, there in plugs}
 
 
 def _as_delivered(model: ServoModel) -> PacketServo:

@@ -1,13 +1,43 @@
 """Python functions made into machine code by numba, with their types kept for the type checker."""
 
-from collections.abc import Callable
-from typing import TypeVar, cast
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final, TypeVar, cast
 
 import numba
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+COMPILES: Final = "numba:compile"
+"""The event with which numba begins to compile; a function that is read from the cache has none."""
+COMPILING: Final = (
+    "compiling the simulation into machine code; this happens once for each installation and takes about 20 s"
+)
 
 
 def compiled(function: Function) -> Function:
     """``function`` as machine code, kept on disk between runs. ``.py_func`` is the function as it was written."""
     return cast(Function, numba.njit(cache=True)(function))
+
+
+class _Announcement(event.Listener):
+    """Calls a function at the first event."""
+
+    def __init__(self, announce: Callable[[str], None]) -> None:
+        self._announce = announce
+        self._done = False
+
+    def on_start(self, event: Any) -> None:
+        if not self._done:
+            self._done = True
+            self._announce(COMPILING)
+
+    def on_end(self, event: Any) -> None: ...
+
+
+@contextmanager
+def compilation_announced(announce: Callable[[str], None]) -> Iterator[None]:
+    """Within the block, announce the first compilation, if anything has to be compiled."""
+    with event.install_listener(COMPILES, _Announcement(announce)):
+        yield

@@ -5,15 +5,10 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
-import mujoco
-import numpy as np
 import pytest
 from hypothesis import settings
 
-from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.scene.mujoco_hardware import drive
-from sim_backend.scene.picture import View
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.compile_ahead import compile_ahead
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
 from tests.pages import require_taken
@@ -32,11 +27,6 @@ LONG_FILES = (
     "tests/docs/test_pictures",
 )
 
-PICTURED = """<mujoco><worldbody>
-<light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
-</worldbody></mujoco>"""
-"""As little as can be drawn, of no file: some tests copy a part of this project and run its tests there."""
-
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
@@ -45,15 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Have what is compiled compiled before there are workers: several that compile at once spoil its cache."""
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
-        line = VirtualBus.of(BenchPlant([1]))
-        line.rig.step()
-        line.servo(1).firmware.step(0.001, 0.0, 0.0)
-        one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
-        drive(one, one, one, one, none, none, none, one, one, 0.0, one, one, one)
-        model = mujoco.MjModel.from_xml_string(PICTURED)
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        View(model, data, width=4, height=3).picture(data)
+        compile_ahead()
 
 
 def _hear_interrupts() -> None:

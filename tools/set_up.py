@@ -16,8 +16,16 @@ from commands import Commands, SetUpError
 from interface_packages import packages
 from places import LOCK, LOGS, ROOT, STAMPS
 from progress import Step
-from stamps import digest, interface_key, is_stamped, project_key, venv_key
-from steps import CORES, build_interfaces, install_packages, install_project, make_venv, uninstall_interfaces
+from stamps import digest, interface_key, is_stamped, project_key, simulation_key, venv_key
+from steps import (
+    CORES,
+    build_interfaces,
+    compile_simulation,
+    install_packages,
+    install_project,
+    make_venv,
+    uninstall_interfaces,
+)
 
 OTHER_S = 7200.0
 """So long another make setup is waited for."""
@@ -38,6 +46,7 @@ def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Command
         (fresh or not is_stamped("packages", digest(LOCK)), "packages", install_packages),
         (fresh or not is_stamped("project", project_key()), "project", install_project),
         (bool(stale), "message packages", interfaces),
+        (fresh or not is_stamped("simulation", simulation_key()), "simulation", compile_simulation),
     )
     return [(title, run) for due, title, run in steps if due]
 

@@ -47,6 +47,13 @@ def project_key() -> str:
     return digest(ROOT / "pyproject.toml")
 
 
+def simulation_key() -> str:
+    """The compiled functions call each other, so each source of one is a part of all."""
+    sources = sorted(path for path in (ROOT / "sim_backend").rglob("*.py") if "@compiled" in path.read_text())
+    versions = [f"{name} {version}" for name, version in locked_packages().items() if name in ("numba", "llvmlite")]
+    return digest(*sources, *versions, venv_key())
+
+
 def interface_key(package: str) -> str:
     tools = [
         f"{name} {version}" for name, version in locked_packages().items() if re.match("ros-|cmake|empy|numpy", name)

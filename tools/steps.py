@@ -11,7 +11,7 @@ from pathlib import Path
 from commands import Commands, SetUpError
 from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
 from progress import Step
-from stamps import digest, interface_key, locked_packages, project_key, stamp, venv_key
+from stamps import digest, interface_key, locked_packages, project_key, simulation_key, stamp, venv_key
 
 CORES = len(os.sched_getaffinity(0))
 PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--progress-bar=off")
@@ -72,6 +72,13 @@ def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) ->
     command = (*UV, "--editable", ROOT)
     step.follow([pool.submit(commands.run, "project", *command)], lambda: "servoloop itself, editable")
     stamp("project", project_key())
+
+
+def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    """The first emulator would be silent for as long as this takes."""
+    command = (PYTHON, "-m", "sim_backend.compile_ahead")
+    step.follow([pool.submit(commands.run, "simulation", *command)], lambda: "the simulation, into machine code")
+    stamp("simulation", simulation_key())
 
 
 def uninstall_interfaces(package: str) -> None:

@@ -1,9 +1,10 @@
 """Plug-ins: the types of controllers that a controllers file can name, ours and those that users install."""
 
+import sys
 from collections.abc import Mapping
 from functools import cache
 from importlib import invalidate_caches
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
@@ -65,8 +66,16 @@ def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
         try:
             sound[point.name] = point.load()
         except Exception as error:  # whatever its module does when it is imported
-            broken_plugins[point.name] = f"the controller {point.name} ({point.value}) cannot be loaded: {error}"
+            broken_plugins[point.name] = f"the controller {point.name} {why_not_loaded(point, error)}"
     return sound, broken_plugins
+
+
+def why_not_loaded(point: EntryPoint, error: Exception) -> str:
+    """The reason why an installed class cannot be loaded, for a message that begins with its type."""
+    remedy = ""
+    if point.module.split(".")[0] in sys.stdlib_module_names:
+        remedy = f"; Python's own module {point.module} is found instead: rename {point.module}.py in the package"
+    return f"({point.value}) cannot be loaded: {error}{remedy}"
 
 
 def controller_types() -> Mapping[str, ControllerType]:

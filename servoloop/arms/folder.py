@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
@@ -39,12 +39,6 @@ class ArmFile(BaseModel):
     """Where its description comes from, and what was changed."""
     license: str = ""
     """Of the description, as an SPDX identifier."""
-
-    @model_validator(mode="after")
-    def _says_where_from(self) -> Self:
-        if self.like is None and not (self.source and self.license):
-            raise ValueError("source and license of the description are missing")
-        return self
 
 
 @dataclass(frozen=True, slots=True)

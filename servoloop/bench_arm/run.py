@@ -68,6 +68,7 @@ def bench_arm(
     if not without_ros:
         say("the same stack under ROS, and a client of it")
         ros = run_ros(arm, files, poses[0], trial.lay, devices, signals)
+    say("the arm is where it lay, and its torque is off")
     figures = ArmFigures(
         arm.name,
         dict(devices),

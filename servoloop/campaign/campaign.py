@@ -12,13 +12,13 @@ from drivers.errors import DriverError
 from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.yaml_file import load
 from servoloop.arms.folder import OWN, arm_in, find_arm, read_arm_files
-from servoloop.arms.pick_place import load_pick_place
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.job import job_settings, require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.faults.draw import draw
@@ -112,7 +112,8 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
     ``prepare`` gets the stack before it comes up.
     """
-    settings = load_pick_place(find_arm(schedule.arm).pick_place).settings()
+    settings = job_settings(find_arm(schedule.arm), schedule.job)
+    require_cell(files_of(schedule.arm), schedule.job)
     stacks: list[FaultyStack] = []
 
     def prepared(stack: FaultyStack) -> None:

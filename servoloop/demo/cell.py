@@ -19,6 +19,7 @@ from servoloop.live.folder import running_stacks
 from servoloop.ports import device_paths, port_options
 from servoloop.processes import Processes
 from servoloop.signals import Signals
+from servoloop.simulation.job import require_cell
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
@@ -89,6 +90,7 @@ def cell(
     link = out / "bus"
     files = read_arm_files(arm, robot=robot)
     settings = load_pick_place(arm.pick_place).settings()
+    require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = _start(processes, link, files, build, live, record)
         process_ids["pick_place"] = _start_node(processes, arm, live)

@@ -2,7 +2,7 @@
 
 import logging
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
@@ -44,6 +44,7 @@ KINDS: Final = {
     URDF: (STRING,),
 }
 Encoded = tuple[Schema, Channel, Message]
+OpenFile = Callable[[Path], IO[bytes]]
 
 
 class Received(NamedTuple):
@@ -95,14 +96,23 @@ def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
         yield Received(channel.topic, message.log_time, content, message.sequence)
 
 
-def read_messages(path: Path) -> Iterator[Received]:
+def open_file(path: Path) -> IO[bytes]:
+    """Open a file for reading."""
+    return path.open("rb")
+
+
+def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Received]:
     """Yield the messages of a recording that tell a robot's state, also of one that was not ended.
+
+    Args:
+        path: The file.
+        open_file: Opens it; a caller that shows progress puts a counter around it.
 
     Raises:
         RecordingError: The file cannot be read, or it is not an MCAP file.
     """
     try:
-        with path.open("rb") as stream:
+        with open_file(path) as stream:
             _require_mcap(stream, path)
             reader = NonSeekingReader(stream, validate_crcs=True, record_size_limit=path.stat().st_size)
             yield from decoded(encoded(reader, str(path)))

@@ -9,7 +9,17 @@ from typing import Any, Final
 import numpy as np
 
 from hal.types import FloatArray
-from servoloop.recorder.mcap_messages import COMMANDS, CYCLES, RESULT, STATES, STATUSES, Received, read_messages
+from servoloop.recorder.mcap_messages import (
+    COMMANDS,
+    CYCLES,
+    RESULT,
+    STATES,
+    STATUSES,
+    OpenFile,
+    Received,
+    open_file,
+    read_messages,
+)
 from servoloop.recorder.record_option import RecordingError
 
 ERROR: Final = 2
@@ -46,11 +56,11 @@ class RecordedRun:
     """The ends of goals."""
 
 
-def read_recording(path: Path) -> RecordedRun:
+def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
     """Read a recording of servoloop or of another program, also one that was not ended. Raises RecordingError."""
     received: dict[str, list[Received]] = {}
     command_rows: list[int] = []
-    for one in read_messages(path):
+    for one in read_messages(path, open_file):
         received.setdefault(one.topic, []).append(one)
         if one.topic == COMMANDS:
             command_rows.append(len(received.get(STATES, ())) - 1)

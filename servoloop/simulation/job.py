@@ -1,14 +1,18 @@
 """The pick-and-place node's own job on a simulated stack, without ROS: the same steps, poses and words."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
 
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
 from nodes.pick_place.settings import Settings
+from servoloop.arms.folder import Arm
+from servoloop.arms.pick_place import load_pick_place
 from servoloop.demo.following_error import FollowingError
+from servoloop.files import Files
 from servoloop.simulation.stack import SimulatedStack
+from sim_backend.scene.scene_check import require_scene
 
 LONGEST_S = 60.0
 """Of a job; the longest wait in it is the arm's for its hand, 4 s."""
@@ -63,6 +67,20 @@ class JobRecord:
     duration_s: float
     following: FollowingError
     states: tuple[State, ...]
+
+
+def require_cell(files: Files, grades: Collection[str]) -> None:
+    """Check that the scene has the cube, the stand and the bins, if there are jobs. Raises ArmFileError."""
+    if grades:
+        require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
+
+
+def job_settings(arm: Arm, grades: Collection[str]) -> Settings:
+    """The settings of the arm's pick-and-place node; without jobs the defaults, and no file is read.
+
+    Raises ArmFileError.
+    """
+    return load_pick_place(arm.pick_place).settings() if grades else Settings()
 
 
 def run_job(stack: SimulatedStack, settings: Settings, grade: str, number: int = 1) -> JobRecord:

@@ -13,7 +13,7 @@ from servoloop.files import Files
 from servoloop.simulation.digest import Digest
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.file_recording import recorded
-from servoloop.simulation.job import JobRecord, run_job
+from servoloop.simulation.job import JobRecord, require_cell, run_job
 from servoloop.simulation.schedule import Schedule
 from sim_backend.faults.player import require_possible
 from sim_backend.mechanics.build import Build
@@ -26,6 +26,8 @@ SETTLED_S = 2.5
 class SimulationResult:
     """One run. Times in seconds of the simulation, but ``cpu_s``."""
 
+    joints: tuple[str, ...]
+    """The joints of the arm's controller, in the order of all figures."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int
@@ -52,6 +54,7 @@ def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path 
     cannot happen to this arm, RecordingError.
     """
     begun_s = process_time()
+    require_cell(files, schedule.job)
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
     digest, faulty = Digest(), Counter[str]()
 
@@ -65,6 +68,7 @@ def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path 
         jobs = _run(stack, settings, schedule)
     figures = stack.loop.figures
     return SimulationResult(
+        tuple(stack.arm.joints),
         jobs,
         stack.clock.now(),
         figures.cycles,

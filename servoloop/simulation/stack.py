@@ -35,8 +35,8 @@ from sim_backend.wire.line import ServoLine
 from sim_backend.wire.port import VirtualPort
 
 NOMINAL_BUILD = Build()
-MOVE_S = 2.0
 AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)
+MOVE_S = 2.0
 
 
 class SimulatedStack:
@@ -86,8 +86,8 @@ class SimulatedStack:
         )
         factory = Factory(self.files.controllers, context)
         built = [factory.make(spec) for spec in self.files.controllers.controllers]
-        self.arm = self._first(built, JointTrajectoryController)
-        self.hand = self._first(built, ForwardCommandController)
+        self.arm = _first(built, JointTrajectoryController, self.files)
+        self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
         """Where the positions of the arm's joints are, without the hand's: each millisecond asks."""
         self._wrap = wrap
@@ -103,16 +103,6 @@ class SimulatedStack:
             components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
         )
 
-    def _first(self, built: Sequence[Controller], kind: type[AnyController]) -> AnyController:
-        """The first controller of a kind. Raises ControllersFileError if there is none."""
-        for controller in built:
-            if isinstance(controller, kind):
-                return controller
-        raise ControllersFileError(
-            f"{self.files.controllers.path}:1: no controller is a {kind.__name__}, by which simulated jobs move the "
-            "arm and its hand: add one"
-        )
-
     def add_controller(self, controller: Controller) -> None:
         """Load one that has been built; it is inactive until the stack is up, or it is switched."""
         self.manager.registry.add(self._wrap(controller))
@@ -122,6 +112,11 @@ class SimulatedStack:
         configure_all(self.loop.hardware)
         self.loop.activate()
         return self
+
+    @property
+    def hand(self) -> ForwardCommandController:
+        """The controller of the hand. Raises ControllersFileError if the arm has none."""
+        return _first(self._built, ForwardCommandController, self.files)
 
     # Most arms have one component on one line.
 
@@ -189,3 +184,12 @@ class SimulatedStack:
             self.trace.velocity.append(tracking.reference.velocity)
         self.on_state(state)
         self.after_cycle()
+
+
+def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
+    """The first controller of a kind. Raises ControllersFileError."""
+    for controller in built:
+        if isinstance(controller, kind):
+            return controller
+    path = files.controllers.path
+    raise ControllersFileError(f"{path}:1: no controller is a {kind.kind}, which simulated motions need: add one")

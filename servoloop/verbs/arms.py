@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from servoloop.arms.folder import PATHS, Arm, arms, find_arm
+from servoloop.arms.folder import PATHS, Arm, arms, find_arm, read_arm
 
 app = typer.Typer()
 
@@ -40,6 +40,28 @@ def print_table(found: list[Arm], console: Console) -> None:
 
 
 @app.command()
+def new(
+    name: Annotated[Path, typer.Argument(help="Name of the arm: a new folder here; or a path to it.")],
+    urdf: Annotated[Path, typer.Argument(help="Robot description, as any URDF.")],
+    servo: Annotated[str, typer.Option(help="Model of the servos.")] = "sts3215",
+) -> None:
+    """Write the folder of an arm of your own: description, robot file, controllers and simulated scene.
+
+    Example: `servoloop arms new my_arm robot.urdf`, then `servoloop emulate ./bus --arm ./my_arm`
+    """
+    from servoloop.arms.check import check_arm
+    from servoloop.arms.new import new_arm
+
+    for path in new_arm(name, urdf, servo):
+        typer.echo(path)
+    for problem in check_arm(name):
+        typer.secho(f"! {problem}", fg="yellow")
+    place = name if name.is_absolute() else f"./{name}"
+    typer.echo(f"next: servoloop emulate ./bus --arm {place}")
+    typer.echo(f"and in another terminal: servoloop up --arm {place} --port ./bus")
+
+
+@app.command()
 def check(
     folder: Annotated[str, typer.Argument(help="An arm's folder, or the name of one that is ready.")],
     as_json: JsonOption = False,
@@ -48,14 +70,15 @@ def check(
 
     Example: `servoloop arms check ./my_arm`
     """
-    from servoloop.arms.check import check_arm
+    from servoloop.arms.check import check_arm, missing_parts
 
     place = Path(folder) if Path(folder).is_dir() else find_arm(folder).folder
     problems = check_arm(place)
     if as_json:
         typer.echo(json.dumps({"folder": str(place), "problems": problems}, indent=2))
     else:
-        typer.echo("\n".join(problems) or f"{place.name} is right")
+        right = [] if problems else [f"{place.name} is right", *missing_parts(read_arm(place))]
+        typer.echo("\n".join([*problems, *right]))
     raise typer.Exit(1 if problems else 0)
 
 

@@ -22,6 +22,10 @@ RateOption = Annotated[int, typer.Option("--rate", min=SLOWEST_HZ, max=FASTEST_H
 HandsFreeOption = Annotated[
     bool, typer.Option("--hands-free", help="Move without a key that is held: have an emergency stop at hand.")
 ]
+UnattendedOption = Annotated[
+    bool,
+    typer.Option("--hands-free", "--yes", help="Do not ask for a key that is held: have an emergency stop at hand."),
+]
 SpeedOption = Annotated[
     float, typer.Option(min=0.05, max=1.0, help="Share of the speed of the hand, or of the recording.")
 ]

@@ -11,6 +11,8 @@ from servoloop.verbs.line import PortOption, named_devices
 from servoloop.verbs.output import JsonOption, YesOption, print_json
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from commissioning.calibrate.run import Outcome
     from servoloop.arms.folder import Arm
     from servoloop.files import ServoFiles
@@ -137,6 +139,18 @@ def hand(
     if json:
         print_json(found)
         return
+    if do in ("connect", "disconnect"):
+        typer.echo(_connected(found))
+        return
     for name, state in found.items():
         held = "held" if state["held"] else "free"
         typer.echo(f"{name:18} {state['position']:+8.4f}  {held}{'' if state['arrived'] else ', on its way'}")
+
+
+def _connected(found: "Mapping[str, Mapping[str, Any]]") -> str:
+    """The joints whose servos are connected, with the IDs that the servos have."""
+    names = [f"{name} (ID {state['servo_id']})" for name, state in found.items() if state["connected"]]
+    if not names:
+        return "no servo is connected"
+    every = " (the whole chain)" if len(names) == len(found) else ""
+    return f"connected{every}: {', '.join(names)}"

@@ -13,7 +13,7 @@ from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from servoloop.arms.folder import OWN
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
-from servoloop.verbs.output import JsonOption, print_json
+from servoloop.verbs.output import JsonOption, print_json, print_table
 
 app = typer.Typer(no_args_is_help=True, help="An arm's calibration: shown, and exchanged with LeRobot.")
 
@@ -39,7 +39,7 @@ def import_(
     if json:
         print_json({"written": str(written), "joints": [_plain(one) for one in made]})
         return
-    Console().print(_imported(made))
+    print_table(Console(), _imported(made), "joint", "doubtful")
     typer.echo(f"{ITS_ZERO}.\nWritten: {written}")
 
 
@@ -73,7 +73,7 @@ def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = Non
     if json:
         print_json(rows)
     else:
-        Console().print(_shown(rows))
+        print_table(Console(), _shown(rows), "joint", "doubtful")
 
 
 def _plain(one: Imported) -> dict[str, Any]:

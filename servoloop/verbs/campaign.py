@@ -35,6 +35,9 @@ def campaign(
     schedule: Annotated[
         Path | None, typer.Option(help="Instead of a scenario: one run, as a campaign has kept it, to see it again.")
     ] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Instead of the scenario's arm: a name that `servoloop arms` lists, or a folder.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many runs.")] = 100,
     first: Annotated[int, typer.Option(min=0, help="The first one's seed.")] = 0,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as processors without.")] = None,
@@ -57,12 +60,16 @@ def campaign(
     """
     if (scenario is None) == (schedule is None):
         raise DriverError("name one file: --scenario for many runs, or --schedule to see one run again")
+    if schedule is not None and arm is not None:
+        raise DriverError(f"--arm goes with --scenario: {schedule} names its arm itself")
     if schedule is not None:
         raise typer.Exit(_see_again(schedule, out, json))
     assert scenario is not None
     from servoloop.campaign.campaign import read_scenario
 
     said = read_scenario(scenario)
+    if arm is not None:
+        said = said.model_copy(update={"arm": arm})
     make_folder(out)
     asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
     with Signals() as signals:

@@ -9,10 +9,11 @@ import typer
 from servoloop.arms.folder import OWN, find_arm, read_arm_servos
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.verbs.line import PortsOption, served_devices
-from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from commissioning.doctor.motion import Move
     from commissioning.doctor.report import BusFigures, Report
@@ -101,17 +102,15 @@ def print_report(report: "Report", console: "Console") -> None:
             console.print(f"   run: {one.command}", style="bold", highlight=False, markup=False, soft_wrap=True)
     for bus in report.buses:
         if bus.servos:
-            console.print(_table(bus))
+            print_table(console, _table(bus), "joint", "model", "heard", "alarms")
     if not report.findings:
         console.print("nothing is wrong", style="green")
 
 
-def _table(bus: "BusFigures") -> object:
+def _table(bus: "BusFigures") -> "Table":
     from rich.table import Table
 
-    table = Table(title=bus.port)
-    for name in ("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms"):
-        table.add_column(name, no_wrap=name in ("joint", "model"))
+    table = Table("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms", title=bus.port)
     for one in bus.servos:
         row = (
             one.heard,

@@ -1,5 +1,6 @@
 """``servoloop emulate``: the virtual servos on a pseudo-terminal, for any program."""
 
+import logging
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -19,6 +20,8 @@ from servoloop.realtime import at_ordinary_priority
 from servoloop.verbs.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption, UrdfOption
 from servoloop.verbs.ros_options import log_to_terminal
 from servoloop.view.installed import require_view
+
+LOG = logging.getLogger("servoloop")
 
 
 def emulate(
@@ -61,6 +64,7 @@ def emulate(
     from servoloop.emulator import emulate as run
     from servoloop.signals import Signals
     from servoloop.simulation.stack_faults import require_possible_in
+    from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
     from sim_backend.mechanics.build import Build
 
@@ -78,7 +82,7 @@ def emulate(
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     if view and urdf is not None:
         raise DriverError("--view shows the arm of --arm: leave out --urdf")
-    with Signals() as signals, _page(link, arm, view) as show:
+    with Signals() as signals, _page(link, arm, view) as show, compilation_announced(LOG.info):
         run(
             files,
             link,

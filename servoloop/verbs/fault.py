@@ -1,7 +1,8 @@
 """``servoloop fault``: something goes wrong with the servos of a running emulator."""
 
+import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,14 +13,18 @@ from servoloop.verbs.output import JsonOption, print_json
 def fault(
     link: Annotated[Path | None, typer.Argument(help="Where `servoloop emulate` serves the bus.")] = None,
     what: Annotated[
-        str | None, typer.Argument(help="A kind and its parameters, such as 'silent id=3 for=2s'; without: what is on.")
+        list[str] | None,
+        typer.Argument(help="A kind and its parameters, such as silent id=3 for=2s; without: the faults that are on."),
     ] = None,
+    clear: Annotated[
+        bool, typer.Option("--clear", help="Take back the faults of this kind and these parameters; without WHAT, all.")
+    ] = False,
     kinds: Annotated[bool, typer.Option("--list", help="All kinds, and how each is typed.")] = False,
     json: JsonOption = False,
 ) -> None:
     """Let something go wrong with virtual servos, now or `at=` so many seconds from now.
 
-    Example: `servoloop fault ./bus 'silent id=3 for=2s'`
+    Example: `servoloop fault ./bus silent id=3`, taken back by `servoloop fault ./bus --clear silent`
     """
     from sim_backend.control import ask, control_path
 
@@ -28,7 +33,9 @@ def fault(
         return
     if link is None:
         raise DriverError("name the emulator's LINK, such as ./bus; `servoloop fault --list` shows all kinds")
-    command = {"do": "fault"} if what is None else {"do": "fault", "text": what}
+    command: dict[str, Any] = {"do": "fault", "clear": clear}
+    if what:
+        command["text"] = what[0] if len(what) == 1 else shlex.join(what)
     try:
         found = ask(control_path(link), command)
     except ValueError as error:
@@ -38,7 +45,7 @@ def fault(
         return
     lines = [
         f"{word}: {text}"
-        for word, key in (("done", "done"), ("on", "active"), ("coming", "coming"))
+        for word, key in (("done", "done"), ("taken back", "taken_back"), ("on", "active"), ("coming", "coming"))
         for text in found[key]
     ]
     typer.echo("\n".join(lines) or "nothing is wrong")

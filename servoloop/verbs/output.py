@@ -2,11 +2,18 @@
 
 import json
 from dataclasses import asdict, is_dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from drivers.errors import DriverError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+UNLIMITED: Final = 1000
+"""More columns than any table needs."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
@@ -21,6 +28,24 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def print_table(console: "Console", table: "Table", *texts: str) -> None:
+    """Print a table without cutting anything, also where it is wider than the terminal.
+
+    Args:
+        console: The terminal.
+        table: The table.
+        texts: The headings of the columns that are wrapped first; the others are wrapped in a narrow terminal only.
+    """
+    table.show_edge = table.pad_edge = False
+    for column in table.columns:
+        column.overflow = "fold"
+        column.no_wrap = str(column.header) not in texts
+    if console.measure(table, options=console.options.update(max_width=UNLIMITED)).minimum > console.width:
+        for column in table.columns:
+            column.no_wrap = False
+    console.print(table)
 
 
 def confirm(question: str, yes: bool) -> None:

@@ -22,7 +22,7 @@ from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.arms.folder import find_arm
 from servoloop.verbs.line import PortOption, adapter_serial, bus_of, interruptible, open_line
-from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json, print_table
 
 app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
 
@@ -121,7 +121,7 @@ def restore_(
             found = plan_restore(line, passport, servo_id)
         plans = [plan for plan in found if plan.values]
         if plans and not yes:
-            Console().print(_planned(plans))
+            print_table(Console(), _planned(plans), "register")
             confirm("Write this?", yes)
         changes = restore_all(line, MonotonicClock(), plans)
     _say_changes(changes, json)
@@ -172,7 +172,7 @@ def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
         joint = passport.servos[one.servo_id].joint or ""
         table.add_row(str(one.servo_id), joint, one.register, str(one.saved), str(one.now))
     if found.differences:
-        Console().print(table)
+        print_table(Console(), table, "joint", "register")
     for servo_id in found.absent:
         typer.echo(f"servo {servo_id} does not answer")
     for servo_id in found.others:

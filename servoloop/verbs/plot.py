@@ -1,5 +1,6 @@
 """``servoloop plot``: a recording as one page."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -21,16 +22,22 @@ def plot(
     One page that opens without a network. A recording of a program that was killed is drawn as far as it goes.
     Example: `servoloop plot out/run.mcap`
     """
+    from rich.console import Console
+    from rich.progress import Progress
+
     from servoloop.campaign.report import possible
     from servoloop.recorder.reader import read_recording
 
     if not possible():
         raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
-    run = read_recording(recording)
-    from servoloop.recorder.page import write_page
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
+    with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
+        from servoloop.recorder.page import write_page  # with matplotlib, which takes a second
 
-    path = out or recording.with_suffix(".html")
-    write_page(path, run, recording.name)
+        path = out or recording.with_suffix(".html")
+        write_page(path, run, recording.name)
     if json:
         print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})
     else:

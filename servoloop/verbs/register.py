@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servoloop.verbs.line import BaudOption, IdOption, PortOption, servo_at
-from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json
+from servoloop.verbs.output import JsonOption, YesOption, confirm, print_json, print_table
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue
@@ -37,7 +37,7 @@ def list_registers(
     for one in values:
         access, kept = "read, write" if one.writable else "read", "EEPROM" if one.persistent else "RAM"
         table.add_row(one.name, str(one.address), access, kept, one.text, "" if one.raw is None else str(one.raw))
-    Console().print(table)
+    print_table(Console(), table, "register", "value")
 
 
 @app.command()

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from servoloop.arms.folder import OWN
-from servoloop.verbs.by_hand import RATE_HZ, HandsFreeOption, RateOption, SpeedOption, require_keys, side_of
+from servoloop.verbs.by_hand import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
 from servoloop.verbs.teach import played
 from servoloop.verbs.view import view
 
@@ -18,7 +18,7 @@ def replay(
     ] = None,
     arm: Annotated[str, typer.Option(help="The arm: a name that `servoloop arms` lists, or its folder.")] = OWN,
     speed: SpeedOption = 1.0,
-    hands_free: HandsFreeOption = False,
+    hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
 ) -> None:
     """Have an arm do what is in a recording, as long as a key is held: any but q, which ends.

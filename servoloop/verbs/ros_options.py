@@ -2,6 +2,8 @@
 
 import logging
 import os
+import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -19,8 +21,20 @@ def set_network(network: bool) -> None:
         open_to_network(os.environ)
 
 
+class TerminalHandler(logging.Handler):
+    """Prints log records on the stderr of the moment.
+
+    A live table replaces stderr so that lines appear above it; written past it, they would leave pieces of the table.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one record."""
+        with suppress(OSError, ValueError):  # of a terminal or a pipe that is gone, or a full disk
+            print(self.format(record), file=sys.stderr, flush=True)
+
+
 def log_to_terminal() -> None:
-    """Show what the stack says of itself."""
-    handler = logging.StreamHandler()
+    """Print the log of the stack on the terminal."""
+    handler = TerminalHandler()
     handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

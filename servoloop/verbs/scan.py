@@ -10,10 +10,11 @@ import typer
 from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
 from servoloop.processes import Interrupted
-from servoloop.verbs.output import JsonOption, print_json
+from servoloop.verbs.output import JsonOption, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from commissioning.scan.look import ServoLook
     from commissioning.scan.scan import Progress, ScanReport
@@ -112,7 +113,7 @@ def _bar(console: "Console", quiet: bool) -> Iterator["Progress"]:
 def print_report(report: "ScanReport", console: "Console") -> None:
     """For people: a table of who is there, then what is wrong."""
     if report.servos:
-        console.print(_table(report))
+        print_table(console, _table(report), "model", "mode", "alarms")
     else:
         console.print(f"{report.port}: nobody answers. Is the servos' supply on, and the cable in the right socket?")
     for servo in report.servos:
@@ -130,7 +131,7 @@ def print_report(report: "ScanReport", console: "Console") -> None:
         console.print(f"  not looked for: {what} (name the make with --make, and it is)", highlight=False)
 
 
-def _table(report: "ScanReport") -> object:
+def _table(report: "ScanReport") -> "Table":
     from rich.table import Table
 
     columns = ("ID", "model", "firmware", "baud", "V", "°C", "torque", "mode", "alarms")

@@ -12,7 +12,7 @@ from servoloop.signals import Signals
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
 from servoloop.verbs.keyboard import Keyboard
 from servoloop.verbs.line import PortOption, bus_of, open_line
-from servoloop.verbs.output import JsonOption, print_json
+from servoloop.verbs.output import JsonOption, print_json, print_table
 
 if TYPE_CHECKING:
     from commissioning.set_up.flow import Audit, SetUp, Task
@@ -110,4 +110,4 @@ def _print(rows: "list[Audit]") -> None:
         gear = row.gear.verdict if row.gear else ""
         written = ", ".join(f"{one.register.name} {one.old} to {one.new}" for one in row.changes)
         table.add_row(row.joint, str(row.servo_id), row.model, f"{row.voltage_v:.1f}", was, gear, written or "nothing")
-    Console().print(table)
+    print_table(Console(), table, "joint", "model", "was", "gear", "written")

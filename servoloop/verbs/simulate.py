@@ -47,18 +47,22 @@ def simulate(
     from rich.console import Console
 
     from servoloop.arms.pick_place import load_pick_place
+    from servoloop.simulation.job import job_settings
     from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
     from servoloop.simulation.stack_faults import require_possible_in
+    from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
 
     if record is not None:
         check_path(record)
     said = read_schedule(schedule) if schedule else None
     chosen = find_arm(said.arm if said else arm)
-    poses = load_pick_place(chosen.pick_place)
     if said is None:
-        grades = _grades(job, poses.grades) if job is not None else () if seconds is not None else poses.grades
+        grades: tuple[str, ...] = ()
+        if job is not None or seconds is None:
+            known = load_pick_place(chosen.pick_place).grades
+            grades = known if job is None else _grades(job, known)
         said = Schedule(
             arm=arm,
             seed=seed,
@@ -70,9 +74,10 @@ def simulate(
     files = read_arm_files(chosen, robot=robot)
     if source := schedule or faults:
         require_possible_in(source, said.faults, files.robot, ("faults",) if schedule else ())
-    result = run(files, poses.settings(), said, record)
+    with compilation_announced(lambda text: typer.echo(text, err=True)):
+        result = run(files, job_settings(chosen, said.job), said, record)
     if json:
-        print_json(_plain(result, poses.joints))
+        print_json(_plain(result))
     else:
         _print(result, Console())
     raise typer.Exit(0 if result.success else 1)
@@ -85,7 +90,7 @@ def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
     return grades
 
 
-def _plain(result: "SimulationResult", joints: tuple[str, ...]) -> dict[str, Any]:
+def _plain(result: "SimulationResult") -> dict[str, Any]:
     """The result for programs."""
     return {
         "success": result.success,
@@ -96,7 +101,7 @@ def _plain(result: "SimulationResult", joints: tuple[str, ...]) -> dict[str, Any
                 "bin": job.bin,
                 "message": job.message,
                 "duration_s": round(job.duration_s, 3),
-                "following_error": job.following.as_dict(joints),
+                "following_error": job.following.as_dict(result.joints),
             }
             for job in result.jobs
         ],
@@ -105,7 +110,7 @@ def _plain(result: "SimulationResult", joints: tuple[str, ...]) -> dict[str, Any
         "missed_cycles": result.missed_cycles,
         "unmeasured_cycles": result.unmeasured_cycles,
         "faulty_cycles": result.faulty_cycles,
-        "following_error": result.following.as_dict(joints),
+        "following_error": result.following.as_dict(result.joints),
         "digest": result.digest,
         "cpu_s": round(result.cpu_s, 3),
     }

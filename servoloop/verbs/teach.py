@@ -9,9 +9,9 @@ from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm
 from servoloop.verbs.by_hand import (
     RATE_HZ,
-    HandsFreeOption,
     RateOption,
     SpeedOption,
+    UnattendedOption,
     permission_of,
     require_keys,
     side_of,
@@ -78,7 +78,7 @@ def play(
     port: Port,
     arm: AnArm = OWN,
     speed: SpeedOption = 1.0,
-    hands_free: HandsFreeOption = False,
+    hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
 ) -> None:
     """Play a motion back, as long as a key is held: any but q, which ends.

@@ -15,6 +15,7 @@ from commissioning.calibrate.run import STORE
 from commissioning.slow_arm import StoppedError
 from servoloop.signals import Signals
 from servoloop.verbs.keyboard import Keyboard
+from servoloop.verbs.output import print_table
 
 if TYPE_CHECKING:
     from commissioning.calibrate.flow import Task
@@ -83,7 +84,7 @@ class Terminal:
 
     def show(self, differences: "Sequence[Difference]") -> None:
         """Print what has been found, beside what was."""
-        self.console.print(difference_table(differences))
+        print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
         for one in differences:
             if one.doubt:
                 self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)

@@ -1,5 +1,6 @@
 """``servoloop tune``: how a joint follows with its servo's gains, and which ones would be better."""
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -69,11 +70,12 @@ def tune(
     require_file(path)
     signals = Signals(LEFT)
     with served_devices(port, files) as devices:
-        tuner, end = _tuner(files, joint, devices, signals)
+        tuner, ending = _tuner(files, joint, devices, signals)
         values = parse_gains(tuner.joint.model, [*write, *(more or ())]) if write else None
-        confirm(_question(tuner, at, values, apply, end), yes)
+        confirm(_question(tuner, at, values, apply, ending.announced), yes)
         with signals:
             report = _tuned(tuner, at, values, apply, signals)
+            typer.echo(ending.reached, err=True)
     if not json:
         print_report(report, files.robot_path, Console())
     drawn, failed = None, None
@@ -98,8 +100,18 @@ def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -
         raise TuneError("--apply writes what is proposed, --write what you say: give one of them")
 
 
-def _tuner(files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signals: "Signals") -> "tuple[Tuner, str]":
-    """The tuner of a joint, and how it leaves the arm, in words."""
+@dataclass(frozen=True, slots=True)
+class _EndingText:
+    """The state in which the arm is left, before the measurement and after it."""
+
+    announced: str
+    reached: str
+
+
+def _tuner(
+    files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signals: "Signals"
+) -> "tuple[Tuner, _EndingText]":
+    """The tuner of a joint, and how it leaves the arm."""
     from commissioning.tune.tuner import Ending, Tuner
     from drivers.clock import MonotonicClock
     from servoloop.ports import world_feed
@@ -117,9 +129,17 @@ def _tuner(files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signal
         stopped=lambda: signals.count > 0,
         hurry=lambda: signals.count > 1,
     )
+    return tuner, _ending_text(relax, park is not None)
+
+
+def _ending_text(relax: bool, park: bool) -> _EndingText:
+    if not relax:
+        return _EndingText(
+            "In the end the arm holds itself where it began.", "the arm holds its position under torque (on_exit: hold)"
+        )
     where = "goes to its park pose" if park else "comes back to where it began"
-    end = f"In the end the arm {where} and is let go." if relax else "In the end the arm holds itself where it began."
-    return tuner, end
+    left = "in its park pose" if park else "where it began"
+    return _EndingText(f"In the end the arm {where} and is let go.", f"the arm is {left}, and its torque is off")
 
 
 def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> "OpenBuses":

@@ -6,7 +6,7 @@ from typing import Any
 from sim_backend.control import Command, Handler
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.text import parse, text_of
+from sim_backend.faults.text import matching, parse, text_of
 
 
 def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command) -> Mapping[str, Any]:
@@ -16,9 +16,11 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     """
     if command.get("do") != "fault":
         return other(command)
-    text, done = command.get("text"), list[str]()
+    text, done, taken = command.get("text"), list[str](), list[str]()
     try:
-        if text is not None:
+        if command.get("clear"):
+            taken = _taken_back(player, "" if text is None else str(text))
+        elif text is not None:
             event = parse(str(text))
             player.play([event], now_s())
             player.begin_due(now_s())
@@ -28,6 +30,15 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     return {
         "time_s": round(now_s(), 3),
         "done": done,
+        "taken_back": taken,
         "active": [text_of(event) for event in player.active.values()],
         "coming": [text_of(event) for event in player.coming],
     }
+
+
+def _taken_back(player: FaultPlayer, text: str) -> list[str]:
+    """Take back the faults that ``text`` names, or all; returns their texts. Raises FaultError if none matches."""
+    events = player.take_back(matching(text))
+    if text and not events:
+        raise FaultError(f"no fault {text} is on or coming")
+    return [text_of(event) for event in events]

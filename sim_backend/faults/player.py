@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import Final
 
 from sim_backend.faults.errors import FaultError
@@ -59,6 +59,17 @@ class FaultPlayer:
     def coming(self) -> list[Event]:
         """The faults that have not begun yet, in the order in which they will."""
         return [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
+
+    def take_back(self, matches: Callable[[Event], bool]) -> list[Event]:
+        """End the active faults that match, the last to have begun first, and forget those to come; returns all."""
+        running = [number for number, event in self.active.items() if matches(event)]
+        events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
+        coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}
+        self._due = [due for due in self._due if due[2] not in {*running, *coming}]
+        heapify(self._due)
+        for number in reversed(running):
+            self._end(number)
+        return events
 
     def close(self) -> None:
         """End all faults, the last to have begun first, and forget those to come."""

@@ -1,6 +1,7 @@
 """Faults as people type them: ``silent id=3 for=2s``. The kind, and then its parameters in any order."""
 
 import shlex
+from collections.abc import Callable
 from difflib import get_close_matches
 from typing import Any, Final
 
@@ -42,6 +43,38 @@ def usage(kind: type[Event]) -> str:
 
 def parse(text: str) -> Any:
     """The event that ``text`` names. Raises FaultError, which lists all mistakes."""
+    kind, name, parameters = _split(text)
+    return _event(kind, name, text, parameters)
+
+
+def matching(text: str) -> Callable[[Event], bool]:
+    """Whether an event is of the kind that ``text`` names and has the parameters that ``text`` gives.
+
+    An empty text matches every event. Raises FaultError.
+    """
+    if not text.strip():
+        return lambda event: True
+    kind, name, parameters = _split(text)
+    known, wanted = words(kind), dict[str, Any]()
+    for parameter in parameters:
+        word, equals, value = parameter.partition("=")
+        if not equals or word not in known:
+            raise FaultError(f"{parameter}: {name} takes {', '.join(f'{each}=' for each in known)}")
+        wanted[known[word]] = _seconds(value) if known[word].endswith("_s") else value
+    return lambda event: (
+        event.kind == name and all(_equal(getattr(event, field), value) for field, value in wanted.items())
+    )
+
+
+def _equal(held: Any, wanted: Any) -> bool:
+    try:
+        return float(held) == float(wanted)
+    except (TypeError, ValueError):
+        return str(held) == str(wanted)
+
+
+def _split(text: str) -> tuple[type[Event], str, list[str]]:
+    """The kind, its name and the parameters. Raises FaultError."""
     try:
         name, *parameters = shlex.split(text) or [""]
     except ValueError as error:
@@ -51,7 +84,7 @@ def parse(text: str) -> Any:
         near = get_close_matches(name, KINDS)
         meant = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(KINDS)}"
         raise FaultError(f"there is no fault {name!r}: {meant}")
-    return _event(kind, name, text, parameters)
+    return kind, name, parameters
 
 
 def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> Any:

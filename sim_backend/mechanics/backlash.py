@@ -26,7 +26,10 @@ def motor_name(joint: str) -> str:
 
 
 def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
-    """The scene's model with a motor for each joint in ``gaps``, which says how far it is free (rad or m)."""
+    """The scene's model with a motor for each joint in ``gaps``, which says how far it is free (rad or m).
+
+    Raises ArmFileError.
+    """
     spec: Any = scene_spec(scene)
     for joint, gap in gaps.items():
         _add_motor(spec, joint, gap)

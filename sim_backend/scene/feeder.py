@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from sim_backend.scene.world import FloatArray, World
+from sim_backend.scene.cube_cell import CubeCell, FloatArray
+from sim_backend.scene.world import World
 
 LOOK_S: Final = 0.01
 SLOW_RAD_S: Final = 0.05
@@ -42,13 +43,13 @@ class Feeder:
         """The old cube is done and the arm has rested; the next motion brings a fresh one."""
 
     def update(self, world: World, time_s: float) -> None:
-        """Feed a cube if it is time to. `time_s`: the world's."""
-        if time_s < self._next_s:
+        """Feed a cube if it is time to, and there is a stand. `time_s`: the world's."""
+        if time_s < self._next_s or world.cell is None or not world.cell.laid:
             return
         self._next_s = time_s + LOOK_S
         if self.due:
-            self._feed(world)
-        elif _done(world):
+            self._feed(world, world.cell)
+        elif _done(world, world.cell):
             self._rest(world, time_s)
         else:
             self._begin()
@@ -68,10 +69,10 @@ class Feeder:
         else:
             self.due = max(slow_s, stays_s) >= LONG_REST_S
 
-    def _feed(self, world: World) -> None:
+    def _feed(self, world: World, cell: CubeCell) -> None:
         """Wait while a finger is in the way; a hand that only opens and closes is no new job."""
-        if self._stays_at is not None and _set_out(self._stays_at, world) and world.stand_free():
-            world.feed_cube()
+        if self._stays_at is not None and _set_out(self._stays_at, world) and cell.stand_free():
+            cell.feed_cube()
             self.due = False
             self._begin()
 
@@ -90,14 +91,14 @@ def _stays(rest: FloatArray, world: World) -> bool:
     return not _set_out(rest, world) and bool(abs(world.position()[-1] - rest[-1]) < STAYS_HAND * world.hand_travel)
 
 
-def _done(world: World) -> bool:
+def _done(world: World, cell: CubeCell) -> bool:
     """Whether the cube ended its way: in a bin or lost, but not on the stand and not in the hand.
 
     A job that failed may leave it leaning against the fingers that are open around the stand.
     """
-    if not world.cube_at_rest() or world.cube_on_stand():
+    if not cell.cube_at_rest() or cell.cube_on_stand():
         return False
-    return not world.cube_touched() or (_at_ready(world) and _open(world))
+    return not cell.cube_touched() or (_at_ready(world) and _open(world))
 
 
 def _at_ready(world: World) -> bool:

@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 
 from hal.errors import ArmFileError
+from sim_backend.scene.cube_cell import BINS, FloatArray, has_cell
 from sim_backend.scene.scene_file import scene_model
-from sim_backend.scene.world import BINS, READY, FloatArray
+from sim_backend.scene.world import READY
 
 NOTHING: Final = 1e-6
 """The mass (kg) that a link without any is given."""
@@ -28,15 +29,15 @@ NEEDED: Final = {
     "key": (READY,),
     "joint": ("cube",),
     "geom": ("cube", "stand", "cube_place"),
-    "body": ("base_link", *(f"bin_{name}" for name in BINS)),
+    "body": tuple(f"bin_{name}" for name in BINS),
     "site": tuple(f"bin_{name}_inside" for name in BINS),
     "cam": ("overview",),
 }
-"""What ``World`` and the pictures look for, by kind and name."""
+"""What a cell of the pick-and-place job and its pictures consist of, by kind and name."""
 
 
-def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str]) -> list[str]:
-    """All that is wrong with a scene. ``driven``: the joints that have servos.
+def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
+    """All that is wrong with a scene. ``driven``: the joints that have servos; ``cell``: whether it needs a cell.
 
     Mistakes of the file itself begin with its path.
     """
@@ -49,16 +50,17 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str]) -> list[st
     except ValueError as error:
         return [f"MuJoCo cannot read the URDF: {' '.join(str(error).split())}"]
     return [
-        *_missing(model, driven),
+        *_missing(model, driven, cell),
         *_joints(model, described),
         *_bodies(model, described),
         *_places(model, described),
     ]
 
 
-def require_scene(scene: Path, driven: Sequence[str]) -> None:
+def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> None:
     """Check that a world can be made of a scene. ``driven``: the joints that have servos.
 
+    A scene with a part of the cell of the pick-and-place job needs all of it, and so does any scene with ``cell``.
     Raises ArmFileError with everything that the world needs and the scene does not have.
     """
     model: Any = scene_model(scene)
@@ -66,7 +68,7 @@ def require_scene(scene: Path, driven: Sequence[str]) -> None:
         raise ArmFileError(
             f"{scene} has no actuator for {', '.join(missing)}: name the arm whose scene has these joints with --arm"
         )
-    if problems := list(_needed(model)):
+    if problems := list(_needed(model, cell)):
         raise ArmFileError("\n".join(f"{scene}: {problem}" for problem in problems))
 
 
@@ -89,15 +91,17 @@ def names(model: Any, kind: str) -> list[str]:
     return [str(getattr(model, kind)(i).name) for i in range(count)]
 
 
-def _needed(model: Any) -> Iterator[str]:
+def _needed(model: Any, cell: bool) -> Iterator[str]:
+    if not (cell or has_cell(model)):
+        return
     for kind, needed in NEEDED.items():
         there = names(model, kind)
         what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
         yield from (f"it has no {what} {name}" for name in needed if name not in there)
 
 
-def _missing(model: Any, driven: Sequence[str]) -> Iterator[str]:
-    yield from _needed(model)
+def _missing(model: Any, driven: Sequence[str], cell: bool) -> Iterator[str]:
+    yield from _needed(model, cell)
     motors = names(model, "actuator")
     yield from (
         f"it has no actuator {joint}: each joint with a servo needs one" for joint in driven if joint not in motors
@@ -139,14 +143,15 @@ def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
 
 
 def _bodies(model: Any, described: Any) -> Iterator[str]:
-    there = names(model, "body")
+    there, root = names(model, "body"), described.body(1).name
     for name in names(described, "body"):
         if name not in there:
-            if described.body(name).jntnum[0]:
-                yield f"it has no body {name}, which is a link of the URDF that moves"
+            if described.body(name).jntnum[0] or name == root:
+                which = "the first link of the URDF" if name == root else "a link of the URDF that moves"
+                yield f"it has no body {name}, which is {which}"
             continue
         here, said = model.body(name), described.body(name)
-        if name == "base_link" or not said.jntnum[0] or said.mass[0] <= NOTHING:
+        if name == root or not said.jntnum[0] or said.mass[0] <= NOTHING:
             continue  # what is fastened may be joined with what it is fastened to
         if abs(here.mass[0] - said.mass[0]) > APART_SHARE * said.mass[0]:
             yield f"{name} weighs {here.mass[0]:g} kg here and {said.mass[0]:g} kg in the URDF"

@@ -44,6 +44,11 @@ def _refused(path: Path, error: ValueError) -> ArmFileError:
 
 def _check(path: Path) -> None:
     """Check size, encoding and numbers of a scene. Raises ArmFileError."""
+    if not path.exists():
+        raise ArmFileError(
+            f"{path} is missing, and without a scene the arm has no virtual servos: `servoloop arms new NAME "
+            "robot.urdf` writes a scene for any URDF; a real arm, with --port, needs none"
+        )
     text = read_xml(path, ArmFileError, "the scene")
     try:
         root = parse_xml(text, str(path))

@@ -1,54 +1,34 @@
-"""The simulated world: the arm, one cube, its stand and three bins, in MuJoCo.
+"""The simulated world: the arm and, if the scene has them, one cube, its stand and three bins, in MuJoCo.
 
 The world takes joint efforts and gives joint positions and velocities; what lies between a goal and an
 effort (the servo) is not its business. It knows no wall clock: `step` is one timestep, always.
-World frame = base_link. Joint order is `World.joints` everywhere: that of the scene's actuators, the hand's last.
+World frame = the arm's foot. Joint order is `World.joints` everywhere: that of the scene's actuators, the hand's last.
 
-What a scene has: a root body `base_link`; a motor of the same name for each driven joint; a keyframe `ready`, and
-perhaps `rest`; the freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and a site
-`bin_A_inside` for each bin.
+What a scene has: a motor of the same name for each driven joint; perhaps the keyframes `ready` and `rest`; perhaps all
+that `sim_backend.scene.cube_cell` names.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from operator import sub
 from pathlib import Path
 from typing import Any, Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_backend.mechanics.backlash import motor_name, with_gaps
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
 from sim_backend.mechanics.spread import NOMINAL, Spread
-
-FloatArray = NDArray[np.float64]
+from sim_backend.scene.cube_cell import CubeCell, FloatArray, Pose, has_cell
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
-BINS: Final = ("A", "B", "C")
-REST_M_S: Final = 0.01
-REST_RAD_S: Final = 0.1
 READY: Final = "ready"
-"""The keyframe with the arm's ready pose, the hand open, and a cube on the stand."""
+"""The keyframe with the ready pose, the hand open and a cube on the stand; without it the pose is the scene's own."""
 REST: Final = "rest"
 """The keyframe with the pose in which a limp arm lies; a scene without it begins at ready."""
-OFF_STAND_M: Final = 0.002
-"""With its middle so far beyond the stand's edges the cube would topple."""
 JAMMED_KG_M2: Final = 1e8
 """The inertia of gears that are blocked: nothing moves it noticeably, and MuJoCo still solves."""
-LIFTED_M: Final = 0.006
-"""So much higher or lower than on the stand the cube lies on something else."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where a body is in base_link: position (m) and orientation (unit quaternion, x y z w)."""
-
-    position_m: tuple[float, float, float]
-    quaternion_xyzw: tuple[float, float, float, float]
 
 
 class World:
@@ -78,11 +58,11 @@ class World:
         self.timestep_s = float(self.model.opt.timestep)
         self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
-        self._find_geoms()
-        self.ready: FloatArray = self.model.key(READY).qpos[self._qpos]
+        self.cell = CubeCell(self.model, self.data, self.arrays, self._of_arm()) if has_cell(self.model) else None
+        """The cube and all that belongs to it; None if the scene has the arm alone."""
+        first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
+        self.ready: FloatArray = first[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
-        self.laid = True
-        """Whether stand, bins and cube are there."""
         self._held: FloatArray | None = None
         """MuJoCo's positions while the arm is held, without the cube's."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
@@ -100,48 +80,37 @@ class World:
         low, high = joints[-1].range
         self.hand_travel = float(high - low)
         """How far the hand's joint goes, rad or m."""
-        cube = self.model.joint("cube")
-        self._cube_qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
-        self._cube_qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
-        self._home: FloatArray = self.model.qpos0[self._cube_qpos].copy()
 
     @property
     def lies(self) -> bool:
         """Whether the scene has a pose of rest, in which the arm begins and lies without help."""
-        return REST in [self.model.key(i).name for i in range(self.model.nkey)]
+        return REST in self._keyframes()
+
+    @property
+    def laid(self) -> bool:
+        """Whether stand, bins and cube are there."""
+        return self.cell is not None and self.cell.laid
+
+    def _keyframes(self) -> list[str]:
+        return [self.model.key(i).name for i in range(self.model.nkey)]
 
     def _rest(self) -> FloatArray:
         at_rest: FloatArray = self.model.key(REST).qpos[self._qpos] if self.lies else self.ready
         return at_rest
 
-    def _find_geoms(self) -> None:
-        arm = self.model.body("base_link").id
-        self._of_arm = self.model.body_rootid[self.model.geom_bodyid] == arm
-        self._cube_geom = self.model.geom("cube").id
-        self._place_geom = self.model.geom("cube_place").id
-        width, depth, _ = self.model.geom("stand").size
-        self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
+    def _of_arm(self) -> Any:
+        """Whether each geom is a part of the arm, (ngeom,)."""
+        arm = self.model.body_rootid[self.model.jnt_bodyid[self.model.joint(self.joints[0]).id]]
+        return self.model.body_rootid[self.model.geom_bodyid] == arm
 
     def _place_arm(self, position: Sequence[float] | FloatArray) -> None:
         self.data.qpos[self._qpos] = position
-        self._place_followers()
+        place_followers(self.model, self.data.qpos)
         for joint, motor in self._motors.items():
             self.data.joint(motor).qpos = self.data.joint(joint).qpos
         mujoco.mj_forward(self.model, self.data)
-        bodies = {f"bin_{name}": self.data.body(f"bin_{name}") for name in BINS}
-        self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
-        sites = [(name, f"bin_{name}_inside") for name in BINS]
-        self._insides = [
-            (name, self.data.site(site).xpos.copy(), self.model.site(site).size.copy()) for name, site in sites
-        ]
-
-    def _place_followers(self) -> None:
-        """Bring each joint that an equality couples to another, as a left finger is, to where the other has it."""
-        model, qpos = self.model, self.data.qpos
-        for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
-            follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
-            moved = qpos[leader] - model.qpos0[leader]
-            qpos[follower] = model.qpos0[follower] + np.polynomial.polynomial.polyval(moved, model.eq_data[row, :5])
+        if self.cell is not None:
+            self.cell.locate()
 
     @property
     def time_s(self) -> float:
@@ -202,9 +171,12 @@ class World:
         if self.data.ctrl.any() or self.data.qfrc_applied.any():
             self._held = None
             return
-        at, cube = self.data.qpos, self._cube_qpos
+        if self.cell is None:
+            self.data.qpos[:], self.data.qvel[:] = held, 0.0
+            return
+        at, cube, speed = self.data.qpos, self.cell.qpos, self.cell.qvel
         at[: cube.start], at[cube.stop :] = held[: cube.start], held[cube.stop :]
-        self.data.qvel[: self._cube_qvel.start] = self.data.qvel[self._cube_qvel.stop :] = 0.0
+        self.data.qvel[: speed.start] = self.data.qvel[speed.stop :] = 0.0
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
         """Advance by one timestep under the given joint efforts, shape (n,): N m, or N."""
@@ -212,70 +184,22 @@ class World:
         self.advance()
 
     def poses(self) -> dict[str, Pose]:
-        """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""
-        cube = self.data.qpos[self._cube_qpos]
-        return {"cube": _pose(cube[:3], cube[3:]), **self._bin_poses}
-
-    def cube_at_rest(self) -> bool:
-        """Whether the cube is still (lying, or held still)."""
-        speed: list[float] = self.arrays.velocity[self._cube_qvel].tolist()  # NumPy takes longer for six
-        return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
+        """Poses of the things of the cell by name; none without a cell."""
+        return {} if self.cell is None else self.cell.poses()
 
     def cube_bin(self) -> str | None:
-        """The bin in which the cube lies at rest: "A", "B" or "C"; None if it moves or is in none.
-
-        The cube on the stand is in no bin: the bins' insides end below the stand's top.
-        """
-        middle = self.data.qpos[self._cube_qpos][:3]
-        inside = (name for name, box, size in self._insides if (np.abs(middle - box) < size).all())
-        return next(inside, None) if self.cube_at_rest() else None
-
-    def cube_on_stand(self) -> bool:
-        """Whether the cube lies at rest on the stand."""
-        place: list[float] = self.arrays.position[self._cube_qpos].tolist()  # NumPy takes longer for three
-        apart = map(sub, place[:3], self._home.tolist())
-        return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
-
-    def cube_touched(self) -> bool:
-        """Whether the arm touches the cube."""
-        pairs = self.data.contact.geom
-        return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
-
-    def stand_free(self) -> bool:
-        """Whether no part of the arm is where a fresh cube would be laid (and 2 mm around it)."""
-        arm = np.flatnonzero(self._of_arm)
-        distance = (mujoco.mj_geomDistance(self.model, self.data, geom, self._place_geom, 0.01, None) for geom in arm)
-        return all(gap > 0.0 for gap in distance)
+        """The bin in which the cube lies at rest; None if it moves, is in none, or there is no cube."""
+        return None if self.cell is None else self.cell.cube_bin()
 
     def clear_table(self) -> None:
-        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
-        model, things = self.model, self._things()
-        self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
-        model.geom_contype[things] = model.geom_conaffinity[things] = 0
-        model.geom_rgba[things, 3] = 0.0
-        model.body_gravcomp[model.body("cube").id] = 1.0
-        self.laid = False
+        """Take stand, bins and cube away, if there are any."""
+        if self.cell is not None:
+            self.cell.clear()
 
     def lay_table(self) -> None:
-        """Bring back what ``clear_table`` took away, with the cube on its stand."""
-        if self.laid:
-            return
-        model, things = self.model, self._things()
-        model.geom_contype[things], model.geom_conaffinity[things] = self._cleared
-        model.geom_rgba[things, 3] = 1.0
-        model.body_gravcomp[model.body("cube").id] = 0.0
-        self.laid = True
-        self.feed_cube()
-
-    def _things(self) -> NDArray[np.int64]:
-        """The geometries on the table."""
-        return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self.model.geom("table").id])
-
-    def feed_cube(self) -> None:
-        """Lay the cube at rest in the middle of the stand."""
-        self.data.qpos[self._cube_qpos] = self._home
-        self.data.qvel[self._cube_qvel] = 0.0
-        mujoco.mj_forward(self.model, self.data)
+        """Bring back what ``clear_table`` took away."""
+        if self.cell is not None:
+            self.cell.lay()
 
     def configuration(self) -> FloatArray:
         """All that a picture needs: a copy of MuJoCo's positions of arm and cube."""
@@ -283,12 +207,13 @@ class World:
         return everything
 
     def cube_height_m(self, configuration: FloatArray) -> float:
-        """Height of the cube's middle above the table in a `configuration`."""
-        return float(configuration[self._cube_qpos][2])
+        """Height of the cube's middle above the table in a `configuration`; 0 without a cube."""
+        return 0.0 if self.cell is None else float(configuration[self.cell.qpos][2])
 
 
-def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
-    """MuJoCo says w first; everything else here says w last."""
-    x, y, z = (float(value) for value in position)
-    qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
-    return Pose((x, y, z), (qx, qy, qz, qw))
+def place_followers(model: Any, qpos: FloatArray) -> None:
+    """Bring each joint that an equality couples to another, as a left finger is, to where the other has it."""
+    for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
+        follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
+        moved = qpos[leader] - model.qpos0[leader]
+        qpos[follower] = model.qpos0[follower] + np.polynomial.polynomial.polyval(moved, model.eq_data[row, :5])

@@ -90,6 +90,10 @@ class ServoLine(ABC, Generic[AnyServo]):
         self._unplugged.add(servo)
         servo.power_cycle()
 
+    def plugged(self, servo: AnyServo) -> bool:
+        """Whether the servo's plug is in."""
+        return servo not in self._unplugged
+
     def plug(self, servo: AnyServo) -> None:
         """Plug the servo in, if it is not: it comes up as after any power-off."""
         if servo in self._unplugged:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.arms.check import check_arm
-from servoloop.arms.folder import ARMS, Arm, arms
+from servoloop.arms.check import check_arm, missing_parts
+from servoloop.arms.folder import ARMS, Arm, arms, read_arm
 
 FILES = {
     "arm.yaml": ARMS / "so101" / "arm.yaml",
@@ -196,7 +196,7 @@ def test_faults_of_all_files_are_said_at_once(tmp_path: Path) -> None:
         assert any(FAULTS[name][1] in problem for problem in problems), (name, problems)
 
 
-@pytest.mark.parametrize("name", ["arm.urdf", "robot.yaml", "scene.xml", "controllers.yaml", "pick_place.yaml"])
+@pytest.mark.parametrize("name", ["arm.urdf", "robot.yaml", "scene.xml", "controllers.yaml"])
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     folder = folder_with(tmp_path, FILES)
     (folder / name).unlink()
@@ -207,3 +207,50 @@ def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
 def test_masses_that_make_no_sense_are_no_crash(tmp_path: Path, mass: str) -> None:
     edit = ("arm.urdf", '<mass value="0.104"/>', f'<mass value="{mass}"/>')
     assert any("lower_arm_link" in problem for problem in check_arm(folder_with(tmp_path, FILES, edit)))
+
+
+def test_pick_place_parameters_and_a_scene_are_not_demanded(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "pick_place.yaml").unlink()
+    assert check_arm(folder) == []
+    (folder / "scene.xml").unlink()
+    assert check_arm(folder) == []
+    assert [text.partition(":")[0] for text in missing_parts(read_arm(folder))] == [
+        "without scene.xml",
+        "without pick_place.yaml",
+    ]
+
+
+@pytest.mark.parametrize(("key", "name"), [("scene", "scene.xml"), ("pick_place", "pick_place.yaml")])
+def test_what_arm_yaml_names_must_be_there(tmp_path: Path, key: str, name: str) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "pick_place.yaml").unlink()
+    (folder / "scene.xml").unlink()
+    with (folder / "arm.yaml").open("a") as file:
+        file.write(f"{key}: {name}\n")
+    assert any(name in problem for problem in check_arm(folder))
+
+
+BROKEN = {
+    "arm.yaml": ("description: SO", "descriptoin: SO", "arm.yaml:1: descriptoin"),
+    "arm.urdf": ("<ros2_control", "<nothing", "arm.urdf"),
+    "robot.yaml": ("model: sts3215_c001", "model: sts9", "unknown model sts9"),
+    "scene.xml": ("<worldbody>", "<world>", "scene.xml: MuJoCo cannot read it"),
+    "controllers.yaml": ("update_rate: 20", "update_rate: 0", "controllers.yaml:4: controller_manager.update_rate"),
+    "pick_place.yaml": ("[A, B, C]", "[A, B, C, D]", "grade D has no pose under bins"),
+}
+"""One mistake for each file, of the kind that keeps it from being read."""
+
+
+def test_six_broken_files_are_named_at_once(tmp_path: Path) -> None:
+    edits = [(name, old, new) for name, (old, new, _) in BROKEN.items()]
+    problems = check_arm(folder_with(tmp_path, FILES, *edits))
+    assert [text for *_, text in BROKEN.values() if not any(text in problem for problem in problems)] == []
+
+
+@pytest.mark.parametrize("good", BROKEN)
+def test_a_file_that_can_be_read_hides_no_other(tmp_path: Path, good: str) -> None:
+    edits = [(name, old, new) for name, (old, new, _) in BROKEN.items() if name != good]
+    problems = check_arm(folder_with(tmp_path, FILES, *edits))
+    expected = [text for name, (*_, text) in BROKEN.items() if name != good]
+    assert [text for text in expected if not any(text in problem for problem in problems)] == []

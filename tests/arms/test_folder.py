@@ -67,10 +67,9 @@ def test_an_arm_may_be_like_another_one(tmp_path: Path) -> None:
         find_arm(str(tmp_path))
 
 
-def test_an_arm_says_where_its_description_comes_from(tmp_path: Path) -> None:
+def test_a_private_arm_needs_neither_source_nor_license(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text("description: mine\n")
-    with pytest.raises(ArmFileError, match="source and license of the description are missing"):
-        find_arm(str(tmp_path))
+    assert (find_arm(str(tmp_path)).file.source, find_arm(str(tmp_path)).file.license) == ("", "")
 
 
 def test_an_unknown_arm_is_told_which_there_are() -> None:

@@ -32,7 +32,7 @@ def test_joints_and_poses_come_from_the_scene(name: str) -> None:
     world, said = World(find_arm(name).scene), pick_place(name)
     assert world.joints == JOINTS
     assert tuple(world.ready) == (*said.poses.ready, said.hand_open_m)
-    assert world.cube_on_stand() and not world.cube_touched()
+    assert world.cell.cube_on_stand() and not world.cell.cube_touched()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -54,7 +54,7 @@ def test_a_limp_arm_stays_folded_and_leaves_the_cube_alone(name: str) -> None:
         world.step([0.0] * 6)
     assert np.abs(world.position() - start).max() < 0.25
     assert np.abs(world.velocity()).max() < 0.01
-    assert world.cube_on_stand()
+    assert world.cell.cube_on_stand()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -64,7 +64,7 @@ def test_jaws_stay_clear_of_the_cube_from_ready_to_pick(name: str) -> None:
     for share in np.linspace(0.0, 1.0, 41):
         position = [*(ready + share * (pick - ready)), said.hand_open_m]
         world = World(find_arm(name).scene, initial_position=position)
-        assert world.stand_free() and not world.cube_touched()
+        assert world.cell.stand_free() and not world.cell.cube_touched()
 
 
 @pytest.mark.parametrize("name", ARMS)

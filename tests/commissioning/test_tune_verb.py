@@ -61,6 +61,7 @@ def test_the_first_command_asks_measures_and_writes_nothing(
     said = capsys.readouterr()
     assert "shoulder_lift (servo 2) will move under torque" in said.err
     assert "In the end the arm goes to its park pose and is let go." in said.err
+    assert "the arm is in its park pose, and its torque is off" in said.err
     assert "overshoot" in said.out and "P 32" in said.out and "the picture: out/tune/shoulder_lift.svg" in said.out
     assert [servo.memory.read(4, 36) for servo in arm.line.servos] == before
     assert not any(torque(arm))

@@ -1,7 +1,9 @@
 """The controller of docs/write-a-controller.md, installed as a package of a user's own, through the manager."""
 
 import sys
+import tomllib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -51,10 +53,12 @@ def install(folder: Path, module: str, source: str, entry_points: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder on Python's path; what is installed there is gone afterwards."""
-    monkeypatch.syspath_prepend(tmp_path)
+    """A folder at the end of Python's path, as pip's is; what is installed there is not offered afterwards.
+
+    Python keeps modules that it has imported, so each test's module has another name.
+    """
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     yield tmp_path
-    sys.modules.pop("wave", None)
     monkeypatch.undo()
     look_for_plugins_again()
 
@@ -92,9 +96,10 @@ def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
 
 @pytest.mark.runs(*named(PAGE, "python", "toml", "yaml"))
 def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
-    install(site, "wave", block("python"), block("toml").splitlines()[1].replace('"', ""))
+    ((kind, place),) = tomllib.loads(block("toml"))["project"]["entry-points"]["servoloop.controllers"].items()
+    install(site, "joint_wave", block("python"), f"{kind} = {place}")
     look_for_plugins_again()
-    assert "wave/Wave" in controller_types()
+    assert "joint_wave/Wave" in controller_types()
     loop, manager, manager_client = made(site / "controllers.yaml", block("yaml"))
     assert manager.registry.state("wave") is LifecycleState.ACTIVE
     assert dict(manager.registry.claimed) == {"joint6/position": "wave"}
@@ -109,7 +114,7 @@ def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site:
     broken = block("python").replace(
         "self.elapsed_s += period_s", "self.elapsed_s += 1 / (self.elapsed_s < 0.3) * period_s"
     )
-    install(site, "wave", broken, "wave/Wave = wave:Wave")
+    install(site, "failing_wave", broken, "joint_wave/Wave = failing_wave:Wave")
     look_for_plugins_again()
     loop, manager, _ = made(site / "controllers.yaml", block("yaml"))
     told = cycles(loop, 40)
@@ -118,35 +123,44 @@ def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site:
 
 
 @pytest.mark.parametrize(
-    ("source", "why"),
-    [("import no_such_module", "No module named 'no_such_module'"), ("x = 1", "has no attribute 'Wave'")],
+    ("module", "source", "why"),
+    [
+        ("importing_wave", "import no_such_module", "No module named 'no_such_module'"),
+        ("empty_wave", "x = 1", "has no attribute 'Wave'"),
+    ],
 )
-def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(site: Path, source: str, why: str) -> None:
-    install(site, "wave", source, "wave/Wave = wave:Wave")
+def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(
+    site: Path, module: str, source: str, why: str
+) -> None:
+    install(site, module, source, f"joint_wave/Wave = {module}:Wave")
     look_for_plugins_again()
-    assert "wave/Wave" not in controller_types() and len(controller_types()) > 3
-    with pytest.raises(
-        ControllersFileError, match=rf"the controller wave/Wave \(wave:Wave\) cannot be loaded: .*{why}"
-    ):
+    assert "joint_wave/Wave" not in controller_types() and len(controller_types()) > 3
+    expected = rf"the controller joint_wave/Wave \({module}:Wave\) cannot be loaded: .*{why}"
+    with pytest.raises(ControllersFileError, match=expected):
+        made(site / "controllers.yaml", block("yaml"))
+
+
+def test_a_module_that_python_has_itself_is_named_with_the_remedy(site: Path) -> None:
+    install(site, "wave", block("python"), "joint_wave/Wave = wave:Wave")
+    look_for_plugins_again()
+    with pytest.raises(ControllersFileError, match=r"Python's own module wave is found instead: rename wave\.py"):
         made(site / "controllers.yaml", block("yaml"))
 
 
 def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> None:
     loop, manager, manager_client = made(site / "controllers.yaml", HAND)
-    install(site, "wave", block("python"), "wave/Wave = wave:Wave")
-    assert "wave/Wave" not in manager_client.controller_types()
+    install(site, "later_wave", block("python"), "joint_wave/Wave = later_wave:Wave")
+    assert "joint_wave/Wave" not in manager_client.controller_types()
     refused, forced = manager_client.reload(force=False), manager_client.reload(force=True)
     cycles(loop, 1)
     with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or force it"):
         refused.result()
     forced.result()
-    assert (dict(manager.registry.loaded), "wave/Wave" in manager_client.controller_types()) == ({}, True)
+    assert (dict(manager.registry.loaded), "joint_wave/Wave" in manager_client.controller_types()) == ({}, True)
     extra = site / "wave.yaml"
     extra.write_text("wave: {ros__parameters: {joint: joint2}}")
-    for ask in (
-        lambda: manager_client.load("wave", Settings("wave/Wave", (extra,))),
-        lambda: manager_client.configure("wave"),
-    ):
+    load = partial(manager_client.load, "wave", Settings("joint_wave/Wave", (extra,)))
+    for ask in (load, partial(manager_client.configure, "wave")):
         request = ask()
         cycles(loop, 1)
         request.result()
@@ -177,4 +191,4 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
 def test_a_name_that_no_ros_node_can_have_is_refused(name: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
     with pytest.raises(ManagerError, match=f"^{name} cannot be a controller's name: ROS nodes' names are letters"):
-        manager_client.load(name, Settings("wave/Wave"))
+        manager_client.load(name, Settings("joint_wave/Wave"))

@@ -136,3 +136,66 @@ def test_what_switching_off_reports_is_passed_on() -> None:
     bench = moving_bench()
     bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
     assert shut_down(bench.loop, True, PARK, SCALE) == ["servo 3: does not answer"]
+
+
+def final_state(bench: Bench, caplog: pytest.LogCaptureFixture, relax: bool = False, hurry: bool = False) -> str:
+    """The last line of the log after the end, in words of its own."""
+    caplog.set_level("INFO")
+    shut_down(bench.loop, relax, PARK, SCALE, lambda: hurry)
+    return caplog.messages[-1]
+
+
+@pytest.mark.parametrize(
+    ("relax", "hurry", "expected"),
+    [
+        (False, False, "scripted holds its position under torque (on_exit: hold)"),
+        (True, False, "scripted is in its park pose, and its torque is off"),
+        (True, True, "scripted is where it stopped, and its torque is off"),
+    ],
+)
+def test_the_log_ends_with_the_state_in_which_the_arm_is_left(
+    caplog: pytest.LogCaptureFixture, relax: bool, hurry: bool, expected: str
+) -> None:
+    assert final_state(moving_bench(), caplog, relax, hurry) == expected
+
+
+def test_an_arm_that_cannot_be_parked_is_not_said_to_be_parked(caplog: pytest.LogCaptureFixture) -> None:
+    bench = moving_bench()
+    bench.hardware.failing = {"write": PortLost("the port was unplugged")}
+    assert final_state(bench, caplog, relax=True) == "scripted is where it stopped, and its torque is off"
+
+
+@pytest.mark.parametrize("relax", [False, True])
+def test_torque_that_may_still_be_on_is_said(caplog: pytest.LogCaptureFixture, relax: bool) -> None:
+    bench = moving_bench()
+    bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
+    assert final_state(bench, caplog, relax) == "scripted may still be under torque: servo 3: does not answer"
+
+
+def test_a_joint_that_released_by_itself_is_not_said_to_hold(caplog: pytest.LogCaptureFixture) -> None:
+    bench = moving_bench()
+    bench.hardware.without_torque = frozenset({"elbow"})  # type: ignore[attr-defined]
+    bench.hardware.reactivate = frozenset  # type: ignore[attr-defined]
+    expected = "scripted holds its position under torque (on_exit: hold), except elbow, which had no torque"
+    assert final_state(bench, caplog) == expected
+
+
+def test_an_arm_that_never_came_up_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench()
+    bench.hardware.configure()
+    assert final_state(bench, caplog, relax=True) == "scripted was not active: its torque is as it was"
+
+
+@pytest.mark.parametrize(
+    ("relax", "expected"),
+    [
+        (False, "scripted was lost: its servos hold their last goal if they are under torque"),
+        (True, "scripted may still be under torque: could not switch off: the port was unplugged"),
+    ],
+)
+def test_an_arm_that_was_lost_is_said_to_be_lost(caplog: pytest.LogCaptureFixture, relax: bool, expected: str) -> None:
+    bench = moving_bench()
+    bench.hardware.failing = dict.fromkeys(("read", "write", "relax"), PortLost("the port was unplugged"))
+    with pytest.raises(PortLost):
+        bench.cycle()
+    assert final_state(bench, caplog, relax) == expected

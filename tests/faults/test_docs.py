@@ -60,8 +60,9 @@ def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypat
         fault("bus", "adapter_unplugged for=200ms")
         assert not (tmp_path / "another").is_symlink()
         eventually((tmp_path / "bus").exists)
-    assert said["servoloop fault ./bus 'silent id=3 for=2s'"] == "on: silent id=3 for=2.0s\n"
-    assert "coming: brown_out id=2 at=0.5s" in said["servoloop fault ./bus 'brown_out id=2 at=500ms'"]
+    assert said["servoloop fault ./bus silent id=3 for=2s"] == "on: silent id=3 for=2.0s\n"
+    assert "coming: brown_out id=2 at=0.5s" in said["servoloop fault ./bus brown_out id=2 at=500ms"]
+    assert said["servoloop fault ./bus --clear jammed"].startswith("taken back: jammed id=4\n")
     assert all(kind in said["servoloop fault --list"] for kind in KINDS)
 
 

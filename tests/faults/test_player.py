@@ -19,7 +19,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
-from sim_backend.faults.text import parse, text_of
+from sim_backend.faults.text import matching, parse, text_of
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
 from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
@@ -243,3 +243,28 @@ def test_a_horn_that_slips_moves_the_joint_and_not_the_counts() -> None:
     rig.endure(1.0)
     joint = files_of("robot_arm").robot.joints[0]
     assert rig.world.position()[0] - before == pytest.approx(-100 * joint.units_per_count, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("", []),
+        ("silent", ["hot id=2 temperature=95.0 at=5.0s"]),
+        ("silent id=3", ["silent id=1", "hot id=2 temperature=95.0 at=5.0s"]),
+        ("hot temperature=95", ["silent id=1", "silent id=3 for=2.0s"]),
+    ],
+)
+def test_faults_are_taken_back_by_kind_and_parameters(text: str, left: list[str]) -> None:
+    bench = Bench()
+    bench.play("silent id=1", "silent id=3 for=2s", "hot id=2 temperature=95 at=5s")
+    bench.until(10)
+    bench.player.take_back(matching(text))
+    assert [text_of(one) for one in (*bench.player.active.values(), *bench.player.coming)] == left
+    bench.until(6000)
+    assert bench.reply(3) and bool(bench.reply(1)) == ("silent id=1" not in left)
+
+
+@pytest.mark.parametrize("text", ["sillent", "silent idd=3", "silent 3"])
+def test_a_mistake_in_what_is_to_be_taken_back_is_said(text: str) -> None:
+    with pytest.raises(FaultError, match=r"there is no fault|silent takes id="):
+        matching(text)

@@ -1,7 +1,11 @@
 """``servoloop plot``: the numbers of a recording, and its page."""
 
+import contextlib
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -88,3 +92,23 @@ def test_what_is_no_recording_is_refused_in_a_sentence(
     (tmp_path / "z.mcap").write_bytes(b"")
     with pytest.raises(RecordingError):
         read_recording(tmp_path / "z.mcap")
+
+
+def test_a_terminal_shows_the_progress_and_keeps_nothing_of_it(recording: Path, tmp_path: Path) -> None:
+    reading, ours = os.openpty()
+    command = [sys.executable, "-m", "servoloop", "plot", str(recording), "--out", str(tmp_path / "run.html")]
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100"}
+    shown = bytearray()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=ours, env=environment) as process:
+        os.close(ours)
+        with contextlib.suppress(OSError):  # the terminal's end, when the program has ended
+            while data := os.read(reading, 65536):
+                shown += data
+    os.close(reading)
+    assert process.returncode == 0, shown
+    assert b"reading run.mcap" in shown and b"drawing" in shown
+
+
+def test_a_pipe_gets_the_result_alone(recording: Path, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["plot", str(recording), "--out", str(tmp_path / "run.html")])
+    assert done.exit_code == 0 and len(done.output.splitlines()) == 1

@@ -58,9 +58,9 @@ def test_a_users_controller_and_its_interface_node(
 ) -> None:
     install(
         tmp_path,
-        "wave",
+        "joint_wave",
         block("python"),
-        "wave/Wave = wave:Wave\n[servoloop.controller_nodes]\nwave/Wave = wave_node:WaveNode",
+        "joint_wave/Wave = joint_wave:Wave\n[servoloop.controller_nodes]\njoint_wave/Wave = wave_node:WaveNode",
     )
     (tmp_path / "wave_node.py").write_text(INTERFACE_NODE)
     (tmp_path / "controllers.yaml").write_text(block("yaml"))
@@ -88,7 +88,7 @@ def test_a_users_controller_and_its_interface_node(
         assert "its ROS node lacks" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())
-        assert client.get(MANAGER, "wave.type") == ["wave/Wave"]
+        assert client.get(MANAGER, "wave.type") == ["joint_wave/Wave"]
 
 
 @pytest.mark.row("trouble-python")
@@ -96,8 +96,7 @@ def test_a_users_hardware_is_driven_and_switched(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The conveyor of docs/hardware.md: told a speed by topic, read in ``/joint_states``, stopped by a service."""
-    entry = code(PAGE, "toml").splitlines()[-1].replace('"', "")
-    install(tmp_path, "belt", code(PAGE, "python"), f"[servoloop.hardware]\n{entry}")
+    install(tmp_path, "belt", code(PAGE, "python"), "[servoloop.hardware]\nfactory/Belt = belt:Belt")
     (tmp_path / "belt.urdf").write_text(BELT.replace(VELOCITY, f'<state_interface name="position"/>{VELOCITY}'))
     (tmp_path / "controllers.yaml").write_text(BELT_CONTROLLERS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -74,6 +74,7 @@ def test_a_signal_in_mid_motion_stops_the_arm_and_holds_it(ros_domain: int, tmp_
             assert answer.status == ABORTED
             assert answer.result.error_string == "Current goal cancelled during deactivate transition."
             assert stack.process.wait(60.0) == 0, stack.words
+        assert stack.words.splitlines()[-1].endswith("holds its position under torque (on_exit: hold)")
         assert torque(link) == [1] * 7
         goals = read_all(link, sts.goal_position.address, 2)
         until(lambda: not any(read_all(link, sts.moving.address, 1)))
@@ -92,6 +93,7 @@ def test_on_exit_relax_parks_first_and_then_lets_go(ros_domain: int, tmp_path: P
     with emulating(tmp_path) as link:
         with running(tmp_path, "--port", str(link), "--robot", str(robot)) as stack:
             assert stack.end(signal.SIGTERM) == 0, stack.words
+        assert stack.words.splitlines()[-1].endswith("is in its park pose, and its torque is off")
         assert torque(link) == [0] * 7
         arm = read_all(link, sts.present_position.address, 2)[:6]
         parked = read_files(robot=robot).robot

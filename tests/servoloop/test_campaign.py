@@ -117,3 +117,17 @@ def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, 
 
     (left,) = shrink(Schedule(seed=5, job=("A", "B"), faults=faults), breaks).faults
     assert left.kind == "silent" and left.at_s == round(left.at_s) and left.for_s is not None and left.for_s <= 0.1
+
+
+def test_the_arm_on_the_command_line_takes_the_place_of_the_scenarios(tmp_path: Path) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text("{arm: nowhere, seconds: 0.3, faults: 0}")
+    arguments = ["--scenario", str(scenario), "--arm", "so101", "--seeds", "1", "--jobs", "1"]
+    ran = CliRunner().invoke(cli.app, ["campaign", *arguments, "--out", str(tmp_path / "out"), "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["runs"] == 1
+
+
+def test_a_schedule_names_its_arm_itself(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    said = complaint(capsys, monkeypatch, "campaign", "--schedule", "any.yaml", "--arm", "so101")
+    assert "--arm goes with --scenario: any.yaml names its arm itself" in said

@@ -1,6 +1,7 @@
 """docs/hardware.md: the class that it shows does what hardware has to do, from the package to the loop."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ class Driver(Puppet):
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """The package installed as pip leaves it, and the user's files."""
-    (entry,) = re.findall(r'"(.*)" = "(.*)"', code(PAGE, "toml"))
+    (entry,) = tomllib.loads(code(PAGE, "toml"))["project"]["entry-points"]["servoloop.hardware"].items()
     info = tmp_path / "belt-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: belt\nVersion: 1.0\n")

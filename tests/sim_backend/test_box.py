@@ -76,8 +76,10 @@ def test_plugs_are_pulled_by_command() -> None:
         seen.append(command)
         return {}
 
-    plugged(line.box, joints, hand, {"do": "connect", "joints": ["b"]})
+    said = plugged(line.box, joints, hand, {"do": "connect", "joints": ["b"]})
     assert line.answers() == "ok"
+    assert {name: state["connected"] for name, state in said.items()} == {"a": False, "b": True, "c": False}
+    assert said["b"]["servo_id"] == 1
     plugged(line.box, joints, hand, {"do": "connect", "joints": []})
     assert line.answers() == "corrupt"
     plugged(line.box, joints, hand, {"do": "disconnect"})

@@ -71,7 +71,7 @@ def test_files_are_written_and_the_world_is_left_alone(tmp_path):
     world = World()
     recorder = Recorder(world, period_s=0.1, frames=2)
     recorder.update(0.0)
-    world.data.qpos[world._cube_qpos][2] += 0.05
+    world.data.qpos[world.cell.qpos][2] += 0.05
     recorder.update(0.1)
     before = world.data.xpos.copy()
     recorder.save(tmp_path / "pictures", width=240)

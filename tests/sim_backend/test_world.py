@@ -18,9 +18,9 @@ NO_EFFORT = [0.0] * 7
 
 def put_cube(world, x, y, z):
     """Lay the cube down somewhere, level, and let it settle."""
-    world.feed_cube()
+    world.cell.feed_cube()
     world.data.body("cube")
-    world.data.qpos[world._cube_qpos][:3] = (x, y, z)
+    world.data.qpos[world.cell.qpos][:3] = (x, y, z)
     for _ in range(400):
         world.step(NO_EFFORT)
 
@@ -36,7 +36,7 @@ def test_starts_at_ready_at_rest_with_the_cube_on_the_stand():
     np.testing.assert_allclose(world.position(), READY)
     np.testing.assert_array_equal(world.velocity(), np.zeros(7))
     assert world.time_s == 0.0
-    assert world.cube_on_stand() and world.cube_bin() is None
+    assert world.cell.cube_on_stand() and world.cube_bin() is None
     assert set(world.poses()) == {"cube", "bin_A", "bin_B", "bin_C"}
 
 
@@ -59,45 +59,45 @@ def test_a_cube_in_a_bin_is_in_that_bin(grade):
     x, y, z = world.poses()[f"bin_{grade}"].position_m
     # 4 cm outward, so that the stand in the middle of bin B is not in the way
     put_cube(world, x + (0.04 if grade == "B" else 0.0), y, z + 0.03)
-    assert world.cube_bin() == grade and not world.cube_on_stand()
+    assert world.cube_bin() == grade and not world.cell.cube_on_stand()
 
 
 def test_a_cube_on_the_stand_or_on_the_table_is_in_no_bin():
     world = folded()
-    put_cube(world, *world._home[:3])
-    assert world.cube_on_stand() and world.cube_bin() is None
+    put_cube(world, *world.cell.home[:3])
+    assert world.cell.cube_on_stand() and world.cube_bin() is None
     put_cube(world, 0.1, 0.3, 0.025)
-    assert not world.cube_on_stand() and world.cube_bin() is None and world.cube_at_rest()
+    assert not world.cell.cube_on_stand() and world.cube_bin() is None and world.cell.cube_at_rest()
 
 
 def test_a_falling_cube_is_in_no_bin():
     world = folded()
     x, y, z = world.poses()["bin_A"].position_m
-    world.data.qpos[world._cube_qpos][:3] = (x, y, z + 0.04)
+    world.data.qpos[world.cell.qpos][:3] = (x, y, z + 0.04)
     for _ in range(30):
         world.step(NO_EFFORT)
-    assert not world.cube_at_rest() and world.cube_bin() is None
+    assert not world.cell.cube_at_rest() and world.cube_bin() is None
 
 
 def test_fed_cube_lies_still_and_stays():
     world = folded()
     put_cube(world, 0.1, 0.3, 0.025)
-    world.feed_cube()
-    assert world.cube_on_stand()
+    world.cell.feed_cube()
+    assert world.cell.cube_on_stand()
     for _ in range(1000):
         world.step(NO_EFFORT)
-    assert world.cube_on_stand()
+    assert world.cell.cube_on_stand()
 
 
 def test_open_fingers_stay_clear_of_the_cube_from_ready_to_pick():
     ready, pick = np.array(READY[:6]), np.array(POSES["pick"])
     for share in np.linspace(0.0, 1.0, 41):
         world = World(initial_position=[*(ready + share * (pick - ready)), 0.0])
-        assert world.stand_free() and not world.cube_touched()
+        assert world.cell.stand_free() and not world.cell.cube_touched()
 
 
 def test_closed_fingers_are_in_the_place_of_the_cube():
-    assert not World(initial_position=[*POSES["pick"], 0.04]).stand_free()
+    assert not World(initial_position=[*POSES["pick"], 0.04]).cell.stand_free()
 
 
 def test_the_cube_is_touched_when_the_fingers_close_on_it():
@@ -105,7 +105,7 @@ def test_the_cube_is_touched_when_the_fingers_close_on_it():
     world.data.qfrc_applied[world._qvel] = world.data.qfrc_bias[world._qvel]
     for _ in range(100):
         world.step([0, 0, 0, 0, 0, 0, 40.0])
-    assert world.cube_touched()
+    assert world.cell.cube_touched()
 
 
 def test_same_efforts_same_world():

@@ -232,7 +232,8 @@ def test_play_refuses_before_it_opens_a_port(arm: Path) -> None:
     motions.path("metres").write_text(motions.path("metres").read_text().replace("gripper: rad", "gripper: m"))
     assert "gripper is in m" in refused("metres", "--arm", str(arm), "--hands-free")
     assert "nobody can hold a key here" in refused("wave", "--arm", str(arm))
-    assert "nothing was taught as nod" in refused("nod", "--arm", str(arm), "--hands-free")
+    for unattended in ("--hands-free", "--yes"):
+        assert "nothing was taught as nod" in refused("nod", "--arm", str(arm), unattended)
     assert "no_such_port" in refused("wave", "--arm", str(arm), "--hands-free")
 
 

@@ -1,0 +1,43 @@
+"""The state in which a component is left at the end of the program, in a sentence for the log."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hal.components.component import Component
+from hal.hardware import Reactivating
+from hal.lifecycle import LifecycleState
+
+
+@dataclass(frozen=True, slots=True)
+class FinalState:
+    """A component as it was before it was switched off; ``describe`` knows how that ended."""
+
+    component: Component
+    active: bool
+    released: frozenset[str]
+    """The joints that had no torque although the component was active."""
+
+    @classmethod
+    def of(cls, component: Component) -> "FinalState":
+        """Note the state of a component before it is switched off."""
+        hardware = component.hardware
+        released = hardware.without_torque if isinstance(hardware, Reactivating) else frozenset()
+        return cls(component, hardware.state is LifecycleState.ACTIVE, released)
+
+    def describe(self, relax: bool, parked: bool, problems: Sequence[str]) -> str:
+        """Describe the final state of the component; ``problems`` occurred while it was switched off."""
+        name = self.component.name
+        if self.component.error is not None and not (self.active and relax):
+            return f"{name} was lost: its servos hold their last goal if they are under torque"
+        if not self.active:
+            return f"{name} was not active: its torque is as it was"
+        if problems:
+            return f"{name} may still be under torque: {'; '.join(problems)}"
+        if relax:
+            where = "in its park pose" if parked else "where it stopped"
+            return f"{name} is {where}, and its torque is off"
+        return f"{name} holds its position under torque (on_exit: hold){self._exceptions()}"
+
+    def _exceptions(self) -> str:
+        names = [joint for joint in self.component.hardware.joints if joint in self.released]
+        return f", except {', '.join(names)}, which had no torque" if names else ""

@@ -1,0 +1,51 @@
+"""A new arm from a URDF: its folder with description, robot file, controllers, ``arm.yaml`` and scene."""
+
+import re
+from pathlib import Path
+from typing import Final
+
+from drivers.servos.catalog import MODELS
+from hal.errors import ArmFileError
+from servoloop.arms.folder import ARM_FILE, ARMS
+from servoloop.arms.new_files import arm_text, controllers_text, robot_text
+from servoloop.arms.new_urdf import ROBOT_FILE, metres_per_radian, new_description
+from servoloop.files import make_folder, write_file
+from sim_backend.scene.plain_scene import plain_scene
+
+NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
+    """Write the folder of a new arm, whose name is that of the folder; returns the files.
+
+    Args:
+        folder: The new folder.
+        urdf: The robot description, with or without a <ros2_control> block.
+        servo: The model of every servo.
+
+    Raises:
+        ArmFileError: The name or the folder cannot be used, or no joint can be driven.
+        DescriptionError: The URDF has mistakes.
+    """
+    name = folder.name
+    if not NAME.fullmatch(name):
+        raise ArmFileError(f"{name!r} cannot be the name of an arm: use letters, digits and _, first a letter")
+    if (ARMS / name).is_dir():
+        raise ArmFileError(f"an arm {name} comes with servoloop: choose another name")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ArmFileError(f"{folder} exists already: choose another name, or remove it first")
+    if servo not in MODELS:
+        raise ArmFileError(f"unknown model {servo}: known are {', '.join(MODELS)}")
+    model = MODELS[servo]
+    made = new_description(urdf, folder, name, model)
+    files = {
+        ARM_FILE: arm_text(f"{name}, from {urdf.name}", made.joints),
+        "arm.urdf": made.xml,
+        ROBOT_FILE: robot_text(made, model),
+        "controllers.yaml": controllers_text(made),
+        "scene.xml": plain_scene(made.xml, {joint.name: metres_per_radian(joint) or 1.0 for joint in made.joints}),
+    }
+    make_folder(folder)
+    for file, text in files.items():
+        write_file(folder / file, text, keep=False)
+    return [folder / file for file in files]

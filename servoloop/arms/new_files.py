@@ -1,0 +1,102 @@
+"""The robot file, the controllers and ``arm.yaml`` of a new arm, as text."""
+
+from collections.abc import Mapping, Sequence
+from math import pi
+from typing import Any, Final
+
+import yaml
+
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
+from hal.robot_description.urdf import UrdfJoint
+from servoloop.arms.new_urdf import NewDescription, metres_per_radian
+
+ROBOT: Final = """\
+# Which servo drives which joint. docs/hardware.md describes the fields. Correct servo_id, model and sign (-1 if the
+# servo is mounted mirrored); `servoloop calibrate` measures sign and zero_counts.
+"""
+EXIT: Final = """\
+# The end of the torque. relax goes to the pose under park and switches the torque off: name a pose first in which the
+# arm lies safely without torque.
+"""
+CONTROLLERS: Final = """\
+# ros2_control's own format. Add or change controllers as you like.
+"""
+ARM: Final = """\
+# The positive directions are those of the URDF: describe each as you see it, for `servoloop calibrate`.
+"""
+WIDTH: Final = 120
+REVOLUTE: Final = (12.0, 120.0)
+"""Acceleration and jerk, rad/s² and rad/s³."""
+LINEAR: Final = (1.0, 20.0)
+"""The same of a prismatic joint, m/s² and m/s³."""
+TOLERANCES: Final = {"trajectory": 0.3, "goal": 0.05}
+LINEAR_TOLERANCES: Final = {"trajectory": 0.03, "goal": 0.005}
+
+
+def robot_text(made: NewDescription, model: ServoModel) -> str:
+    """The robot file: one servo a joint, with IDs from 1 in the order of the joints."""
+    joints = {joint.name: _servo(number, joint, model) for number, joint in enumerate(made.joints, 1)}
+    bus = {"protocol": series_of(model).make, "baud": 1_000_000}
+    defaults = {"arm_controller": {"interpolation_method": "ruckig"}}
+    return (
+        ROBOT
+        + _yaml({"bus": bus, "joints": joints})
+        + EXIT
+        + _yaml({"on_exit": {"virtual": "hold", "real": "hold"}, "controller_defaults": defaults})
+    )
+
+
+def controllers_text(made: NewDescription) -> str:
+    """The controllers file: a trajectory controller of the arm and a controller of the hand, if there is one."""
+    names = [joint.name for joint in made.hand if joint not in made.arm]
+    types = {
+        "joint_state_broadcaster": "joint_state_broadcaster/JointStateBroadcaster",
+        "arm_controller": "joint_trajectory_controller/JointTrajectoryController",
+        **({"hand_controller": "forward_command_controller/ForwardCommandController"} if names else {}),
+    }
+    manager = {"update_rate": 20, **{name: {"type": kind} for name, kind in types.items()}}
+    content = {"controller_manager": manager, "arm_controller": _arm_controller(made.arm)}
+    if names:
+        content["hand_controller"] = {"joints": names, "interface_name": "position"}
+    return CONTROLLERS + _yaml({node: {"ros__parameters": parameters} for node, parameters in content.items()})
+
+
+def arm_text(description: str, joints: Sequence[UrdfJoint]) -> str:
+    """``arm.yaml``: what the arm is, and how it is calibrated."""
+    plans = {joint.name: {"positive": _positive(joint)} for joint in joints}
+    return ARM + _yaml({"description": description, "calibration": {"joints": plans}})
+
+
+def _positive(joint: UrdfJoint) -> str:
+    axis = " ".join(f"{value:g}" for value in joint.axis)
+    how = "Push" if joint.kind == "prismatic" else "Turn"
+    return f"{how} {joint.name} in its positive direction (axis {axis} in {joint.child})"
+
+
+def _servo(number: int, joint: UrdfJoint, model: ServoModel) -> dict[str, Any]:
+    acceleration, jerk = LINEAR if joint.kind == "prismatic" else REVOLUTE
+    transmission = metres_per_radian(joint)
+    counts_per_unit = model.counts_per_turn / (2.0 * pi * (transmission or 1.0))
+    middle = (model.last_count + 1) // 2
+    fields: dict[str, Any] = {"servo_id": number, "model": model.name, "sign": 1}
+    fields["zero_counts"] = middle - round(0.5 * (joint.lower + joint.upper) * counts_per_unit)
+    if transmission is not None:
+        fields["metres_per_radian"] = transmission
+    return {**fields, "acceleration": acceleration, "jerk": jerk}
+
+
+def _arm_controller(joints: Sequence[UrdfJoint]) -> Mapping[str, Any]:
+    tolerances = {joint.name: dict(LINEAR_TOLERANCES if joint.kind == "prismatic" else TOLERANCES) for joint in joints}
+    return {
+        "joints": [joint.name for joint in joints],
+        "command_interfaces": ["position"],
+        "state_interfaces": ["position", "velocity"],
+        "allow_nonzero_velocity_at_trajectory_end": True,
+        "constraints": {"goal_time": 1.0, **tolerances},
+    }
+
+
+def _yaml(content: Mapping[str, Any]) -> str:
+    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
+    return text

@@ -1,0 +1,33 @@
+"""Compiles the simulation ahead of its first use: ``python -m sim_backend.compile_ahead``, which `make setup` runs."""
+
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.scene.mujoco_hardware import drive
+from sim_backend.scene.picture import View
+from sim_backend.wire.bus import VirtualBus
+
+PICTURED: Final = """<mujoco><worldbody>
+<light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
+</worldbody></mujoco>"""
+"""The smallest scene that can be drawn, of no file: some tests copy a part of this project and run its tests there."""
+
+
+def compile_ahead() -> None:
+    """Call everything that is compiled once; the machine code goes into the cache beside the sources."""
+    line = VirtualBus.of(BenchPlant([1]))
+    line.rig.step()
+    line.servo(1).firmware.step(0.001, 0.0, 0.0)
+    one, none = np.zeros(1), np.zeros(1, dtype=np.int64)
+    drive(one, one, one, one, none, none, none, one, one, 0.0, one, one, one)
+    model = mujoco.MjModel.from_xml_string(PICTURED)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    View(model, data, width=4, height=3).picture(data)
+
+
+if __name__ == "__main__":
+    compile_ahead()

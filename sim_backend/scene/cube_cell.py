@@ -1,0 +1,139 @@
+"""The cell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
+
+A scene has all of it or nothing: the freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and
+a site `bin_A_inside` for each bin.
+"""
+
+from dataclasses import dataclass
+from operator import sub
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.mechanics.plant import JointArrays
+
+FloatArray = NDArray[np.float64]
+
+BINS: Final = ("A", "B", "C")
+CUBE: Final = "cube"
+REST_M_S: Final = 0.01
+REST_RAD_S: Final = 0.1
+OFF_STAND_M: Final = 0.002
+"""With its middle so far beyond the stand's edges the cube would topple."""
+LIFTED_M: Final = 0.006
+"""So much higher or lower than on the stand the cube lies on something else."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a body is in base_link: position (m) and orientation (unit quaternion, x y z w)."""
+
+    position_m: tuple[float, float, float]
+    quaternion_xyzw: tuple[float, float, float, float]
+
+
+def has_cell(model: Any) -> bool:
+    """Whether a scene has the cube, and so needs the rest of the cell."""
+    return CUBE in [model.joint(i).name for i in range(model.njnt)]
+
+
+class CubeCell:
+    """The cube, its stand and the bins of a world. ``of_arm``: whether each geom is a part of the arm, (ngeom,)."""
+
+    def __init__(self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_]) -> None:
+        self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
+        self.laid = True
+        """Whether stand, bins and cube are there."""
+        cube = model.joint(CUBE)
+        self.qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
+        self.qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
+        self.home: FloatArray = model.qpos0[self.qpos].copy()
+        self._cube_geom = model.geom(CUBE).id
+        self._place_geom = model.geom("cube_place").id
+        width, depth, _ = model.geom("stand").size
+        self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
+
+    def locate(self) -> None:
+        """Note where the bins are, once the kinematics are up to date."""
+        bodies = {f"bin_{name}": self._data.body(f"bin_{name}") for name in BINS}
+        self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
+        sites = [(name, f"bin_{name}_inside") for name in BINS]
+        self._insides = [
+            (name, self._data.site(site).xpos.copy(), self._model.site(site).size.copy()) for name, site in sites
+        ]
+
+    def poses(self) -> dict[str, Pose]:
+        """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""
+        cube = self._data.qpos[self.qpos]
+        return {CUBE: _pose(cube[:3], cube[3:]), **self._bin_poses}
+
+    def cube_at_rest(self) -> bool:
+        """Whether the cube is still (lying, or held still)."""
+        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # NumPy takes longer for six
+        return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
+
+    def cube_bin(self) -> str | None:
+        """The bin in which the cube lies at rest: "A", "B" or "C"; None if it moves or is in none.
+
+        The cube on the stand is in no bin: the bins' insides end below the stand's top.
+        """
+        middle = self._data.qpos[self.qpos][:3]
+        inside = (name for name, box, size in self._insides if (np.abs(middle - box) < size).all())
+        return next(inside, None) if self.cube_at_rest() else None
+
+    def cube_on_stand(self) -> bool:
+        """Whether the cube lies at rest on the stand."""
+        place: list[float] = self._arrays.position[self.qpos].tolist()  # NumPy takes longer for three
+        apart = map(sub, place[:3], self.home.tolist())
+        return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
+
+    def cube_touched(self) -> bool:
+        """Whether the arm touches the cube."""
+        pairs = self._data.contact.geom
+        return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
+
+    def stand_free(self) -> bool:
+        """Whether no part of the arm is where a fresh cube would be laid (and 2 mm around it)."""
+        model, data, place = self._model, self._data, self._place_geom
+        arm = np.flatnonzero(self._of_arm)
+        distance = (mujoco.mj_geomDistance(model, data, geom, place, 0.01, None) for geom in arm)
+        return all(gap > 0.0 for gap in distance)
+
+    def clear(self) -> None:
+        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
+        model, things = self._model, self._things()
+        self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
+        model.geom_contype[things] = model.geom_conaffinity[things] = 0
+        model.geom_rgba[things, 3] = 0.0
+        model.body_gravcomp[model.body(CUBE).id] = 1.0
+        self.laid = False
+
+    def lay(self) -> None:
+        """Bring back what ``clear`` took away, with the cube on its stand."""
+        if self.laid:
+            return
+        model, things = self._model, self._things()
+        model.geom_contype[things], model.geom_conaffinity[things] = self._cleared
+        model.geom_rgba[things, 3] = 1.0
+        model.body_gravcomp[model.body(CUBE).id] = 0.0
+        self.laid = True
+        self.feed_cube()
+
+    def _things(self) -> NDArray[np.int64]:
+        """The geometries on the table."""
+        return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self._model.geom("table").id])
+
+    def feed_cube(self) -> None:
+        """Lay the cube at rest in the middle of the stand."""
+        self._data.qpos[self.qpos] = self.home
+        self._data.qvel[self.qvel] = 0.0
+        mujoco.mj_forward(self._model, self._data)
+
+
+def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
+    """MuJoCo says w first; everything else here says w last."""
+    x, y, z = (float(value) for value in position)
+    qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
+    return Pose((x, y, z), (qx, qy, qz, qw))

@@ -1,0 +1,45 @@
+"""An arm without a scene: whatever needs one ends with a sentence that names the remedy."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from servoloop.arms.folder import ARMS
+from tests.complaint import complaint
+
+COMMANDS = [
+    "emulate BUS --arm ARM",
+    "simulate --arm ARM",
+    "up --hardware mujoco --arm ARM",
+    "arms moveit ARM OUT",
+]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """A copy of an arm, whose scene a test takes away or spoils."""
+    return Path(shutil.copytree(ARMS / "so101", tmp_path / "mine"))
+
+
+def words(command: str, arm: Path) -> list[str]:
+    """The words of a command with the test's own paths."""
+    places = {"BUS": arm.parent / "bus", "ARM": arm, "OUT": arm.parent / "out"}
+    return [str(places.get(word, word)) for word in command.split()]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_missing_scene_is_named_with_the_command_that_writes_one(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    (arm / "scene.xml").unlink()
+    text = complaint(capsys, monkeypatch, *words(command, arm))
+    assert f"{arm / 'scene.xml'} is missing" in text and "servoloop arms new" in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_scene_that_is_not_mjcf_is_named(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    (arm / "scene.xml").write_text("<mujoco><world/></mujoco>")
+    assert f"{arm / 'scene.xml'}: MuJoCo cannot read it" in complaint(capsys, monkeypatch, *words(command, arm))
