@@ -1,5 +1,6 @@
 """The arm as a tree of links: where each one is drawn, and where the tool is for given joint positions."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
@@ -25,6 +26,15 @@ class ArmModel:
         self._poses = LinkPoses(joints, measured)
         parents = [joint.parent for joint in joints.values()]
         self.links = tuple(dict.fromkeys([*parents, *self._above]))
+
+    @property
+    def reach_m(self) -> float:
+        """The length of the longest chain of joints, in meters."""
+        return max(map(self._away, self.links))
+
+    def _away(self, link: str) -> float:
+        joint = self._above.get(link)
+        return 0.0 if joint is None else math.hypot(*joint.xyz_m) + self._away(joint.parent)
 
     def branch(self, link: str) -> str:
         """A link's place in the tree, from the root on: ``/base_link/link1``."""
