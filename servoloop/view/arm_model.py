@@ -68,8 +68,8 @@ class ArmModel:
             link = after[0]
         return link
 
-    def place(self, link: str, position: FloatArray) -> Vector:
-        """The place (m) of a link in the root link at joint positions (n,) in rad or m."""
+    def pose(self, link: str, position: FloatArray) -> tuple[Vector, Quaternion]:
+        """The pose (m) of a link in the root link at joint positions (n,) in rad or m."""
         found = {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.fixed}
         found |= {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.moving(position)}
         (x, y, z), turn = HERE
@@ -80,7 +80,11 @@ class ArmModel:
         for shift, turned in reversed(chain):
             a, b, c = rotate(turn, shift)
             x, y, z, turn = x + a, y + b, z + c, multiply(turn, turned)
-        return x, y, z
+        return (x, y, z), turn
+
+    def place(self, link: str, position: FloatArray) -> Vector:
+        """The place (m) of a link in the root link at joint positions (n,) in rad or m."""
+        return self.pose(link, position)[0]
 
     def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:
         """The way (m, 3) of the tool in metres through a goal's points (k, joints), from the positions ``start`` (n,).

@@ -6,6 +6,8 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion
 from hal.robot_description.link_meshes import Faces, LinkMesh, read_stl, with_edges
 from hal.types import FloatArray
 
@@ -33,7 +35,7 @@ def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
         if name not in known:
             add_mesh(spec, name, *with_edges(*read_stl(mesh.path)))
             known.add(name)
-        add_shape(bodies[mesh.link], name, mesh)
+        add_shape(bodies[mesh.link], name, (mesh.position_m, mesh.quaternion), mesh.rgb)
     return spec.compile()
 
 
@@ -44,15 +46,15 @@ def add_mesh(spec: Any, name: str, vertices: FloatArray, faces: Faces) -> None:
     mesh.userface = faces.astype(np.int32).ravel()
 
 
-def add_shape(body: Any, name: str, mesh: LinkMesh) -> None:
-    """Show a mesh on a body."""
-    x, y, z, w = mesh.quaternion
+def add_shape(body: Any, name: str, pose: tuple[Vector, Quaternion], rgb: Vector) -> None:
+    """Show a mesh on a body. ``pose``: the mesh's, in the body."""
+    position_m, (x, y, z, w) = pose
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=name,
-        pos=mesh.position_m,
+        pos=position_m,
         quat=(w, x, y, z),
-        rgba=(*mesh.rgb, 1.0),
+        rgba=(*rgb, 1.0),
         contype=0,
         conaffinity=0,
         mass=0.0,
