@@ -58,7 +58,7 @@ lint: setup
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
-	@echo 'The site is built: build/site/index.html. With a search: $(BIN)/python -m http.server -d build/site'
+	@echo 'The site is built: open build/site/index.html'
 
 mutants: setup
 	$(BIN)/python tools/mutants.py $(AREAS)
