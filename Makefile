@@ -61,7 +61,7 @@ lint: setup
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
-	@echo 'The site is built: build/site/index.html. With a search: $(BIN)/python -m http.server -d build/site'
+	@echo 'The site is built: open build/site/index.html'
 
 # Mutated files and streams of bytes. They are the same for the same seed.
 fuzz: setup

@@ -4,15 +4,15 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, text: str, keep: bool = True) -> None:
-    """Make ``text`` the content of ``path``; what was there before stands in ``path``.1 then. Raises OSError.
+def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
+    """Make ``content`` the content of ``path``; what was there before stands in ``path``.1 then. Raises OSError.
 
     Whenever it is cut off, ``path`` has all of the former content or all of the new one. ``keep``: without it
     ``path``.1 stays as it is.
     """
     if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())
-    _put(path, text.encode())
+    _put(path, content.encode() if isinstance(content, str) else content)
 
 
 def cannot_write(path: Path, error: OSError) -> str:

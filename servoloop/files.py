@@ -223,10 +223,10 @@ def require_file(path: Path) -> None:
     require_writable(path.parent)
 
 
-def write_file(path: Path, text: str, keep: bool = True) -> None:
+def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
     """Write a whole file; ``keep``: the former one stays, with .1 behind its name. Raises DriverError."""
     try:
-        write_whole(path, text, keep)
+        write_whole(path, content, keep)
     except OSError as error:
         raise DriverError(cannot_write(path, error)) from error
 

@@ -1,6 +1,6 @@
-"""The pictures of the arms in docs/: a still or a film of a simulated job.
+"""The pictures of the arms in docs/: a still of a simulated job, or a film of an arm that sorts three cubes.
 
-Example: `python tools/arm_picture.py so101 docs/arms/so101.png`, `python tools/arm_picture.py robot_arm docs/arm.gif`
+Example: `python tools/arm_picture.py koch docs/arms/koch.png`, `python tools/arm_picture.py so101 docs/arm.gif`
 """
 
 import sys
@@ -17,17 +17,24 @@ from sim_backend.scene.picture import Recorder
 GRADE = {"koch": "B"}
 """The bin to which the arm carries its cube, where that is not A."""
 
+PERIOD_S = 0.4
+"""Simulated time between two frames of a film."""
+FRAMES = 120
+
 
 def main(name: str, picture: Path) -> None:
-    """Let the arm carry a cube; draw it with the cube at its highest, or as a film where the name ends in .gif."""
+    """Let the arm carry a cube and draw it at its highest; if the name ends in .gif, draw a film of three cubes."""
     arm = find_arm(name)
+    is_film = picture.suffix == ".gif"
     stack = SimulatedStack(files=read_arm_files(arm), build=Build(backlash_deg=1.0)).up()
     stack.run(SETTLED_S)
-    recorder = Recorder(stack.world)
+    recorder = Recorder(stack.world, PERIOD_S, FRAMES) if is_film else Recorder(stack.world)
     stack.on_step = recorder.update
-    job = run_job(stack, load_pick_place(arm.pick_place).settings(), GRADE.get(name, "A"))
-    assert job.success, job.message
-    (recorder.save_film if picture.suffix == ".gif" else recorder.save_still)(picture)
+    pick_place = load_pick_place(arm.pick_place)
+    for number, grade in enumerate(pick_place.grades if is_film else (GRADE.get(name, "A"),), 1):
+        job = run_job(stack, pick_place.settings(), grade, number)
+        assert job.success, job.message
+    (recorder.save_film if is_film else recorder.save_still)(picture)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.browser import browser_page
-from nodes.pick_place.settings import Settings
-from servoloop.files import read_files
+from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.arms.pick_place import load_pick_place
 from servoloop.live.recording import Recording
 from servoloop.recorder.reader import read_recording
 from servoloop.simulation.schedule import Schedule
@@ -20,16 +20,18 @@ from servoloop.simulation.simulate import simulate
 from servoloop.view.page import Page
 from servoloop.view.server import PageServer
 
+ARM = "so101"
 SIZE = {"width": 1400, "height": 820}
-DRAWN_MS = 4000.0
+DRAWN_MS = 10_000.0
 NOTICE = "Software WebGL rendering detected"
 
 
 def main(picture: Path) -> None:
     """Record a job, show the moment in which the arm turns fastest, and take its picture."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "job.mcap"
-        simulate(read_files(), Settings(), Schedule(job=("A",)), path)
+        path, arm = Path(folder) / "job.mcap", find_arm(ARM)
+        schedule = Schedule(job=("A",), arm=ARM)
+        simulate(read_arm_files(arm), load_pick_place(arm.pick_place).settings(), schedule, path)
         run, recording = read_recording(path), Recording(path)
     server = PageServer(port=0)
     try:

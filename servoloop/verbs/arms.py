@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 from rich.console import Console
@@ -10,8 +10,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from servoloop.arms.folder import PATHS, Arm, arms, find_arm, read_arm
+from servoloop.files import make_folder
+from servoloop.view.installed import require_view
 
 app = typer.Typer()
+
+FOLDER: Final = Path("out") / "arms"
 
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON instead of words.")]
 
@@ -80,6 +84,26 @@ def check(
         right = [] if problems else [f"{place.name} is right", *missing_parts(read_arm(place))]
         typer.echo("\n".join([*problems, *right]))
     raise typer.Exit(1 if problems else 0)
+
+
+@app.command()
+def show(
+    arm: Annotated[str, typer.Argument(help="An arm that `servoloop arms` lists, or its folder.")],
+    out: Annotated[Path | None, typer.Option(help="The picture, PNG; without it out/arms/NAME.png.")] = None,
+) -> None:
+    """Draw an arm with its joints' names, servos and directions.
+
+    The joints are at zero. An arrow points to greater positions; the sentence is what calibrate asks for.
+    Example: `servoloop arms show so101`
+    """
+    require_view("the picture of an arm", "trimesh")
+    from servoloop.arm_pictures.show import draw_arm, write_picture
+
+    found = find_arm(arm)
+    path = out or FOLDER / f"{found.name}.png"
+    make_folder(path.parent)
+    write_picture(draw_arm(found), path)
+    typer.echo(path)
 
 
 @app.command()

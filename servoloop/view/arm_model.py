@@ -1,5 +1,6 @@
 """The arm as a tree of links: where each one is drawn, and where the tool is for given joint positions."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
@@ -25,6 +26,15 @@ class ArmModel:
         self._poses = LinkPoses(joints, measured)
         parents = [joint.parent for joint in joints.values()]
         self.links = tuple(dict.fromkeys([*parents, *self._above]))
+
+    @property
+    def reach_m(self) -> float:
+        """The length of the longest chain of joints, in meters."""
+        return max(map(self._away, self.links))
+
+    def _away(self, link: str) -> float:
+        joint = self._above.get(link)
+        return 0.0 if joint is None else math.hypot(*joint.xyz_m) + self._away(joint.parent)
 
     def branch(self, link: str) -> str:
         """A link's place in the tree, from the root on: ``/base_link/link1``."""
@@ -58,8 +68,8 @@ class ArmModel:
             link = after[0]
         return link
 
-    def place(self, link: str, position: FloatArray) -> Vector:
-        """The place (m) of a link in the root link at joint positions (n,) in rad or m."""
+    def pose(self, link: str, position: FloatArray) -> tuple[Vector, Quaternion]:
+        """The pose (m) of a link in the root link at joint positions (n,) in rad or m."""
         found = {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.fixed}
         found |= {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.moving(position)}
         (x, y, z), turn = HERE
@@ -70,7 +80,11 @@ class ArmModel:
         for shift, turned in reversed(chain):
             a, b, c = rotate(turn, shift)
             x, y, z, turn = x + a, y + b, z + c, multiply(turn, turned)
-        return x, y, z
+        return (x, y, z), turn
+
+    def place(self, link: str, position: FloatArray) -> Vector:
+        """The place (m) of a link in the root link at joint positions (n,) in rad or m."""
+        return self.pose(link, position)[0]
 
     def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:
         """The way (m, 3) of the tool in metres through a goal's points (k, joints), from the positions ``start`` (n,).

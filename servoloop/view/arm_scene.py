@@ -19,13 +19,22 @@ GHOST: Final[Rgb] = (70, 130, 220)
 GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
+REACH_M: Final = 0.75
+"""Of the arm that the camera's place below suits."""
+CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
+TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 
 
 def add_ground(server: viser.ViserServer) -> None:
-    """Put the grid and the first camera in place: they suit an arm of half a metre."""
+    """Put the grid in place, and the first camera for an arm that is not known yet."""
     server.scene.add_grid("/ground", width=2.0, height=2.0, cell_size=0.05, section_size=0.25)
-    server.initial_camera.position = (0.75, -0.6, 0.55)
-    server.initial_camera.look_at = (0.12, 0.0, 0.17)
+    place_camera(server, REACH_M)
+
+
+def place_camera(server: viser.ViserServer, reach_m: float) -> None:
+    """Move the first camera so that an arm of this reach fills the page; cameras of open pages stay."""
+    server.initial_camera.position = CAMERA_M * (reach_m / REACH_M)
+    server.initial_camera.look_at = TARGET_M * (reach_m / REACH_M)
 
 
 class ArmScene:
@@ -95,7 +104,7 @@ class ArmScene:
 
 
 class _Robot:
-    """One drawing of the arm: a frame for each link, its shapes below."""
+    """One drawing of the arm: a frame for each link, its shapes below; the ghost is without links that never move."""
 
     def __init__(
         self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[Shape], ghost: bool = False
@@ -111,6 +120,7 @@ class _Robot:
         self._meshes = [
             (shape, _add(server, f"{root}{model.branch(shape.link)}/shape{number}", shape, ghost))
             for number, shape in enumerate(visuals)
+            if not ghost or model.joint_of(shape.link) is not None
         ]
         self._colours: list[Rgb | None] = [None] * len(self._meshes)
         self.move(model.fixed())

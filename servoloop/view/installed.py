@@ -1,4 +1,4 @@
-"""Whether the view can be shown: its library is an extra."""
+"""Whether the view can be shown: its libraries are an extra."""
 
 import importlib.util
 
@@ -6,7 +6,7 @@ from drivers.errors import DriverError
 from servoloop.extras import install_command
 
 
-def require_view() -> None:
-    """Raise DriverError, which says what to install, where there is no viser."""
-    if importlib.util.find_spec("viser") is None:
-        raise DriverError(f"the view needs viser: {install_command('view')}")
+def require_view(what: str = "the view", library: str = "viser") -> None:
+    """Raise DriverError, which names the command that installs it, where the library is missing."""
+    if importlib.util.find_spec(library) is None:
+        raise DriverError(f"{what} needs {library}: {install_command('view')}")

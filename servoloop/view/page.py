@@ -16,9 +16,9 @@ from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
 from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
-from servoloop.view.arm_scene import ArmScene, add_ground
+from servoloop.view.arm_scene import ArmScene, add_ground, place_camera
 from servoloop.view.colours import CHOICES, PLAIN, shares
-from servoloop.view.shapes import Shape, scene_shapes, shapes, thing_shapes
+from servoloop.view.shapes import Shape, scene_shapes, shapes, thing_shapes, with_real_shapes
 from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
 
@@ -129,9 +129,13 @@ class Page:
         self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
         self._description = parse_urdf(snapshot.description_xml)
         self._model = ArmModel(self._description.joints, snapshot.joints)
+        if self._model.reach_m > 0.0:
+            place_camera(self._server, self._model.reach_m)
         known = known_arm(snapshot.description_xml)
         folder: Path | None = known.urdf.parent if known else None
         visuals, missing = shapes(snapshot.description_xml, folder)
+        if known is not None:
+            visuals = with_real_shapes(visuals, known.scene.parent)
         self._arm = ArmScene(self._server, self._model, visuals, *_around(known))
         self._chosen()
         self._joint.options = snapshot.joints

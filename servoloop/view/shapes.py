@@ -1,7 +1,7 @@
 """The shapes of a robot description's links as triangles."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import trimesh
 
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
+from hal.robot_description.link_meshes import link_meshes, read_stl, with_edges
 from hal.types import FloatArray
 from sim_backend.scene.scene_file import scene_model
 
@@ -70,6 +71,20 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
     return found, missing
 
 
+def with_real_shapes(visuals: Sequence[Shape], folder: Path) -> list[Shape]:
+    """The visuals, with the meshes of the arm in ``folder`` in place of those of the same links.
+
+    Raises ArmFileError where the meshes have mistakes.
+    """
+    meshes = link_meshes(folder)
+    links = {mesh.link for mesh in meshes}
+    triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
+    return [shape for shape in visuals if shape.link not in links] + [
+        Shape(mesh.link, *triangles[mesh.path], mesh.position_m, mesh.quaternion, _bytes(mesh.rgb), flat=False)
+        for mesh in meshes
+    ]
+
+
 def scene_shapes(path: Path) -> Iterator[Shape]:
     """The boxes that stand around the arm in a MuJoCo scene, in the world: bins, stand. The link is the body's name."""
     model, data = _scene(path)
@@ -107,7 +122,7 @@ def _box(model: Any, geom: int, name: str, position_m: FloatArray, wxyz: FloatAr
     box = trimesh.creation.box(extents=2.0 * model.geom_size[geom])
     w, x, y, z = wxyz.tolist()
     place: Vector = tuple(position_m.tolist())
-    rgb: Rgb = tuple(round(255 * part) for part in model.geom_rgba[geom][:3].tolist())
+    rgb = _bytes(model.geom_rgba[geom][:3].tolist())
     return Shape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
 
 
@@ -143,7 +158,11 @@ def _colour(material: Element) -> Rgb | None:
     colour = material.find("color")
     if colour is None:
         return None
-    red, green, blue = (round(255 * float(part)) for part in colour.get("rgba", "").split()[:3])
+    return _bytes([float(part) for part in colour.get("rgba", "").split()[:3]])
+
+
+def _bytes(rgb: Sequence[float]) -> Rgb:
+    red, green, blue = (round(255 * part) for part in rgb)
     return red, green, blue
 
 

@@ -26,7 +26,7 @@ def motor_name(joint: str) -> str:
 
 
 def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
-    """The scene's model with a motor for each joint in ``gaps``, which says how far it is free (rad or m).
+    """The scene as a specification, with a motor for each joint in ``gaps``: how far it is free (rad or m).
 
     Raises ArmFileError.
     """
@@ -36,7 +36,7 @@ def with_gaps(scene: Path, gaps: Mapping[str, float]) -> Any:
     if gaps:  # the motors' joints are behind all others
         for key in spec.keys:
             key.qpos = [*key.qpos, *(0.0 for _ in gaps)]
-    return spec.compile()
+    return spec
 
 
 def _add_motor(spec: Any, name: str, gap: float) -> None:

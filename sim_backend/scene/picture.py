@@ -192,8 +192,8 @@ class Recorder:
         save_gif(path, self._draw(self._taken or [self._best], width, smooth=False), fps)
 
     def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
-        model = self._world.model
-        data = mujoco.MjData(model)  # its own: drawing must not disturb the world
+        model = self._world.drawn_model()  # its own: drawing must not disturb the world
+        data = mujoco.MjData(model)
         _place(model, data, configurations[0])
         view = View(model, data, width=width, height=width * 3 // 4, smooth=smooth)
         pictures = []

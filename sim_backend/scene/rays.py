@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.compiled import compiled
+from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
 
 FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
@@ -21,13 +22,14 @@ VISIBLE_GROUPS: Final = (0, 1, 2)
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
 BOX: Final = int(mujoco.mjtGeom.mjGEOM_BOX)
 CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+MESH: Final = int(mujoco.mjtGeom.mjGEOM_MESH)
 WALL: Final = -1
 """Where a ray entered a solid: a cylinder's round wall; other places are the axis across the face."""
 
 
 def visible(model: Any) -> Any:
     """All geoms that are drawn."""
-    return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS))
+    return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (model.geom_rgba[:, 3] > 0.0))
 
 
 def no_hits(count: int) -> Hits:
@@ -43,14 +45,18 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
     geom, nearest, normal = (values.copy() for values in so_far or no_hits(len(rays)))
     for i in geoms:
         kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
-        if kind not in (PLANE, BOX, CYLINDER):
-            raise ValueError(f"pictures are made of planes, boxes and cylinders; this is geom type {kind}")
+        if kind not in (PLANE, BOX, CYLINDER, MESH):
+            raise ValueError(f"pictures are made of planes, boxes, cylinders and meshes; this is geom type {kind}")
         away = data.geom_xpos[i] - origin
         half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]
         radius = model.geom_size[i][0] if kind == CYLINDER else 0.0
         # A plane has no bounding sphere: every ray may meet it.
         outside = float(away @ away) - (1.001 * model.geom_rbound[i]) ** 2
         beside = -inf if kind == PLANE else max(0.0, outside) ** 0.5
+        if kind == MESH:
+            parts = mesh_parts(model, int(model.geom_dataid[i]))
+            cast_mesh(i, parts, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
+            continue
         _cast_one(i, kind == PLANE, half, radius, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
     return geom, nearest, normal
 

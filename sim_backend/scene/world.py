@@ -15,12 +15,14 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from hal.robot_description.link_meshes import link_meshes
 from sim_backend.mechanics.backlash import motor_name, with_gaps
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
 from sim_backend.mechanics.spread import NOMINAL, Spread
 from sim_backend.scene.cube_cell import CubeCell, FloatArray, Pose, has_cell
+from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
 READY: Final = "ready"
@@ -50,7 +52,8 @@ class World:
         self._built_armature: dict[int, float] = {}
         """Of degrees of freedom that are blocked."""
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
-        self.model: Any = with_gaps(scene or SCENE, backlash or {})
+        self._scene, self._gaps = scene or SCENE, backlash or {}
+        self.model: Any = with_gaps(self._scene, self._gaps).compile()
         if spread.seed is not None:
             spread.vary(self.model)
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # what follows from the masses
@@ -205,6 +208,12 @@ class World:
         """All that a picture needs: a copy of MuJoCo's positions of arm and cube."""
         everything: FloatArray = self.data.qpos.copy()
         return everything
+
+    def drawn_model(self) -> Any:
+        """A model of the same positions for pictures: with the real shapes of the arm's links, where it has them."""
+        model = drawn_model(with_gaps(self._scene, self._gaps), link_meshes(self._scene.parent))
+        model.geom_rgba[model.geom_type != mujoco.mjtGeom.mjGEOM_MESH] = self.model.geom_rgba
+        return model
 
     def cube_height_m(self, configuration: FloatArray) -> float:
         """Height of the cube's middle above the table in a `configuration`; 0 without a cube."""

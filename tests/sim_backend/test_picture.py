@@ -1,18 +1,37 @@
 """Pictures: the rays against MuJoCo's own, and the files."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
+from hal.robot_description.link_meshes import link_meshes
+from servoloop.arms.folder import find_arm
+from sim_backend.scene.drawn_model import drawn_model
 from sim_backend.scene.picture import Recorder, View
 from sim_backend.scene.rays import VISIBLE_GROUPS, cast, visible
 from sim_backend.scene.world import World
 
 
-def test_rays_hit_what_mujoco_says_they_hit():
+def boxes_and_cylinders() -> tuple[Any, Any]:
     world = World(initial_position=[0.4, -0.2, -0.8, -0.6, -1.1, 1.55, 0.02])
-    model, data, random = world.model, world.data, np.random.default_rng(7)
+    return world.model, world.data
+
+
+def meshes() -> tuple[Any, Any]:
+    model = World(find_arm("so101").scene, backlash={"shoulder_pan": 0.02}).drawn_model()
+    data = mujoco.MjData(model)
+    data.qpos[:6] = [0.4, -0.2, 0.8, 0.6, -1.1, 1.2]
+    mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize("shapes", [boxes_and_cylinders, meshes])
+def test_rays_hit_what_mujoco_says_they_hit(shapes):
+    (model, data), random = shapes(), np.random.default_rng(7)
+    round_meshes = model.nmesh > 0
     groups = np.array([i in VISIBLE_GROUPS for i in range(6)], dtype=np.uint8)
     for eye in ([0.9, -0.6, 0.62], [0.0, 0.5, 0.3], [0.3, 0.0, 0.9]):
         origin = np.array(eye)
@@ -24,8 +43,41 @@ def test_rays_hit_what_mujoco_says_they_hit():
             its_distance = mujoco.mj_ray(model, data, origin, ray, groups, True, -1, its_geom, its_normal)
             assert geom[i] == its_geom[0]
             if its_distance >= 0.0:
-                assert distance[i] == pytest.approx(its_distance, abs=1e-9)
-                np.testing.assert_allclose(normal[i], its_normal, atol=1e-6)
+                assert distance[i] == pytest.approx(its_distance, abs=1e-7 if round_meshes else 1e-9)
+                smooth = round_meshes and model.geom_type[geom[i]] == mujoco.mjtGeom.mjGEOM_MESH
+                np.testing.assert_allclose(normal[i], its_normal, atol=0.4 if smooth else 1e-6)
+        assert not round_meshes or (model.geom_type[geom[geom >= 0]] == mujoco.mjtGeom.mjGEOM_MESH).any()
+
+
+def test_the_real_shapes_are_drawn_and_the_simulation_does_not_know_them():
+    world = World(find_arm("so101").scene, backlash={"gripper": 0.02})
+    drawn, model = world.drawn_model(), world.model
+    assert model.nmesh == 0 and drawn.nmesh > 10 and drawn.nq == model.nq
+    is_mesh = drawn.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    assert not drawn.geom_contype[is_mesh].any() and not drawn.geom_conaffinity[is_mesh].any()
+    np.testing.assert_allclose(drawn.body_mass, model.body_mass)
+    seen = visible(drawn)
+    arm = drawn.body_rootid[drawn.geom_bodyid] == drawn.body("base_link").id
+    assert set(seen[arm[seen]]) == set(np.flatnonzero(is_mesh)), "no box of the arm is seen"
+    assert drawn.geom("cube").id in seen and drawn.geom("table").id in seen
+
+
+def test_an_arm_without_meshes_is_drawn_as_its_scene_has_it():
+    world = World()
+    drawn = world.drawn_model()
+    assert drawn.nmesh == 0
+    np.testing.assert_array_equal(visible(drawn), visible(world.model))
+
+
+def test_a_cleared_table_is_not_drawn():
+    world = World()
+    world.clear_table()
+    assert world.model.geom("cube").id not in visible(world.drawn_model())
+
+
+def test_a_mesh_of_a_link_that_the_scene_does_not_have_is_left_out():
+    spec = mujoco.MjSpec.from_string("<mujoco><worldbody><body name='other'/></worldbody></mujoco>")
+    assert drawn_model(spec, link_meshes(find_arm("so101").folder)).nmesh == 0
 
 
 def test_the_picture_shows_the_cube_and_the_bins():
@@ -51,7 +103,7 @@ def test_a_picture_is_that_of_its_pose_whatever_was_drawn_before():
 def test_only_known_shapes_are_drawn():
     world = World()
     world.model.geom_type[world.model.geom("cube").id] = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-    with pytest.raises(ValueError, match="planes, boxes and cylinders"):
+    with pytest.raises(ValueError, match="planes, boxes, cylinders and meshes"):
         View(world.model, world.data, width=60, height=45, smooth=False).picture(world.data)
 
 

@@ -1,17 +1,20 @@
 """The arm's tree of links, its shapes and the path of its tool."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from hal.robot_description.description import parse_urdf
+from hal.types import FloatArray
 from servoloop.arms.folder import arms, find_arm
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.colours import LOAD, PLAIN, TEMPERATURE, colour, shares
 from servoloop.view.page import known_arm
-from servoloop.view.shapes import GREY, scene_shapes, shapes
+from servoloop.view.shapes import GREY, Shape, scene_shapes, shapes, with_real_shapes
 from tests.stack.rig import PICK, READY
 
 XML = find_arm().urdf.read_text()
@@ -56,6 +59,12 @@ def test_a_goal_of_some_joints_in_another_order_leaves_the_others_where_they_wer
     np.testing.assert_allclose(path[-1], model.place("link3", expected))
 
 
+@pytest.mark.parametrize(("name", "reach_m"), [("robot_arm", 0.748), ("so101", 0.489), ("koch", 0.347)])
+def test_the_camera_knows_how_long_the_arm_is(name: str, reach_m: float) -> None:
+    joints = parse_urdf(find_arm(name).urdf.read_text()).joints
+    assert ArmModel(joints, ()).reach_m == pytest.approx(reach_m, abs=1e-3)
+
+
 def test_the_tool_is_what_is_fixed_to_the_last_link() -> None:
     so101 = parse_urdf(find_arm("so101").urdf.read_text())
     joints = [name for name, joint in so101.joints.items() if joint.kind == "revolute"]
@@ -75,6 +84,34 @@ def test_every_arm_that_is_ready_has_shapes_and_a_scene(arm: object) -> None:
     assert known_arm(found.urdf.read_text())
 
 
+@pytest.mark.parametrize("name", ["so101", "so101_12v", "so101_leader", "so100", "koch"])
+def test_the_arms_that_people_own_are_drawn_as_they_are(name: str) -> None:
+    arm = find_arm(name)
+    boxes, _ = shapes(arm.urdf.read_text(), arm.urdf.parent)
+    drawn = with_real_shapes(boxes, arm.scene.parent)
+    assert {shape.link for shape in drawn} == {shape.link for shape in boxes}
+    assert not any(shape.flat for shape in drawn) and sum(len(shape.faces) for shape in drawn) > 10_000
+    for link in {shape.link for shape in boxes}:
+        assert np.abs(bounds(drawn, link) - bounds(boxes, link)).max() < 0.06, "each mesh is where its boxes are"
+
+
+def bounds(shown: Sequence[Shape], link: str) -> FloatArray:
+    """The lowest and the highest corner (2, 3) of a link's shapes in its frame."""
+    turned = [
+        trimesh.transformations.quaternion_matrix(np.roll(shape.quaternion, 1))[:3, :3] @ shape.vertices.T
+        for shape in shown
+        if shape.link == link
+    ]
+    places = [np.array(shape.position_m)[:, None] for shape in shown if shape.link == link]
+    corners = np.concatenate([points + place for points, place in zip(turned, places, strict=True)], axis=1)
+    return np.array([corners.min(axis=1), corners.max(axis=1)])
+
+
+def test_an_arm_without_meshes_keeps_the_shapes_of_its_description() -> None:
+    visuals, _ = shapes(XML)
+    assert with_real_shapes(visuals, find_arm().scene.parent) == visuals
+
+
 def test_shapes_have_the_size_place_and_colour_of_the_description() -> None:
     first, second, *_ = shapes(XML)[0]
     assert first.link == "base_link" and first.rgb == (41, 43, 51) and first.position_m == (0.0, 0.0, 0.01)
@@ -83,8 +120,6 @@ def test_shapes_have_the_size_place_and_colour_of_the_description() -> None:
 
 
 def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_path: Path) -> None:
-    import trimesh
-
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box(extents=(1.0, 2.0, 3.0)).export(tmp_path / "meshes" / "part.stl")
     visual = '<visual><geometry><mesh filename="{}" scale="0.1 0.1 0.1"/></geometry></visual>'

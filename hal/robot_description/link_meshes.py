@@ -1,0 +1,132 @@
+"""The real shapes of an arm's links, for pictures only: ``meshes/links.yaml`` beside the arm's scene."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from hal.errors import ArmFileError
+from hal.plausible import NoTruth, Position
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion, from_rpy
+from hal.types import FloatArray
+from hal.yaml_file import load
+
+Faces = NDArray[np.int64]
+PLACES: Final = Path("meshes", "links.yaml")
+HEADER_BYTES: Final = 84
+TRIANGLE: Final = np.dtype([("normal", "<3f4"), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+"""A triangle of a binary STL file."""
+CREASE_RAD: Final = 0.35
+ZERO: Final[Vector] = (0.0, 0.0, 0.0)
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), NoTruth]
+
+
+class Place(BaseModel):
+    """One mesh on a link, as the file has it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mesh: str
+    """A binary STL file in meters, relative to the folder of the file."""
+    xyz_m: tuple[Position, Position, Position] = ZERO
+    rpy_rad: tuple[Position, Position, Position] = ZERO
+    rgb: tuple[Share, Share, Share]
+
+
+class Places(BaseModel):
+    """The whole file: the meshes of each link by the link's name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    links: dict[str, list[Place]]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkMesh:
+    """A mesh and its pose in its link, in meters."""
+
+    link: str
+    path: Path
+    position_m: Vector
+    quaternion: Quaternion
+    rgb: Vector
+    """Shares of red, green and blue from 0 to 1."""
+
+
+def link_meshes(folder: Path) -> list[LinkMesh]:
+    """Read the meshes of the arm in ``folder``; empty if it has none. Raises ArmFileError with every mistake."""
+    path = folder / PLACES
+    if not path.is_file():
+        return []
+    links = load(path, Places, ArmFileError).links
+    return [
+        LinkMesh(link, path.parent / one.mesh, one.xyz_m, from_rpy(one.rpy_rad), one.rgb)
+        for link, meshes in links.items()
+        for one in meshes
+    ]
+
+
+def read_stl(path: Path) -> tuple[FloatArray, Faces]:
+    """Read a binary STL file.
+
+    Returns:
+        The vertices (v, 3) in the file's unit, each of them once, and the faces (f, 3) as indices of vertices.
+
+    Raises:
+        ArmFileError: The file cannot be read, or is not a binary STL file.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ArmFileError(f"{path} cannot be read: {error.strerror}: correct the name in {PLACES.name}") from error
+    triangles = int.from_bytes(content[HEADER_BYTES - 4 : HEADER_BYTES], "little")
+    if triangles == 0 or len(content) != HEADER_BYTES + triangles * TRIANGLE.itemsize:
+        raise ArmFileError(f"{path} is not a binary STL file: export the mesh as binary STL")
+    corners: Any = np.frombuffer(content, TRIANGLE, offset=HEADER_BYTES)["corners"]
+    vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    if not np.isfinite(vertices).all():
+        raise ArmFileError(f"{path} has a vertex that is not a number: export the mesh again")
+    return vertices.astype(np.float64), numbers.reshape(-1, 3).astype(np.int64)
+
+
+def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RAD) -> tuple[FloatArray, Faces]:
+    """Give each side of a sharp edge its own vertices, so that smooth shading leaves the edge sharp.
+
+    Args:
+        vertices: Shape (v, 3).
+        faces: Shape (f, 3), indices of vertices.
+        crease_rad: Two faces that meet at a larger angle have an edge between them.
+
+    Returns:
+        The vertices, of which there are more, and the faces as indices of these.
+    """
+    normals = np.round(_corner_normals(vertices, faces, crease_rad), 4)
+    corners: Any = np.column_stack([faces.ravel(), normals])
+    apart, numbers = np.unique(corners, axis=0, return_inverse=True)
+    return vertices[apart[:, 0].astype(np.int64)], numbers.reshape(-1, 3).astype(np.int64)
+
+
+def _corner_normals(vertices: FloatArray, faces: Faces, crease_rad: float) -> FloatArray:
+    """The normals (3 f, 3) at all corners: the mean of the faces there that are as good as in one plane."""
+    first, second, third = (vertices[faces[:, i]] for i in range(3))
+    area = np.cross(second - first, third - first)
+    flat = _units(area)
+    corners = faces.ravel()
+    order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(vertices))
+    start = np.concatenate([[0], np.cumsum(count)])[corners]
+    own, total = np.repeat(flat, 3, axis=0), np.zeros((len(corners), 3))
+    for nth in range(int(count.max())):
+        there = np.flatnonzero(nth < count[corners])
+        other = order[start[there] + nth] // 3
+        same = np.sum(own[there] * flat[other], axis=1) >= np.cos(crease_rad)
+        total[there[same]] += area[other[same]]
+    return _units(total)
+
+
+def _units(vectors: FloatArray) -> FloatArray:
+    unit: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
+    return unit

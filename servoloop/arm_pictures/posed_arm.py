@@ -1,0 +1,74 @@
+"""An arm in a pose: its shapes in the world, and where its joints are and turn."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import multiply, rotate
+from hal.types import FloatArray
+from servoloop.files import ServoFiles
+from servoloop.view.arm_model import ArmModel
+from servoloop.view.shapes import shapes, with_real_shapes
+from sim_backend.scene.still import Solid
+
+TURN_RAD: Final = np.radians(250.0)
+"""How far an arrow goes around its axis."""
+STEPS: Final = 48
+ARROW: Final = 0.085
+"""Radius of an arrow around an axis, and half the length of one along it, as a share of the arm's reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointArrow:
+    """A joint in the world: its place (3,) in meters, and an arrow (k, 3) toward greater positions."""
+
+    name: str
+    place: FloatArray
+    arrow: FloatArray
+
+
+class PosedArm:
+    """The arm of these files with its joints at ``position`` (rad or m by name); the others are at zero."""
+
+    def __init__(self, files: ServoFiles, position: Mapping[str, float]) -> None:
+        self._files = files
+        self._joints = files.description.joints
+        self._driven = [joint.name for joint in files.robot.joints]
+        self._model = ArmModel(self._joints, self._driven)
+        self._position = np.array([position.get(name, 0.0) for name in self._driven])
+
+    def solids(self) -> Iterator[Solid]:
+        """The links' shapes: the real ones, where the arm has them."""
+        visuals, _ = shapes(self._files.description.xml, self._files.urdf_path.parent)
+        for shape in with_real_shapes(visuals, self._files.scene.parent):
+            place, turn = self._model.pose(shape.link, self._position)
+            x, y, z = rotate(turn, shape.position_m)
+            pose = (place[0] + x, place[1] + y, place[2] + z), multiply(turn, shape.quaternion)
+            red, green, blue = (part / 255.0 for part in shape.rgb)
+            yield Solid(shape.vertices, shape.faces, pose, (red, green, blue))
+
+    def arrows(self) -> list[JointArrow]:
+        """Every joint with a servo, in the order of the robot file."""
+        return [self._arrow(name) for name in self._driven]
+
+    def _arrow(self, name: str) -> JointArrow:
+        joint = self._joints[name]
+        place, turn = self._model.pose(joint.child, self._position)
+        axis = np.array(rotate(turn, joint.axis)) / np.linalg.norm(joint.axis)
+        size = ARROW * self._model.reach_m
+        if joint.kind == "prismatic":
+            return JointArrow(name, np.array(place), place + np.linspace(-size, size, STEPS)[:, None] * axis)
+        first, second = _across(axis)
+        angle = np.linspace(0.0, TURN_RAD, STEPS)[:, None]
+        return JointArrow(name, np.array(place), place + size * (np.cos(angle) * first + np.sin(angle) * second))
+
+
+def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors (3,) that are right-handed with an axis; the first one is as low as it can be."""
+    down: Vector = (0.0, 0.0, -1.0) if abs(axis[2]) < 0.9 else (-1.0, 0.0, 0.0)
+    first = np.array(down) - np.dot(down, axis) * axis
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)

@@ -1,0 +1,53 @@
+"""A picture of an arm with the name, the servo and the direction of each joint."""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from PIL import Image
+
+from servoloop.arm_pictures.labels import COLORS, Drawing, Label
+from servoloop.arm_pictures.posed_arm import PosedArm
+from servoloop.arms.folder import Arm, read_arm_servos
+from servoloop.files import write_file
+from sim_backend.scene.still import take
+
+SIZE: Final = (1200, 760)
+TOWARD: Final = np.array([0.55, -1.0, 0.5])
+"""From the right of an arm that points to the right of the picture, and from above."""
+FILLED: Final = (0.6, 0.8)
+"""The share of the picture's width and height that the arm may fill: the labels are beside it."""
+
+
+def draw_arm(arm: Arm, position: Mapping[str, float] | None = None) -> Image.Image:
+    """Draw an arm with the names and directions of its joints.
+
+    Args:
+        arm: The arm, of which the URDF and the robot file are read.
+        position: Positions of joints by name, in rad or m; the others are at zero.
+
+    Raises:
+        ArmFileError, DescriptionError, RobotFileError: A file of the arm has mistakes.
+    """
+    files = read_arm_servos(arm)
+    posed = PosedArm(files, position or {})
+    still = take(posed.solids(), TOWARD, SIZE, FILLED)
+    drawing = Drawing(still.picture)
+    labels = []
+    for number, arrow in enumerate(posed.arrows()):
+        color = COLORS[number % len(COLORS)]
+        drawing.arrow(still.pixels(arrow.arrow), color)
+        plan = arm.file.calibration.joints.get(arrow.name)
+        title = f"{arrow.name} (servo {files.robot.file.joints[arrow.name].servo_id})"
+        labels.append(Label(title, plan.positive if plan else "", still.pixels(arrow.place[None])[0], color))
+    drawing.labels(labels)
+    return drawing.image()
+
+
+def write_picture(image: Image.Image, path: Path) -> None:
+    """Write a picture as PNG; the former one stays, with .1 behind its name. Raises DriverError."""
+    content = io.BytesIO()
+    image.save(content, "PNG", optimize=True)
+    write_file(path, content.getvalue())

@@ -1,0 +1,184 @@
+"""Where rays first meet a mesh of a MuJoCo model, as machine code, in the tree of boxes that MuJoCo builds for it."""
+
+from math import inf, sqrt
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.compiled import compiled
+
+FloatArray = NDArray[np.float64]
+Xyz = tuple[float, float, float]
+DEPTH: Final = 64
+"""Size of the stack: the tree halves the triangles at every level."""
+EDGE: Final = 1e-6
+"""Distance, as a share of a triangle, at which a ray beside it still meets it: no ray slips between two triangles."""
+THICK_M: Final = 1e-9
+"""Added to the boxes of the tree: a flat part has boxes without any thickness."""
+
+ASKEW: Final = 1e-12
+
+
+class MeshParts(NamedTuple):
+    """A mesh's arrays: v vertices, f faces, m normals and b boxes of the tree."""
+
+    vertices: NDArray[np.float32]
+    """Shape (v, 3), in the geom's frame."""
+    faces: NDArray[np.int32]
+    """Shape (f, 3), indices of vertices."""
+    normals: NDArray[np.float32]
+    """Shape (m, 3)."""
+    face_normals: NDArray[np.int32]
+    """Shape (f, 3), indices of normals."""
+    boxes: FloatArray
+    """Shape (b, 6), middle and half of the size."""
+    children: NDArray[np.int32]
+    """Shape (b, 2), -1 where there is none."""
+    face_of: NDArray[np.int32]
+    """Shape (b,), the face in a leaf, -1 in other boxes."""
+
+
+def mesh_parts(model: Any, mesh: int) -> MeshParts:
+    """The arrays of one mesh of a model."""
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    normal, box = model.mesh_normaladr[mesh], model.mesh_bvhadr[mesh]
+    faces, boxes = slice(face, face + model.mesh_facenum[mesh]), slice(box, box + model.mesh_bvhnum[mesh])
+    return MeshParts(
+        model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]],
+        model.mesh_face[faces],
+        model.mesh_normal[normal : normal + model.mesh_normalnum[mesh]],
+        model.mesh_facenormal[faces],
+        model.bvh_aabb[boxes],
+        model.bvh_child[boxes],
+        model.bvh_nodeid[boxes],
+    )
+
+
+@compiled
+def cast_mesh(
+    number: int, parts: MeshParts, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
+    rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
+) -> None:  # fmt: skip
+    """Note the rays that meet one mesh first; the arguments are those of ``rays._cast_one``."""
+    x, y, z = away
+    start = (origin[0], origin[1], origin[2])
+    stack = np.empty(DEPTH, np.int32)
+    for n in range(len(rays)):
+        if rays[n, 0] * x + rays[n, 1] * y + rays[n, 2] * z <= beside:
+            continue
+        ray = (
+            rays[n, 0] * axes[0, 0] + rays[n, 1] * axes[1, 0] + rays[n, 2] * axes[2, 0],
+            rays[n, 0] * axes[0, 1] + rays[n, 1] * axes[1, 1] + rays[n, 2] * axes[2, 1],
+            rays[n, 0] * axes[0, 2] + rays[n, 1] * axes[1, 2] + rays[n, 2] * axes[2, 2],
+        )
+        distance, face = _first_face(parts, start, ray, nearest[n], stack)
+        if face >= 0:
+            nearest[n], geom[n] = distance, number
+            nx, ny, nz = _normal(parts, face, start, ray)
+            for i in range(3):
+                normal[n, i] = axes[i, 0] * nx + axes[i, 1] * ny + axes[i, 2] * nz
+
+
+@compiled
+def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: NDArray[np.int32]) -> tuple[float, int]:
+    """Distance and face of the first hit that is nearer than ``nearest``; face -1 for none."""
+    pace = (_inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2]))
+    found, count = -1, 0
+    if _entry(parts.boxes, 0, origin, pace) < nearest:
+        stack[0], count = 0, 1
+    while count > 0:
+        count -= 1
+        box = stack[count]
+        face = parts.face_of[box]
+        if face >= 0:
+            distance, _, _ = _on_triangle(parts, face, origin, ray)
+            if 0.0 < distance < nearest:
+                nearest, found = distance, face
+            continue
+        near, far = parts.children[box, 0], parts.children[box, 1]
+        to_near = _entry(parts.boxes, near, origin, pace) if near >= 0 else inf
+        to_far = _entry(parts.boxes, far, origin, pace) if far >= 0 else inf
+        if to_far < to_near:
+            near, far, to_near, to_far = far, near, to_far, to_near
+        if to_far < nearest:
+            stack[count] = far
+            count += 1
+        if to_near < nearest:  # on top of the stack: it comes next
+            stack[count] = near
+            count += 1
+    return nearest, found
+
+
+@compiled
+def _inverse(value: float) -> float:
+    """The inverse of a part of a direction; a ray along a face of a box goes a little askew."""
+    return 1.0 / value if abs(value) > ASKEW else (1.0 / ASKEW if value >= 0.0 else -1.0 / ASKEW)
+
+
+@compiled
+def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
+    """Distance at which a ray enters a box, 0 from within it, infinite if it passes. ``pace``: inverse directions."""
+    enter, leave = 0.0, inf
+    for i in range(3):
+        middle = (boxes[box, i] - origin[i]) * pace[i]
+        reach = (boxes[box, 3 + i] + THICK_M) * abs(pace[i])
+        enter, leave = max(enter, middle - reach), min(leave, middle + reach)
+    return enter if enter <= leave else inf
+
+
+@compiled
+def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[float, float, float]:
+    """Distance of the hit from either side, infinite for none, and the weights of the second and the third corner.
+
+    This is the method of Möller and Trumbore.
+    """
+    a = _row(parts.vertices, parts.faces[face, 0])
+    first = _between(a, _row(parts.vertices, parts.faces[face, 1]))
+    second = _between(a, _row(parts.vertices, parts.faces[face, 2]))
+    p = _cross(ray, second)
+    across = _dot(first, p)
+    if across == 0.0:
+        return inf, 0.0, 0.0
+    away = _between(a, origin)
+    q = _cross(away, first)
+    u, v = _dot(away, p) / across, _dot(ray, q) / across
+    if u < -EDGE or v < -EDGE or u + v > 1.0 + EDGE:
+        return inf, 0.0, 0.0
+    return _dot(second, q) / across, u, v
+
+
+@compiled
+def _normal(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> Xyz:
+    """The normal at a hit between those of the corners, on the side from which the ray comes."""
+    _, u, v = _on_triangle(parts, face, origin, ray)
+    a, b, c = parts.face_normals[face, 0], parts.face_normals[face, 1], parts.face_normals[face, 2]
+    x = (1.0 - u - v) * parts.normals[a, 0] + u * parts.normals[b, 0] + v * parts.normals[c, 0]
+    y = (1.0 - u - v) * parts.normals[a, 1] + u * parts.normals[b, 1] + v * parts.normals[c, 1]
+    z = (1.0 - u - v) * parts.normals[a, 2] + u * parts.normals[b, 2] + v * parts.normals[c, 2]
+    length = sqrt(x * x + y * y + z * z)
+    if length == 0.0:
+        return -ray[0], -ray[1], -ray[2]
+    if x * ray[0] + y * ray[1] + z * ray[2] > 0.0:
+        length = -length
+    return x / length, y / length, z / length
+
+
+@compiled
+def _row(values: NDArray[np.float32], row: int) -> Xyz:
+    return float(values[row, 0]), float(values[row, 1]), float(values[row, 2])
+
+
+@compiled
+def _between(a: Xyz, b: Xyz) -> Xyz:
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@compiled
+def _cross(a: Xyz, b: Xyz) -> Xyz:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _dot(a: Xyz, b: Xyz) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
