@@ -56,9 +56,15 @@ class Scenario(BaseModel):
         return kinds
 
 
-def read_scenario(path: Path) -> Scenario:
-    """The scenario in this YAML file. Raises ScenarioError, and ArmFileError where there is no such arm."""
+def read_scenario(path: Path, arm: str | None = None) -> Scenario:
+    """The scenario in this YAML file, or the same with another arm.
+
+    Raises ScenarioError, and ArmFileError where there is no such arm.
+    """
     scenario = load(path, Scenario, ScenarioError)
+    if arm is not None:
+        find_arm(arm)
+        return scenario.model_copy(update={"arm": arm})
     arm_in(path, scenario.arm)
     return scenario
 

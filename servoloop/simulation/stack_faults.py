@@ -30,14 +30,14 @@ def inventory_of(robot: Robot) -> Inventory:
 
 
 def require_possible_in(
-    path: Path, events: Iterable[FaultEvent], robot: Robot, within: Sequence[str] = ("faults",)
+    path: Path, events: Iterable[FaultEvent], there: Inventory, within: Sequence[str] = ("faults",)
 ) -> None:
-    """Check that the events of a file can happen to a robot. Raises FaultError with file and line of each that cannot.
+    """Check that the events of a file can happen. Raises FaultError with file and line of each that cannot.
 
     ``within``: where the file has its list of events.
     """
     file = compose(path, FaultError)
-    require_possible(events, inventory_of(robot), lambda number: f"{file.place((*within, number))}: ")
+    require_possible(events, there, lambda number: f"{file.place((*within, number))}: ")
 
 
 class Upsettable:

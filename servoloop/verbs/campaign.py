@@ -67,9 +67,7 @@ def campaign(
     assert scenario is not None
     from servoloop.campaign.campaign import read_scenario
 
-    said = read_scenario(scenario)
-    if arm is not None:
-        said = said.model_copy(update={"arm": arm})
+    said = read_scenario(scenario, arm)
     make_folder(out)
     asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
     with Signals() as signals:
@@ -128,10 +126,10 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     from servoloop.campaign.campaign import files_of
     from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
-    from servoloop.simulation.stack_faults import require_possible_in
+    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 
     schedule = read_schedule(path)
-    require_possible_in(path, schedule.faults, files_of(schedule.arm).robot)
+    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm).robot))
     make_folder(out)
     report, recording = recorded(schedule)
     fallen: list[Fallen] = []

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -63,7 +64,7 @@ def emulate(
     """
     from servoloop.emulator import emulate as run
     from servoloop.signals import Signals
-    from servoloop.simulation.stack_faults import require_possible_in
+    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
     from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
     from sim_backend.mechanics.build import Build
@@ -78,7 +79,7 @@ def emulate(
     files = read_arm_servos(find_arm(arm), urdf, robot)
     events = read_script(faults) if faults is not None else ()
     if faults is not None and not box:
-        require_possible_in(faults, events, files.robot, ())
+        require_possible_in(faults, events, replace(inventory_of(files.robot), stack=False), ())
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     if view and urdf is not None:
         raise DriverError("--view shows the arm of --arm: leave out --urdf")

@@ -126,14 +126,14 @@ def read_pick_place(path: Path) -> None:
 
 
 def read_faults(path: Path) -> None:
-    require_possible_in(path, read_script(path), read_arm_servos(find_arm()).robot, ())
+    require_possible_in(path, read_script(path), inventory_of(read_arm_servos(find_arm()).robot), ())
 
 
 def read_whole_schedule(path: Path) -> None:
     schedule = read_schedule(path)
     arm = find_arm(schedule.arm)
     load_pick_place(arm.pick_place)
-    require_possible_in(path, schedule.faults, read_arm_servos(arm).robot)
+    require_possible_in(path, schedule.faults, inventory_of(read_arm_servos(arm).robot))
 
 
 def read_campaign(path: Path) -> None:

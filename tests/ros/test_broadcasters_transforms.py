@@ -172,7 +172,7 @@ def test_its_parameters_are_upstreams(client: Onlooker) -> None:
     [
         ("robot_description", "<robot/>", "end it and start it with the other URDF"),
         ("publish_frequency", 0.0, "publish_frequency: Input should be greater than 0"),
-        ("publish_frequency", 1001.0, "publish_frequency: Input should be less than or equal to 1000"),
+        ("publish_frequency", 1001.0, "publish_frequency: 1001 is not a plausible rate"),
     ],
 )
 def test_what_it_cannot_do_is_refused_in_words(client: Onlooker, name: str, value: Any, words: str) -> None:
