@@ -1,11 +1,14 @@
 """Parameters of nodes in general; those of a controller stand beside the controller."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from hal.plausible import MaxMessageSize, UpdateRate
+from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
+"""A number of a user's own controller, of whatever kind."""
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
