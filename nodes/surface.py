@@ -37,8 +37,10 @@ class Surface:
 
     def __init__(self, stack: Stack) -> None:
         patches = usable_patches()
+        self._send_what_waits: Callable[[], None] = lambda: None
         if gil_release.PATCH in patches:
             gil_release.release_gil_in_middleware()
+            self._send_what_waits = gil_release.send_what_waits
         LOG.info("%s", init_rclpy())
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
@@ -90,6 +92,8 @@ class Surface:
                     self._executor.serve(0.1, behind=bool(self._cycles))
                 with _errors_logged():
                     self._publish_cycles()
+                with _errors_logged():
+                    self._send_what_waits()
             except ExternalShutdownException:
                 return
 

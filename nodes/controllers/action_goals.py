@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from controller.action_goals import GoalStatus
-from nodes.rclpy_patches.size_limit import SIZE_LIMIT
+from nodes.publishing import EVERY_CALL
+from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
 """So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status
@@ -45,9 +46,13 @@ def make_action_server(
         goal_callback=on_goal,
         handle_accepted_callback=on_accepted,
         cancel_callback=goals.on_cancel,
+        # A client that floods the server would push the others' requests out of a queue of ten.
+        goal_service_qos_profile=EVERY_CALL,
+        cancel_service_qos_profile=EVERY_CALL,
+        result_service_qos_profile=EVERY_CALL,
         result_timeout=RESULT_TIMEOUT_S,
     )
-    SIZE_LIMIT.add_action(server, node.resolve_topic_name(name))
+    CLIENT_LIMITS.add_action(server, node.resolve_topic_name(name))
     return server
 
 

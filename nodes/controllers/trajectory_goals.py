@@ -19,7 +19,7 @@ from controller.trajectory.tolerances import ERASE, Tolerances
 from drivers.printable import printable
 from nodes.controllers.action_goals import ActionGoals, make_action_server
 from nodes.publishing import ANY_CLIENT, LATCHED
-from nodes.rclpy_patches.size_limit import SIZE_LIMIT
+from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 NO_TOLERANCES = Tolerances()
 ACTION = "~/follow_joint_trajectory"
@@ -40,7 +40,7 @@ class TrajectoryGoals:
         self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
         self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
         for name, what in ((ACTION, "goal rejected"), ("~/joint_trajectory", IGNORED)):
-            SIZE_LIMIT.on_refused[node.resolve_topic_name(name)] = self._refused(what)
+            CLIENT_LIMITS.on_refused[node.resolve_topic_name(name)] = self._refused(what)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
         kind, goals = FollowJointTrajectory, self.under_way
         self._server = make_action_server(node, kind, ACTION, goals, self._on_goal, self._on_accepted)

@@ -32,7 +32,7 @@ from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import EVERY_CALL, LATCHED
-from nodes.rclpy_patches.size_limit import PARAMETER, SIZE_LIMIT
+from nodes.rclpy_patches.client_limits import CLIENT_LIMITS, PARAMETER
 from nodes.ros_time import RosTime
 from nodes.stack import Stack
 
@@ -97,13 +97,13 @@ class ManagerNode:
         self.node.add_on_set_parameters_callback(_check_settings)
 
     def _limit_messages(self, parameters: Mapping[str, Any]) -> None:
-        SIZE_LIMIT.bytes = ManagerParameters.model_validate(dict(parameters)).max_message_size
+        CLIENT_LIMITS.bytes = ManagerParameters.model_validate(dict(parameters)).max_message_size
         size = RANGES[PARAMETER]
         descriptor = ParameterDescriptor(
             description=f"Largest goal, command or request that is read, in {size.unit}",
             additional_constraints=f"{size.lowest:g} to {size.highest:g}",
         )
-        self.node.declare_parameter(PARAMETER, SIZE_LIMIT.bytes, descriptor)
+        self.node.declare_parameter(PARAMETER, CLIENT_LIMITS.bytes, descriptor)
         self.node.add_on_set_parameters_callback(_check_size)
         self.node.add_post_set_parameters_callback(_set_size)
 
@@ -204,7 +204,7 @@ def _check_size(parameters: list[Parameter]) -> SetParametersResult:
 def _set_size(parameters: list[Parameter]) -> None:
     for parameter in parameters:
         if parameter.name == PARAMETER:
-            SIZE_LIMIT.bytes = parameter.value
+            CLIENT_LIMITS.bytes = parameter.value
 
 
 def _check_settings(parameters: list[Parameter]) -> SetParametersResult:

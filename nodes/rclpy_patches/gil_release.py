@@ -4,7 +4,7 @@ rclpy holds it. But DDS can keep a sender waiting: for its own locks while clien
 0.4 s on two cores), and up to 0.1 s in each answer to a client whose ear is not known yet or fits no answer of ours
 (rmw_fastrtps waits for it). Meanwhile no Python ran in this process: no control cycle either. The functions of
 rcl_calls.py stand in for twelve methods of rclpy; they call the same C functions through ctypes. What they take is not
-turned into Python if it is larger than a client may send (size_limit.py).
+turned into Python if a client may not send it, for its size or because it sends too often (client_limits.py).
 """
 
 import ctypes
@@ -66,6 +66,14 @@ def release_gil_in_middleware() -> None:
     """Replace the methods, from now on and in this whole process."""
     for owner, name, function in replacements():
         setattr(owner, name, function)
+
+
+def send_what_waits() -> None:
+    """Send what a flood of goals has put off. To be called often, where the methods are replaced."""
+    from nodes.rclpy_patches import rcl_calls
+
+    rcl_calls.send_refusals()
+    rcl_calls.publish_waiting_statuses()
 
 
 def _differences() -> Iterable[str]:

@@ -1,8 +1,9 @@
 """The size of a message in C, found before it is turned into Python.
 
-What turns a message into Python has the interpreter's lock: of a list of numbers to the end, and of 200,000 trajectory
-points for most of two seconds, which the control cycles meanwhile share with it. The offsets of a message's fields are
-those of the introspection type support, whose structures (message_introspection.h of Jazzy) are written down here.
+What turns a message into Python has the interpreter's lock: of a list of numbers to the end, and of 200,000
+trajectory points for most of two seconds, in which the control cycles have to share it. The offsets of a message's
+fields are those of the introspection type support, whose structures (message_introspection.h of Jazzy) are written
+down here.
 """
 
 import ctypes

@@ -7,22 +7,30 @@ only where gil_release.py allows it: the libraries are opened here, and their fu
 import ctypes
 import logging
 import sys
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from time import monotonic
 from typing import Any, Final
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.service import Service
 
+from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 from nodes.rclpy_patches.message_size import capsule_address, layout_of
-from nodes.rclpy_patches.size_limit import SIZE_LIMIT
 
 LOG = logging.getLogger("servoloop.nodes")
 
 _TIMEOUT: Final = 2  # RCL_RET_TIMEOUT of rcl/types.h
 _NOTHING_TAKEN: Final = (401, 601, 2201)  # RCL_RET_{SUBSCRIPTION,SERVICE,ACTION_SERVER}_TAKE_FAILED
 
-TOO_LARGE: Final = object()
-"""Stands for a message that is larger than clients may send, and was not turned into Python."""
+TOO_LARGE, TOO_OFTEN = object(), object()
+"""Stand for messages that clients may not send, and that were not turned into Python."""
+MOST_REFUSED: Final = 50
+"""Requests that are put off in one go; then other clients have their turn."""
 _MESSAGE_INFO: Final = (
     "source_timestamp",
     "received_timestamp",
@@ -97,18 +105,25 @@ class _Kind:
         finally:
             self._destroy(raw)
 
-    def taken(self, take: Callable[[int], int]) -> tuple[int, Any]:
-        """The return value of ``take``, and the message that ``take`` has filled in; TOO_LARGE for a larger one."""
+    def taken(self, take: Callable[[int], int], refuses: Callable[[], bool] | None = None) -> tuple[int, Any]:
+        """The return value of ``take``, and the message that ``take`` has filled in.
+
+        TOO_LARGE or TOO_OFTEN stands for a message that is not read: ``refuses`` says whether it comes too often.
+        """
         raw = self._create()
         try:
-            code, allowed = take(raw), SIZE_LIMIT.bytes
+            code, allowed = take(raw), CLIENT_LIMITS.bytes
             if code:
                 return code, None
+            if refuses is not None and refuses():
+                return code, TOO_OFTEN
             return code, TOO_LARGE if self._layout.measured(raw, allowed) > allowed else self._to_python(raw)
         finally:
             self._destroy(raw)
 
 
+_WAITING: Final[dict[int, Any]] = {}
+"""Action servers whose status is to be published later, by their pointers."""
 _KINDS: Final[dict[Any, _Kind]] = {}
 
 
@@ -170,7 +185,7 @@ def subscription_take(subscription: Any, kind: Any, raw: bool) -> tuple[Any, dic
         return None
     _check(code, "take a message")
     if message is TOO_LARGE:
-        SIZE_LIMIT.refuse(_topic_name(pointer))
+        CLIENT_LIMITS.refuse_size(_topic_name(pointer))
         return None
     numbers = {name: int(getattr(info, name)) for name in _MESSAGE_INFO}
     return message, {name: None if number == _UNKNOWN else number for name, number in numbers.items()}
@@ -183,7 +198,7 @@ def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | N
         return None, None
     _check(code, "take a request")
     if request is TOO_LARGE:
-        SIZE_LIMIT.refuse(_service_name(pointer))
+        CLIENT_LIMITS.refuse_size(_service_name(pointer))
         _answer_empty(kind, lambda raw: int(_send_response(pointer, ctypes.byref(info.request_id), raw)))
         return None, None
     return request, info
@@ -214,18 +229,59 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
     answer = _function(_RCL_ACTION, f"rcl_action_send_{name}_response", 3)
 
     def take(server: Any, kind: Any) -> tuple[_RequestId | None, Any]:
-        request_id, pointer = _RequestId(), server.pointer
-        code, request = _kind(kind).taken(lambda raw: int(function(pointer, ctypes.byref(request_id), raw)))
-        if code in _NOTHING_TAKEN:
-            return None, None
-        _check(code, f"take a {name} request")
-        if request is TOO_LARGE:
-            SIZE_LIMIT.refuse(SIZE_LIMIT.actions.get(pointer, "an action"))
-            _answer_empty(kind, lambda raw: int(answer(pointer, ctypes.byref(request_id), raw)))
-            return None, None
-        return request_id, request
+        """Take the first request that is not refused."""
+        pointer = server.pointer
+        for _ in range(MOST_REFUSED):
+            request_id = _RequestId()
+            refuses = partial(_comes_too_often, request_id) if name == "goal" else None
+            code, request = _kind(kind).taken(
+                lambda raw, to=request_id: int(function(pointer, ctypes.byref(to), raw)), refuses
+            )
+            if code in _NOTHING_TAKEN:
+                return None, None
+            _check(code, f"take a {name} request")
+            if request is not TOO_LARGE and request is not TOO_OFTEN:
+                return request_id, request
+            action = CLIENT_LIMITS.actions.get(pointer, "an action")
+            refusal = _Refusal(server, kind, request_id, answer)
+            if request is TOO_LARGE:
+                CLIENT_LIMITS.refuse_size(action)
+                refusal.send()
+            else:
+                CLIENT_LIMITS.refuse_rate(action)
+                _REFUSALS.append(refusal)
+        return None, None
 
     return take
+
+
+@dataclass(frozen=True, slots=True)
+class _Refusal:
+    """A goal that is to be answered without having been read."""
+
+    server: Any
+    kind: Any
+    request_id: _RequestId
+    answer: Any
+
+    def send(self) -> None:
+        pointer, to = self.server.pointer, ctypes.byref(self.request_id)
+        _answer_empty(self.kind, lambda raw: int(self.answer(pointer, to, raw)))
+
+
+_REFUSALS: Final[deque[_Refusal]] = deque(maxlen=10_000)
+"""Refusals that are to be sent, in their turn: every client hears all answers, and most keep only ten of them."""
+
+
+def send_refusals() -> None:
+    """Send refusals, as far as their time has come. To be called often."""
+    while _REFUSALS and CLIENT_LIMITS.refusals.allows("all", monotonic()):
+        with suppress(InvalidHandle):  # its controller has been unloaded
+            _REFUSALS.popleft().send()
+
+
+def _comes_too_often(request_id: _RequestId) -> bool:
+    return not CLIENT_LIMITS.goals.allows(bytes(request_id.writer_guid), monotonic())
 
 
 def server_send(name: str) -> Callable[[Any, _RequestId, Any], None]:
@@ -246,6 +302,24 @@ def server_publish_feedback(server: Any, message: Any) -> None:
 
 
 def server_publish_status(server: Any) -> None:
+    """Publish at once, unless that came too often lately: the newest status then is published later."""
+    if CLIENT_LIMITS.statuses.allows(server.pointer, monotonic()):
+        _WAITING.pop(server.pointer, None)
+        _publish_status_now(server)
+    else:
+        _WAITING[server.pointer] = server
+
+
+def publish_waiting_statuses() -> None:
+    """Publish the statuses that were put off, as far as their time has come. To be called in every cycle."""
+    for pointer, server in list(_WAITING.items()):
+        try:
+            server_publish_status(server)
+        except (InvalidHandle, rclpy_implementation.RCLError):  # its controller has been unloaded
+            _WAITING.pop(pointer, None)
+
+
+def _publish_status_now(server: Any) -> None:
     statuses = GoalStatuses()
     _check(_get_statuses(server.pointer, ctypes.byref(statuses)), "get the goals' status")
     try:
