@@ -20,9 +20,11 @@ from tests.mutated.readers import KINDS
 LONGEST_S: Final = 5.0
 """Maximum time of the processor for one file, in seconds."""
 MOST_LINES: Final = 60
-PLACE: Final = re.compile(r":\d+|[Ll]ine \d+|larger than|more than \d+ values|missing|twice|has no |without|not text")
+PLACE: Final = re.compile(
+    r":\d+|[Ll]ine \d+|larger than|more than \d+ values|missing|twice|has no |without|not text|cut off|says nothing"
+)
 """A line, or a mistake of the whole file."""
-FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|xml|json|mcap)\b|LeRobot's file")
+FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|srdf|xml|json|mcap)\b|LeRobot's file")
 LINED: Final = (".yaml", ".urdf")
 """Kinds of files whose readers know lines."""
 
@@ -54,7 +56,7 @@ def mutated(kind: str, seed: int, number: int) -> bytes:
     text = data.decode()
     if chance.random() < 0.1:
         return raw.encoded(text, chance)
-    if suffix in ("urdf", "xml"):
+    if suffix in ("urdf", "xml", "srdf"):
         return elements.changed(text, chance).encode(errors="surrogatepass")
     return trees.changed(text, chance, as_json=suffix == "json").encode(errors="surrogatepass")
 
