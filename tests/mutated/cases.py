@@ -20,9 +20,12 @@ from tests.mutated.readers import KINDS
 LONGEST_S: Final = 5.0
 """Maximum time of the processor for one file, in seconds."""
 MOST_LINES: Final = 60
-PLACE: Final = re.compile(
-    r":\d+|[Ll]ine \d+|larger than|more than \d+ values|missing|twice|has no |without|not text|cut off|says nothing"
+OF_THE_WHOLE: Final = (
+    *("larger than", r"more than \d+ values", "missing", "twice", "has no ", "without", "not text"),
+    *("cut off", "says nothing"),
 )
+"""Words about mistakes that have no line."""
+PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
 """A line, or a mistake of the whole file."""
 FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|srdf|xml|json|mcap)\b|LeRobot's file")
 LINED: Final = (".yaml", ".urdf")
