@@ -95,11 +95,7 @@ TWICE = """name="arm2" type="system"><hardware><plugin>a/B</plugin></hardware>
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        (
-            "<ros2_control ",
-            f'<ros2_control {TWICE}<joint name="joint1"/></ros2_control><ros2_control ',
-            "is in two <ros2",
-        ),
+        ("<ros2_control ", f"<ros2_control {TWICE}<ros2_control ", "joint 'joint1' is in two <ros2_control> blocks"),
         ("</ros2_control>", "</ros2_control><ros2_control/>", "a <ros2_control> block of the URDF has no name"),
         ('<joint name="hand_right_joint">', '<joint name="joint9">', "names joint 'joint9', which the URDF has not"),
         ('<child link="link1"/>', "", "joint 'joint1' has no <child>"),
