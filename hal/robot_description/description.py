@@ -54,7 +54,7 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     blocks, links = robot.findall("ros2_control"), parse_links(robot)
     joints = with_leaders(without_refused_mimics(blocks, parse_joints(robot)))
     components = tuple(parse_hardware_info(block, joints) for block in blocks)
-    _check_apart(components, joints)
+    _check_apart(components, joints, {block.get("name", ""): place(block) for block in blocks})
     if not components:
         raise DescriptionError(
             "the URDF has no <ros2_control> block: add one with <hardware><plugin>"
@@ -85,17 +85,28 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
     return limited, tuple(warnings)
 
 
-def _check_apart(components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that every block has a name of its own, and every joint one block.
+def _check_apart(
+    components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint], places: Mapping[str, str]
+) -> None:
+    """Check that every block has a name of its own, and every joint one block. ``places``: of the blocks, by name.
 
     A mimic joint is measured where its leader is.
     """
     if twice := doubles(component.name for component in components):
-        raise DescriptionError(f"two <ros2_control> blocks are called '{twice[0]}': each needs a name of its own")
-    if twice := doubles(joint for component in components for joint in component.command_interfaces):
-        raise DescriptionError(f"joint '{twice[0]}' is in two <ros2_control> blocks: a joint belongs to one")
+        raise DescriptionError(
+            f"two <ros2_control> blocks are called '{twice[0]}': each needs a name of its own ({places[twice[0]]})"
+        )
+    owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
+    if twice := doubles(joint for joint, _ in owners):
+        last = dict(owners)[twice[0]]
+        raise DescriptionError(
+            f"joint '{twice[0]}' is in two <ros2_control> blocks: a joint belongs to one ({places[last]})"
+        )
     measured = {joint for component in components for joint in component.joints}
     for joint in (joint for component in components for joint in sorted(component.mimics)):
         mimic = joints[joint].mimic
         if mimic is not None and mimic.joint not in measured:
-            raise DescriptionError(f"joint '{joint}' mimics '{mimic.joint}', which no <ros2_control> block drives")
+            raise DescriptionError(
+                f"joint '{joint}' mimics '{mimic.joint}', which no <ros2_control> block drives "
+                f"({joints[joint].place}): list {mimic.joint} in a block, too"
+            )

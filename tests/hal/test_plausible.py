@@ -88,6 +88,29 @@ def test_nonsense_in_a_urdf(old: str, new: str, says: str) -> None:
     assert says in str(error.value)
 
 
+TWICE = """name="arm2" type="system"><hardware><plugin>a/B</plugin></hardware>
+<joint name="joint1"><command_interface name="position"/></joint></ros2_control>"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("<ros2_control ", f"<ros2_control {TWICE}<ros2_control ", "joint 'joint1' is in two <ros2_control> blocks"),
+        ("</ros2_control>", "</ros2_control><ros2_control/>", "a <ros2_control> block of the URDF has no name"),
+        ('<joint name="hand_right_joint">', '<joint name="joint9">', "names joint 'joint9', which the URDF has not"),
+        ('<child link="link1"/>', "", "joint 'joint1' has no <child>"),
+        ("<plugin>", "<other>x</other><plug>", "is not well-formed XML: mismatched tag: line"),
+        ("<robot ", "<sdf ", "is not well-formed XML: mismatched tag: line"),
+    ],
+)
+def test_a_mistake_in_a_urdf_is_named_with_its_line(old: str, new: str, says: str) -> None:
+    xml = URDF.read_text()
+    assert old in xml
+    with pytest.raises(DescriptionError) as error:
+        parse_urdf(xml.replace(old, new), "arm.urdf")
+    assert says in str(error.value) and ("arm.urdf, line " in str(error.value) or ": line " in str(error.value))
+
+
 def test_the_files_of_all_arms_are_plausible() -> None:
     for path in sorted(CONFIG.glob("**/robot*.yaml")):
         if "calibration" not in path.name:

@@ -20,9 +20,14 @@ from tests.mutated.readers import KINDS
 LONGEST_S: Final = 5.0
 """Maximum time of the processor for one file, in seconds."""
 MOST_LINES: Final = 60
-PLACE: Final = re.compile(r":\d+|[Ll]ine \d+|larger than|more than \d+ values|missing|twice|has no |without|not text")
+OF_THE_WHOLE: Final = (
+    *("larger than", r"more than \d+ values", "missing", "twice", "has no ", "without", "not text"),
+    *("cut off", "says nothing"),
+)
+"""Words about mistakes that have no line."""
+PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
 """A line, or a mistake of the whole file."""
-FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|xml|json|mcap)\b|LeRobot's file")
+FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|srdf|xml|json|mcap)\b|LeRobot's file")
 LINED: Final = (".yaml", ".urdf")
 """Kinds of files whose readers know lines."""
 
@@ -54,7 +59,7 @@ def mutated(kind: str, seed: int, number: int) -> bytes:
     text = data.decode()
     if chance.random() < 0.1:
         return raw.encoded(text, chance)
-    if suffix in ("urdf", "xml"):
+    if suffix in ("urdf", "xml", "srdf"):
         return elements.changed(text, chance).encode(errors="surrogatepass")
     return trees.changed(text, chance, as_json=suffix == "json").encode(errors="surrogatepass")
 

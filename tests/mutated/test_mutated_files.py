@@ -14,7 +14,7 @@ from tests.mutated.readers import KINDS
 
 pytestmark = pytest.mark.slow
 
-FILES = int(os.environ.get("SERVOLOOP_MUTATED_FILES", "250"))
+FILES = int(os.environ.get("SERVOLOOP_MUTATED_FILES", "150"))
 """Number of mutated files of all kinds together."""
 SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
