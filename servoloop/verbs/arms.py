@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from servoloop.arms.folder import PATHS, Arm, arms, find_arm, read_arm
+from servoloop.terminal_output import print_styled
 
 app = typer.Typer()
 
@@ -55,7 +56,7 @@ def new(
     for path in new_arm(name, urdf, servo):
         typer.echo(path)
     for problem in check_arm(name):
-        typer.secho(f"! {problem}", fg="yellow")
+        print_styled(f"! {problem}", fg="yellow")
     place = name if name.is_absolute() else f"./{name}"
     typer.echo(f"next: servoloop emulate ./bus --arm {place}")
     typer.echo(f"and in another terminal: servoloop up --arm {place} --port ./bus")
