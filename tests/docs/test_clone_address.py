@@ -9,8 +9,6 @@ import pytest
 from tests.pages import ROOT, pages
 
 CLONE = re.compile(r"\bgit clone (\S+)")
-FOREIGN = {"moveit.md"}
-"""Pages that clone into a ROS 2 workspace of the reader's."""
 
 
 def address() -> str | None:
@@ -19,7 +17,7 @@ def address() -> str | None:
     return next((url for name, url in urls.items() if name.lower() in ("repository", "source")), None)
 
 
-@pytest.mark.parametrize("page", sorted(pages().keys() - FOREIGN))
+@pytest.mark.parametrize("page", pages())
 def test_no_page_names_another_address(page: str) -> None:
     assert set(CLONE.findall(pages()[page].read_text())) <= {address()}
 
