@@ -42,6 +42,8 @@ def require_ros() -> None:
     _check_domain(os.environ)
     _check_middleware(os.environ)
     _check_log_folder(os.environ)
+    if os.environ.get("NO_COLOR"):
+        os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "0")  # rcl's logs know that variable alone
     _import_rclpy()
 
 

@@ -15,7 +15,7 @@ from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from servoloop.processes import Interrupted
-from servoloop.terminal_output import outlive_terminal
+from servoloop.terminal_output import complete_output, outlive_terminal, print_styled
 from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
 from servoloop.verbs.calibrate import calibrate, hand
 from servoloop.verbs.campaign import campaign
@@ -94,13 +94,18 @@ def options(
 
 
 def main() -> None:
-    """Run a verb. What a user can mend is said in words, without a traceback."""
+    """Run a verb. An error that a user can correct is printed as a sentence, without a traceback."""
     outlive_terminal()
+    with complete_output():
+        _run()
+
+
+def _run() -> None:
     try:
         app()
     except ERRORS as error:
         for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
-            typer.secho(printable(text), fg="red", err=True)
+            print_styled(printable(text), err=True, fg="red")
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(printable(f"servoloop: {error}"), err=True)

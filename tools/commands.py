@@ -7,8 +7,9 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from places import LOGS, ROOT, VENV
 
@@ -43,12 +44,19 @@ class Commands:
         self._lock = threading.Lock()
         self._stopped = False
 
-    def run(self, log_name: str, *command: str | Path, on_line: Callable[[str], None] = lambda line: None) -> None:
+    def run(
+        self,
+        log_name: str,
+        *command: str | Path,
+        on_line: Callable[[str], None] = lambda line: None,
+        variables: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Run a command with ``variables`` in its environment."""
         log_path = LOGS / f"{log_name}.log"
         with log_path.open("a") as log:
             log.write(f"$ {' '.join(map(str, command))}\n")
             log.flush()
-            process = self._start(command)
+            process = self._start(command, variables)
             assert process.stdout is not None
             too_long = threading.Timer(self._limit_s, signal_all, (process, signal.SIGKILL))
             too_long.daemon = True
@@ -79,14 +87,14 @@ class Commands:
             for process in running:
                 signal_all(process, signal.SIGKILL)
 
-    def _start(self, command: Iterable[str | Path]) -> "subprocess.Popen[str]":
+    def _start(self, command: Iterable[str | Path], variables: Mapping[str, str]) -> "subprocess.Popen[str]":
         with self._lock:
             if self._stopped:
                 raise SetUpError("stopped")
             process = subprocess.Popen(
                 list(map(str, command)),
                 cwd=ROOT,
-                env=environment(),
+                env=environment() | dict(variables),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,

@@ -102,7 +102,7 @@ def main() -> int:
     try:
         only_one_at_a_time()
         set_up()
-    except SetUpError as error:
+    except (SetUpError, OSError) as error:  # of files and of the output: a disk that is full, a folder that is not ours
         print(f"\nmake setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -44,4 +44,7 @@ done
     "Install one with its headers and venv; on Debian or Ubuntu: sudo apt install python3 python3-dev python3-venv" \
     "One that is not on the PATH: make setup PYTHON=/path/to/python3.12"
 
+# A user who has chosen a Python, by PATH or by PYENV_VERSION, must learn that another one is taken.
+[ -z "$reasons" ] || printf 'make setup: %s is taken, as others cannot be used:%s\n' "$python" "$reasons"
+
 exec "$python" -B tools/set_up.py

@@ -6,10 +6,12 @@ import shutil
 import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from commands import Commands, SetUpError
 from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
+from plain_path import plain_root
 from progress import Step
 from stamps import digest, interface_key, locked_packages, project_key, simulation_key, stamp, venv_key
 
@@ -92,7 +94,15 @@ def uninstall_interfaces(package: str) -> None:
 
 
 def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    with plain_root() as root:
+        _build_interfaces(stale, root, step, pool, commands)
+
+
+def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    """``root``: the checkout under a path that CMake can read."""
     state = dict.fromkeys(stale, "")
+    venv = root / VENV.relative_to(ROOT)
+    prefixes = {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
 
     def build(package: str) -> None:
         def on_line(line: str) -> None:
@@ -100,20 +110,22 @@ def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, com
                 state[package] = count.group(1)
 
         log = f"interfaces-{package}"
-        folder = ROOT / "build" / "interfaces" / package
-        cmake = VENV / "bin" / "cmake"
+        folder = root / "build" / "interfaces" / package
+        cmake = venv / "bin" / "cmake"
         options = {
             "CMAKE_INSTALL_PREFIX": VENV,
-            "CMAKE_PROJECT_INCLUDE": HOOKS,
-            "Python3_EXECUTABLE": PYTHON,
+            "CMAKE_PROJECT_INCLUDE": root / HOOKS.relative_to(ROOT),
+            "Python3_EXECUTABLE": venv / PYTHON.relative_to(VENV),
             "BUILD_TESTING": "OFF",
         }
         state[package] = "configuring"
         defined = [f"-D{name}={value}" for name, value in options.items()]
-        commands.run(log, cmake, "--fresh", "-G", "Ninja", "-S", INTERFACES / package, "-B", folder, *defined)
-        commands.run(log, cmake, "--build", folder, "--parallel", str(CORES), on_line=on_line)
+        source = root / INTERFACES.relative_to(ROOT) / package
+        run = partial(commands.run, log, cmake, variables=prefixes)
+        run("--fresh", "-G", "Ninja", "-S", source, "-B", folder, *defined)
+        run("--build", folder, "--parallel", str(CORES), on_line=on_line)
         uninstall_interfaces(package)
-        commands.run(log, cmake, "--install", folder)
+        run("--install", folder)
         shutil.copy(folder / "install_manifest.txt", STAMPS / f"{package}.files")
         stamp(f"interfaces-{package}", interface_key(package))
         state[package] = "done"

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from servoloop.arms.folder import PATHS, Arm, arms, find_arm, read_arm
 from servoloop.files import make_folder
+from servoloop.terminal_output import print_styled
 from servoloop.view.installed import require_view
 
 app = typer.Typer()
@@ -59,7 +60,7 @@ def new(
     for path in new_arm(name, urdf, servo):
         typer.echo(path)
     for problem in check_arm(name):
-        typer.secho(f"! {problem}", fg="yellow")
+        print_styled(f"! {problem}", fg="yellow")
     place = name if name.is_absolute() else f"./{name}"
     typer.echo(f"next: servoloop emulate ./bus --arm {place}")
     typer.echo(f"and in another terminal: servoloop up --arm {place} --port ./bus")

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from servoloop.arms.folder import OWN
+from servoloop.terminal_output import print_styled
 from servoloop.verbs.by_hand import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
 from servoloop.verbs.teach import played
 from servoloop.verbs.view import view
@@ -39,5 +40,5 @@ def replay(
     taught, warnings = recorded_motion(recording, names, limits, followers)
     taught.check([joint.limits for joint in joints], str(recording))
     for warning in warnings:
-        typer.secho(f"! {warning}", fg="yellow")
+        print_styled(f"! {warning}", fg="yellow")
     raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))

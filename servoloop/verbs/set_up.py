@@ -9,6 +9,7 @@ from drivers.errors import DriverError, PortLost
 from servoloop.arms.folder import OWN
 from servoloop.processes import Interrupted
 from servoloop.signals import Signals
+from servoloop.terminal_output import print_styled
 from servoloop.verbs.arm_options import ArmOption, RobotOption, UrdfOption, known_arm
 from servoloop.verbs.keyboard import Keyboard
 from servoloop.verbs.line import PortOption, bus_of, open_line
@@ -67,8 +68,8 @@ class Plugger:
     def connect(self, task: "Task") -> None:
         """Print what to connect, and what was wrong with what is; wait for Enter."""
         if task.problem:
-            typer.secho(task.problem, fg="yellow", err=True)
-        typer.secho(f"{task.text}, then press Enter", bold=True, err=True)
+            print_styled(task.problem, fg="yellow", err=True)
+        print_styled(f"{task.text}, then press Enter", bold=True, err=True)
         self._keyboard.next_line()
 
 

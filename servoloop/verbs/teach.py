@@ -7,6 +7,7 @@ import typer
 
 from drivers.printable import counted
 from servoloop.arms.folder import OWN, find_arm
+from servoloop.terminal_output import print_styled
 from servoloop.verbs.by_hand import (
     RATE_HZ,
     RateOption,
@@ -64,7 +65,7 @@ def record(
     def keep(taught: "Taught", warnings: Sequence[str]) -> None:
         motions.save(name, taught, {joint.name: joint for joint in side.files.robot.joints})
         for warning in warnings:
-            typer.secho(f"! {warning}", fg="yellow")
+            print_styled(f"! {warning}", fg="yellow")
         typer.echo(f"{name}: {said(taught)}, kept in {motions.path(name)}")
 
     log_to_terminal()

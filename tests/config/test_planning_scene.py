@@ -10,7 +10,8 @@ import pytest
 from servoloop.moveit.files import read_objects
 from servoloop.moveit.plannable import PaddedArm
 from servoloop.moveit.surroundings import ROOM_M
-from sim_backend.scene.world import BINS, SCENE, World
+from sim_backend.scene.cube_cell import BINS
+from sim_backend.scene.world import SCENE, World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, states
 
 REQUEST: Final = read(MOVEIT / "planning_scene.yaml")

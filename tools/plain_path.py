@@ -1,0 +1,26 @@
+"""A path of the checkout for programs that read only ASCII paths: CMake splits lists of files at other letters."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from commands import SetUpError
+from places import ROOT
+
+
+@contextmanager
+def plain_root(root: Path = ROOT) -> Iterator[Path]:
+    """The checkout, or a link to it in the temporary folder if its path has letters beyond ASCII."""
+    if str(root).isascii():
+        yield root
+        return
+    with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
+        if not folder.isascii():
+            raise SetUpError(
+                f"the path of this checkout, {root}, has letters that the build of the message packages cannot read, "
+                f"and so has the temporary folder, {tempfile.gettempdir()}: set TMPDIR to a folder such as /tmp."
+            )
+        link = Path(folder) / "root"
+        link.symlink_to(root, target_is_directory=True)
+        yield link
