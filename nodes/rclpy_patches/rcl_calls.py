@@ -234,9 +234,7 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
         for _ in range(MOST_REFUSED):
             request_id = _RequestId()
             refuses = partial(_comes_too_often, request_id) if name == "goal" else None
-            code, request = _kind(kind).taken(
-                lambda raw, to=request_id: int(function(pointer, ctypes.byref(to), raw)), refuses
-            )
+            code, request = _kind(kind).taken(partial(function, pointer, ctypes.byref(request_id)), refuses)
             if code in _NOTHING_TAKEN:
                 return None, None
             _check(code, f"take a {name} request")

@@ -7,13 +7,15 @@ from typing import Final
 import numpy as np
 
 from hal.robot_description.description import Vector
-from hal.robot_description.kinematics import multiply, rotate
+from hal.robot_description.kinematics import Quaternion, multiply, rotate
 from hal.types import FloatArray
 from servoloop.files import ServoFiles
 from servoloop.view.arm_model import ArmModel
-from servoloop.view.shapes import shapes, with_real_shapes
+from servoloop.view.shapes import Shape, shapes, with_real_shapes
 from sim_backend.scene.still import Solid
 
+Pose = tuple[Vector, Quaternion]
+"""Meters and a unit quaternion (x, y, z, w)."""
 TURN_RAD: Final = np.radians(250.0)
 """How far an arrow goes around its axis."""
 STEPS: Final = 48
@@ -44,11 +46,13 @@ class PosedArm:
         """The links' shapes: the real ones, where the arm has them."""
         visuals, _ = shapes(self._files.description.xml, self._files.urdf_path.parent)
         for shape in with_real_shapes(visuals, self._files.scene.parent):
-            place, turn = self._model.pose(shape.link, self._position)
-            x, y, z = rotate(turn, shape.position_m)
-            pose = (place[0] + x, place[1] + y, place[2] + z), multiply(turn, shape.quaternion)
-            red, green, blue = (part / 255.0 for part in shape.rgb)
-            yield Solid(shape.vertices, shape.faces, pose, (red, green, blue))
+            yield solid(shape, self.pose(shape.link, (shape.position_m, shape.quaternion)))
+
+    def pose(self, link: str, pose: Pose) -> Pose:
+        """The pose in the world of what has a pose in a link."""
+        (x, y, z), turn = self._model.pose(link, self._position)
+        a, b, c = rotate(turn, pose[0])
+        return (x + a, y + b, z + c), multiply(turn, pose[1])
 
     def arrows(self) -> list[JointArrow]:
         """Every joint with a servo, in the order of the robot file."""
@@ -64,6 +68,12 @@ class PosedArm:
         first, second = _across(axis)
         angle = np.linspace(0.0, TURN_RAD, STEPS)[:, None]
         return JointArrow(name, np.array(place), place + size * (np.cos(angle) * first + np.sin(angle) * second))
+
+
+def solid(shape: Shape, pose: Pose) -> Solid:
+    """A shape at a pose in the world."""
+    red, green, blue = (part / 255.0 for part in shape.rgb)
+    return Solid(shape.vertices, shape.faces, pose, (red, green, blue))
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:

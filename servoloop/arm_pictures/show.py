@@ -1,7 +1,6 @@
 """A picture of an arm with the name, the servo and the direction of each joint."""
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -21,18 +20,14 @@ FILLED: Final = (0.6, 0.8)
 """The share of the picture's width and height that the arm may fill: the labels are beside it."""
 
 
-def draw_arm(arm: Arm, position: Mapping[str, float] | None = None) -> Image.Image:
-    """Draw an arm with the names and directions of its joints.
-
-    Args:
-        arm: The arm, of which the URDF and the robot file are read.
-        position: Positions of joints by name, in rad or m; the others are at zero.
+def draw_arm(arm: Arm) -> Image.Image:
+    """Draw an arm, its joints at zero, with their names and directions.
 
     Raises:
         ArmFileError, DescriptionError, RobotFileError: A file of the arm has mistakes.
     """
     files = read_arm_servos(arm)
-    posed = PosedArm(files, position or {})
+    posed = PosedArm(files, {})
     still = take(posed.solids(), TOWARD, SIZE, FILLED)
     drawing = Drawing(still.picture)
     labels = []

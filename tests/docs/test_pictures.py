@@ -57,8 +57,9 @@ def pixels(path: Path) -> list[NDArray[np.uint8]]:
 
 
 def when(command: str) -> pytest.MarkDecorator:
-    """The script of the arms draws one of them in every run, the others in the long one."""
-    return pytest.mark.soak if "docs/arms/" in command else pytest.mark.slow
+    """The scripts of the arms and of the guide draw one of their pictures in every run, the others in the long one."""
+    seldom = "docs/arms/" in command or ("docs/so101/" in command and not command.endswith("joints.png"))
+    return pytest.mark.soak if seldom else pytest.mark.slow
 
 
 @pytest.mark.runs(*SIMULATED)
