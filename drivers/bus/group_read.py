@@ -19,6 +19,8 @@ GROUP_WAIT_S: Final = 0.002
 answer wakes us, and to sleep on until before the next tick costs two settings of the clock's timer."""
 TURNAROUND_S: Final = 0.0005
 """A servo whose answer was due so shortly before the cycle's end, or later, had no time to give it."""
+DRAIN_S: Final = 0.002
+"""Time for which the rest of a flood is read and thrown away."""
 _MANY: Final = 4096
 """More bytes than a line holds back."""
 
@@ -35,6 +37,8 @@ class GroupRead:
         """Whether servos are asked by themselves: then each has a wait of its own, learnt from the replies."""
         self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._sent_s = 0.0
+        self._flooded = False
+        """Whether bytes came without end when an answer was waited for."""
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
         self.whole = False
@@ -49,15 +53,18 @@ class GroupRead:
     def _take_what_waits(self) -> None:
         """Discard the bytes that came since the last question; late replies among them close their questions.
 
-        After a stall there is one reply to each of them: without a look, all would stay open.
+        After a stall there is one reply to each of them: without a look, all would stay open. After a flood a port has
+        more than a flush throws away, and the answer would be behind that.
         """
-        port = self._line.port
+        port, end_s = self._line.port, self._line.now() + DRAIN_S
         if self._late.open:
             sizes = self._late.sizes()
             decoder = self._protocol.packets.ReplyDecoder(min(sizes, default=0), sizes, self._protocol.refusals)
             for reply in decoder.feed(port.read(_MANY, self._line.now())) + decoder.finish():
                 self._close_late(reply)
         port.discard_input()
+        while self._flooded and self._line.now() < end_s:
+            self._flooded = bool(port.read(_MANY, self._line.now()))
 
     def _close_late(self, reply: Reply, asked: bool = False) -> bool:
         """Whether the reply may be one to an earlier question; then it is counted as late."""
@@ -167,9 +174,10 @@ class GroupRead:
             if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be a slow one
                 until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
             data = line.port.read(missing, min(until_s, end_s))
-            if not data:
-                return
             assembler.feed(data)
+            self._flooded = bool(data) and line.now() >= end_s  # there is always some, whatever the deadline
+            if not data or self._flooded:
+                return
 
     def _judge(self, plan: ReadPlan, assembler: ReplyAssembler, nothing: Missed) -> tuple[dict[int, ReadResult], int]:
         """A value or a fault for every servo that was asked, and the pieces of noise."""

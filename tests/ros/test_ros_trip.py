@@ -30,7 +30,7 @@ from tests.stack.trip import TripRecorder
 pytestmark = pytest.mark.ros
 
 PATIENCE_S = 30.0
-GOAL = ["trajectory_goals", "parameter_node", "rcl_calls", "fair_rate"]
+GOAL = ["trajectory_goals", "parameter_node", "rcl_calls", "message_size", "fair_rate"]
 JOINT_STATES = ["surface", "cycle_executor", "ros_time", "controller_nodes", "broadcasters", "rcl_calls"]
 
 
