@@ -7,6 +7,7 @@ from controller.manager.controllers_file import ControllersFile, ControllersFile
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
+from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from servoloop.arms.folder import ARM_FILE, Arm, read_arm
@@ -33,6 +34,7 @@ class _Check:
         component = merged(description.components)
         self._say(self._arm.urdf, description_problems(description))
         self._say(self._arm.scene, scene_problems(self._arm.scene, description.xml, component.joints))
+        self._meshes(description)
         self._say(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
         self._say(self._arm.robot, unprotected(robot_file) if robot_file else [])
         robot = self._robot(robot_file, description, component) if robot_file else None
@@ -67,6 +69,21 @@ class _Check:
         except RobotFileError as error:
             self._failed(error)
             return None
+
+    def _meshes(self, description: Description) -> None:
+        folder = self._arm.scene.parent
+        try:
+            meshes = link_meshes(folder)
+        except ArmFileError as error:
+            self._failed(error)
+            return
+        links = dict.fromkeys(mesh.link for mesh in meshes if mesh.link not in description.links)
+        self._say(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
+        for path in dict.fromkeys(mesh.path for mesh in meshes):
+            try:
+                read_stl(path)
+            except ArmFileError as error:
+                self._failed(error)
 
     def _pick_place(self) -> PickPlace | None:
         try:

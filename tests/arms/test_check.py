@@ -207,3 +207,20 @@ def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
 def test_masses_that_make_no_sense_are_no_crash(tmp_path: Path, mass: str) -> None:
     edit = ("arm.urdf", '<mass value="0.104"/>', f'<mass value="{mass}"/>')
     assert any("lower_arm_link" in problem for problem in check_arm(folder_with(tmp_path, FILES, edit)))
+
+
+def test_meshes_that_cannot_be_drawn_are_found(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "meshes").mkdir()
+    places = folder / "meshes" / "links.yaml"
+    places.write_text(
+        "links:\n  base_link: [{mesh: none.stl, rgb: [1, 1, 1]}]\n  tail: [{mesh: part.stl, rgb: [1, 1, 1]}]\n"
+    )
+    (folder / "meshes" / "part.stl").write_text("solid part")
+    problems = check_arm(folder)
+    assert f"{places}: the URDF has no link tail: correct its name" in problems
+    assert any("none.stl cannot be read" in problem for problem in problems)
+    assert any("part.stl is not a binary STL file" in problem for problem in problems)
+    assert len(problems) == 3
+    places.write_text("links: 3\n")
+    assert len(check_arm(folder)) == 1
