@@ -9,6 +9,7 @@ from controller.manager.parameter_file import read_parameter_file
 from hal.errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
+from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
@@ -49,6 +50,7 @@ class _Check:
             return self.problems
         self._say(self._arm.urdf, description_problems(description))
         self._scene(description.xml, component.joints)
+        self._meshes(description)
         robot = self._robot(robot_file, description, component) if robot_file else None
         if robot:
             self._say(self._arm.urdf, servo_problems(robot.joints))
@@ -114,6 +116,21 @@ class _Check:
         except RobotFileError as error:
             self._failed(error)
             return None
+
+    def _meshes(self, description: Description) -> None:
+        folder = self._arm.scene.parent
+        try:
+            meshes = link_meshes(folder)
+        except ArmFileError as error:
+            self._failed(error)
+            return
+        links = dict.fromkeys(mesh.link for mesh in meshes if mesh.link not in description.links)
+        self._say(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
+        for path in dict.fromkeys(mesh.path for mesh in meshes):
+            try:
+                read_stl(path)
+            except ArmFileError as error:
+                self._failed(error)
 
     def _pick_place(self) -> PickPlace | None:
         if not self._wanted("pick_place"):

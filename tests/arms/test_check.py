@@ -254,3 +254,20 @@ def test_a_file_that_can_be_read_hides_no_other(tmp_path: Path, good: str) -> No
     problems = check_arm(folder_with(tmp_path, FILES, *edits))
     expected = [text for name, (*_, text) in BROKEN.items() if name != good]
     assert [text for text in expected if not any(text in problem for problem in problems)] == []
+
+
+def test_meshes_that_cannot_be_drawn_are_found(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "meshes").mkdir()
+    places = folder / "meshes" / "links.yaml"
+    places.write_text(
+        "links:\n  base_link: [{mesh: none.stl, rgb: [1, 1, 1]}]\n  tail: [{mesh: part.stl, rgb: [1, 1, 1]}]\n"
+    )
+    (folder / "meshes" / "part.stl").write_text("solid part")
+    problems = check_arm(folder)
+    assert f"{places}: the URDF has no link tail: correct its name" in problems
+    assert any("none.stl cannot be read" in problem for problem in problems)
+    assert any("part.stl is not a binary STL file" in problem for problem in problems)
+    assert len(problems) == 3
+    places.write_text("links: 3\n")
+    assert len(check_arm(folder)) == 1
