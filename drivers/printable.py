@@ -14,13 +14,14 @@ def printable(text: str) -> str:
     Line breaks stay, for messages of several lines; tabs stay too.
     """
     lines = text.split("\n")
-    kept = [_line(line) for line in lines[:MOST_LINES]]
+    kept = [printable_line(line) for line in lines[:MOST_LINES]]
     if len(lines) > MOST_LINES:
         kept.append(f"… ({len(lines) - MOST_LINES} more lines)")
     return "\n".join(kept)
 
 
-def _line(line: str) -> str:
+def printable_line(line: str) -> str:
+    """Return the text on one line: control characters and line breaks are escaped, and what is too long is cut."""
     cut = line[:LONGEST_LINE]
     escaped = "".join(letter if letter.isprintable() or letter == "\t" else _escaped(letter) for letter in cut)
     return escaped if len(line) <= LONGEST_LINE else f"{escaped}… ({len(line)} characters)"

@@ -17,6 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
 from controller.manager.node_parameters import parameters_of
+from drivers.printable import printable
 from hal.plausible import Rate
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import LATCHED, RateLimiter
@@ -79,7 +80,7 @@ class RobotStatePublisher:
         try:
             return RobotStateParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
         except ValidationError as error:
-            self.node.get_logger().error(f"{_words(error)}: going with upstream's defaults")
+            self.node.get_logger().error(printable(f"{_words(error)}: going with upstream's defaults"))
             return RobotStateParameters()
 
     def _declare(self) -> None:

@@ -23,7 +23,8 @@ class FaultLog:
     """Collects what happens to servos in one cycle, and logs it at the cycle's end."""
 
     def __init__(self) -> None:
-        self._events: dict[tuple[int, str], list[tuple[str, int]]] = {}
+        self.events: dict[tuple[int, str], list[tuple[str, int]]] = {}
+        """The servos (label, ID) of each event, by the log's level and what happened; almost always there are none."""
 
     def note(self, level: int, label: str, servo_id: int, text: str) -> None:
         """Note what happened to one servo.
@@ -36,15 +37,15 @@ class FaultLog:
                 servos of a line.
         """
         called = f"{label}: servo {servo_id} "
-        servos = self._events.setdefault((level, text.removeprefix(called)), [])
+        servos = self.events.setdefault((level, text.removeprefix(called)), [])
         if text.startswith(called):
             servos.append((label, servo_id))
 
     def flush(self) -> None:
         """Log one line for each event."""
-        for (level, what), servos in self._events.items():
+        for (level, what), servos in self.events.items():
             LOG.log(level, "%s", _sentence(what, servos))
-        self._events.clear()
+        self.events.clear()
 
 
 def _sentence(what: str, servos: Sequence[tuple[str, int]]) -> str:

@@ -80,7 +80,8 @@ class ServoFaults:
 
     def reactivated(self, names: Iterable[str]) -> None:
         """The servos of these joints have been checked and have their torque again."""
-        names = list(names)
+        known = set(names)
+        names = [joint.name for joint in self._joints if joint.name in known]
         for name in names:
             for facts in (self._faults, self._let_go, self._latched, self._heard_s):
                 facts.pop(name, None)

@@ -81,7 +81,8 @@ class ServoStates:
         try:
             faults = self.faults.present(self.measured, buses, ask_until_s)
         finally:
-            self.faults.log.flush()
+            if self.faults.log.events:
+                self.faults.log.flush()
         lines = {buses.port(name): account for name, account in counters.items()}
         last = self._last
         answered = ~np.isnan(raw[0])

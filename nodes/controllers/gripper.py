@@ -76,7 +76,7 @@ class GripperNode(ABC):
         self._goals.accept(server_goal, self._controller.submit(goal))
 
     def _result(self, handle: GripperHandle) -> Any:
-        self.node.get_logger().info(f"goal {handle.status.value}: {handle.text}")
+        self.node.get_logger().info(printable(f"goal {handle.status.value}: {handle.text}"))
         return self.result(handle.state, self.node.get_clock().now().to_msg())
 
 

@@ -1,12 +1,14 @@
 """The services of ``/controller_manager`` for hardware, as ``ros2 control`` and the hardware spawner ask them."""
 
+from typing import Final
+
 from controller_manager_msgs.msg import HardwareComponentState, HardwareInterface
 from controller_manager_msgs.srv import ListHardwareComponents, ListHardwareInterfaces, SetHardwareComponentState
 from lifecycle_msgs.msg import State
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
-from drivers.printable import printable
+from drivers.printable import printable_line
 from hal.components.component import Component
 from hal.lifecycle import LifecycleState
 from hal.robot_description.hardware_info import HardwareInfo
@@ -14,6 +16,9 @@ from nodes.lifecycle_messages import state_message
 from nodes.manager.pending_requests import PendingRequests
 from nodes.publishing import EVERY_CALL
 from nodes.stack import Stack
+
+LONGEST_NAME: Final = 100
+"""Characters of a name that a message has, so that there is room for the rest of it."""
 
 
 class HardwareServices:
@@ -75,7 +80,9 @@ class HardwareServices:
         target = _target(request.target_state)
         response.ok = False
         if component is None:
-            self._node.get_logger().error(printable(f"hardware component with name '{request.name}' does not exist"))
+            self._node.get_logger().error(
+                printable_line(f"hardware component with name '{request.name}' does not exist")
+            )
             return response
         if target is None:
             self._refuse(request)
@@ -88,15 +95,15 @@ class HardwareServices:
         try:
             await self._pending.result(self._stack.loop.component_transitions.ask(name, target, self._stack.relax))
         except Exception as error:  # also whatever a plug-in raises
-            self._node.get_logger().error(f"{name} is not set {target.name.lower()}: {error}")
+            self._node.get_logger().error(printable_line(f"{name} is not set {target.name.lower()}: {error}"))
             return False
         return True
 
     def _refuse(self, request: SetHardwareComponentState.Request) -> None:
         said, known = request.target_state, ", ".join(f"{s.value} {s.name.lower()}" for s in LifecycleState)
-        self._node.get_logger().error(
-            f"{request.name} cannot be set to '{said.label}' (id {said.id}): known are {known}"
-        )
+        name, label = request.name[:LONGEST_NAME], said.label[:LONGEST_NAME]
+        text = f"{name} cannot be set to '{label}' (id {said.id}): known are {known}"
+        self._node.get_logger().error(printable_line(text))
 
 
 def _target(state: State) -> LifecycleState | None:

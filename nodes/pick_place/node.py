@@ -16,6 +16,7 @@ from sorting_arm_interfaces.action import PickPlace
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from drivers.printable import printable_line
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place import parameters
 from nodes.pick_place.arm import RosArm
@@ -53,7 +54,7 @@ class PickPlaceNode:
         if not self._arm.look(_DISCOVERY_S):
             self._log.warning("the arm is not there yet: a job will wait for it, but not for long")
         self._server = self._serve(parameters.action_name(node))
-        self._log.info(f"ready for goals; grades {', '.join(self._settings.bins_rad)}")
+        self._log.info(printable_line(f"ready for goals; grades {', '.join(self._settings.bins_rad)}"))
 
     async def stop(self) -> None:
         """Take no more jobs, cancel the running one, and let its result leave."""
@@ -87,7 +88,7 @@ class PickPlaceNode:
         reason = self._reason_to_reject(goal.grade)
         if reason is None:
             return GoalResponse.ACCEPT
-        self._log.warning(f"goal rejected: {reason}")
+        self._log.warning(printable_line(f"goal rejected: {reason}"))
         return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:
@@ -115,7 +116,7 @@ class PickPlaceNode:
         reason = self._reason_to_ignore(message.header.stamp, grade)
         if reason is not None:
             # a camera repeats itself many times a second
-            self._log.warning(f"vision message ignored: {reason}", throttle_duration_sec=_LOG_EVERY_S)
+            self._log.warning(printable_line(f"vision message ignored: {reason}"), throttle_duration_sec=_LOG_EVERY_S)
             return
         self._job = self._new_job(grade or "", None)
         self._node.executor.create_task(self._run, self._job)
@@ -168,14 +169,14 @@ class PickPlaceNode:
         )
 
     async def _run(self, job: PickPlaceJob) -> Result:
-        self._log.info(f"job {job.request_id}: grade {job.grade}")
+        self._log.info(printable_line(f"job {job.request_id}: grade {job.grade}"))
         try:
             result = await job.run()
         finally:
             self._job = None
             if not self._idle.done():
                 self._idle.set_result(None)
-        words = f"job {job.request_id} {result.ending.value}: {result.message}"
+        words = printable_line(f"job {job.request_id} {result.ending.value}: {result.message}")
         if result.ending is Ending.SUCCEEDED:  # rclpy wants one severity a line of code
             self._log.info(words)
         else:

@@ -10,6 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
+from drivers.printable import printable, printable_line
 from nodes.discovery import open_to_network
 from nodes.pick_place import parameters
 from nodes.pick_place.node import PickPlaceNode
@@ -48,10 +49,10 @@ def run(args: Sequence[str]) -> int:
         given = parameters.take_given(node)
         controller = PickPlaceNode(node)
         for warning in parameters.unused(node, given, args):
-            node.get_logger().warning(warning)
+            node.get_logger().warning(printable_line(warning))
         spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException) as error:
-        node.get_logger().fatal(f"wrong parameters: {error}")
+        node.get_logger().fatal(printable(f"wrong parameters: {error}"))
         return 2
     finally:
         with exit_watchdog():

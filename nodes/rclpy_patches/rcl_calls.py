@@ -233,8 +233,9 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
         pointer = server.pointer
         for _ in range(MOST_REFUSED):
             request_id = _RequestId()
+            take_into = partial(_taken_by, function, pointer, request_id)
             refuses = partial(_comes_too_often, request_id) if name == "goal" else None
-            code, request = _kind(kind).taken(partial(function, pointer, ctypes.byref(request_id)), refuses)
+            code, request = _kind(kind).taken(take_into, refuses)
             if code in _NOTHING_TAKEN:
                 return None, None
             _check(code, f"take a {name} request")
@@ -251,6 +252,10 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
         return None, None
 
     return take
+
+
+def _taken_by(function: Any, pointer: int, request_id: _RequestId, raw: int) -> int:
+    return int(function(pointer, ctypes.byref(request_id), raw))
 
 
 @dataclass(frozen=True, slots=True)
