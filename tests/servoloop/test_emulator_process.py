@@ -124,7 +124,7 @@ def test_a_scene_that_is_not_there_is_named(
     shutil.copytree(ARMS / "so101", "mine")
     Path("mine/scene.xml").unlink()
     said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "./mine")
-    assert f"{tmp_path / 'mine/scene.xml'}: MuJoCo cannot read it" in said and "Traceback" not in said
+    assert f"{tmp_path / 'mine/scene.xml'} is missing" in said and "Traceback" not in said
 
 
 @pytest.mark.parametrize("verb", ["emulate ./bus", "doctor --port ./none", "tune shoulder_pan --port ./none --yes"])
