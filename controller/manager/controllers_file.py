@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
 from controller.manager.node_parameters import Content, merged, names, parameters_in, parameters_of
-from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_parameter_file
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.robot_description.description import HardwareInfo
@@ -107,7 +107,7 @@ def load_controller(
 
     Required parameters may still be missing. Raises ControllersFileError with every other mistake.
     """
-    source = _Source(file.yaml, file.content, file.defaults)
+    source = _Source(file.yaml, file.content, file.defaults, file.manager)
     last, content, parameters = source.parameters(name, paths, given or {})
     reader = _Reader(last, content, component, [], last, complete=False)
     found = list(reader.controller(name, {**source.entry(name), "type": kind}, parameters))
@@ -123,16 +123,18 @@ class _Source:
     file: YamlFile
     content: Content
     defaults: Defaults
+    manager: Mapping[str, Any]
+    """The manager's own parameters in ``content``."""
 
     def entry(self, name: str) -> dict[str, Any]:
         """What the file says of a controller for the manager: in the manager's section, or else in its own."""
-        own, said = parameters_of(self.content, name), parameters_of(self.content, MANAGER).get(name)
+        own, said = parameters_of(self.content, name), self.manager.get(name)
         found = {key: own[key] for key in FOR_THE_MANAGER if key in own}
         return {**found, **said} if isinstance(said, Mapping) else found
 
     def controllers(self) -> list[str]:
         """The controllers that the manager names, and those whose own section has a type of controllers."""
-        named = [n for n, said in parameters_of(self.content, MANAGER).items() if isinstance(said, Mapping)]
+        named = [n for n, said in self.manager.items() if isinstance(said, Mapping)]
         own = [n.removeprefix("/") for n in self.content if n.removeprefix("/").isidentifier()]
         known = {*controller_types(), *SUCCESSORS}
         typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
@@ -177,8 +179,11 @@ class _Reader:
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
         """The controllers of the file whose parameters are right, each with its parameter files and arguments."""
-        source = _Source(self.file, self.content, defaults)
+        source = _Source(self.file, self.content, defaults, parameters_of(self.content, MANAGER))
         known = source.controllers()
+        if len(known) > MOST_NODES:
+            place = self.file.place((MANAGER, PARAMETERS, known[MOST_NODES]))
+            raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: take some out")
         found: list[ControllerSpec] = []
         for name in known:
             entry = source.entry(name)
