@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
 from controller.manager.node_parameters import Content, merged, names, parameters_in, parameters_of
-from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_parameter_file
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
@@ -100,7 +100,7 @@ def load_controller(file: ControllersFile, name: str, settings: Settings, compon
     Required parameters may still be missing. Raises ControllersFileError with every other mistake, and ValueError where
     an argument of the node is no YAML.
     """
-    source = _Source(file.yaml, file.content, file.defaults)
+    source = _Source(file.yaml, file.content, file.defaults, file.manager)
     settings = settings.over(Settings.of(source.entry(name)))
     last, content, parameters = source.parameters(name, settings)
     reader = _Reader(last, content, component, [], last, complete=False)
@@ -117,6 +117,8 @@ class _Source:
     file: YamlFile
     content: Content
     defaults: Defaults
+    manager: Mapping[str, Any]
+    """The manager's own parameters in ``content``."""
 
     def entry(self, name: str) -> dict[str, Any]:
         """What the file says of a controller for the manager: in the manager's section, or else in its own."""
@@ -127,13 +129,13 @@ class _Source:
 
     def sections(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """The settings in the controller's own section and in the manager's: the node, the key above them, they."""
-        own, said = parameters_of(self.content, name), parameters_of(self.content, MANAGER).get(name)
+        own, said = parameters_of(self.content, name), self.manager.get(name)
         yield name, "", {key: own[key] for key in SETTINGS if key in own}
         yield MANAGER, f"{name}.", dict(said) if isinstance(said, Mapping) else {}
 
     def controllers(self) -> list[str]:
         """The controllers that the manager names, and those whose own section has a type of controllers."""
-        named = [n for n, said in parameters_of(self.content, MANAGER).items() if isinstance(said, Mapping)]
+        named = [n for n, said in self.manager.items() if isinstance(said, Mapping)]
         own = [n.removeprefix("/") for n in self.content if n.removeprefix("/").isidentifier()]
         known = {*controller_types(), *SUCCESSORS}
         typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
@@ -180,8 +182,11 @@ class _Reader:
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
         """The controllers of the file whose parameters are right, each with its parameter files and arguments."""
-        source = _Source(self.file, self.content, defaults)
+        source = _Source(self.file, self.content, defaults, parameters_of(self.content, MANAGER))
         known = source.controllers()
+        if len(known) > MOST_NODES:
+            place = self.file.place((MANAGER, PARAMETERS, known[MOST_NODES]))
+            raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: take some out")
         found: list[ControllerSpec] = []
         for name in known:
             entry = source.entry(name)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ def parameters_of(content: Content, node: str) -> dict[str, Any]:
     return found
 
 
+@lru_cache(4096)
 def _matches(pattern: str, node: str) -> bool:
     """Whether rclcpp takes a name with the wildcards ``*`` and ``**`` for this node."""
     absolute = pattern if pattern.startswith("/") else f"/{pattern}"

@@ -14,6 +14,11 @@ from hal.yaml_nodes import Loader, YamlFile, compose, listed
 
 ALL: Final = "/**"
 PARAMETERS: Final = "ros__parameters"
+MOST_NODES: Final = 300
+"""Maximum number of nodes, with patterns of nodes, in one file."""
+MOST_VALUES: Final = 2000
+"""Maximum number of values of one node, each entry of a list counted."""
+_RESOLVER: Final[Any] = Loader("")
 _NODE: Final = re.compile(r"(/?(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))(/(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))*")
 _TEXT: Final = "tag:yaml.org,2002:str"
 _TRUE: Final = {"Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"}
@@ -23,6 +28,10 @@ _FLOAT: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _NOT_FINITE: Final = re.compile(r"[+-]?\.?(inf|nan)|[+-]?infinity", re.IGNORECASE)
 
 
+class _TooMany(Exception):
+    """The file has more nodes or values than any robot needs. The text follows the file's name."""
+
+
 @dataclass(slots=True)
 class _Reader:
     """One file being read: the parameters of each node, and the mistakes found so far."""
@@ -30,6 +39,8 @@ class _Reader:
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    _values: dict[str, int] = field(default_factory=dict)
+    """The number of values by node."""
 
     def say(self, node: yaml.Node, text: str) -> None:
         self.problems.append(f"{self.file.path}:{node.start_mark.line + 1}: {text}")
@@ -53,7 +64,17 @@ class _Reader:
             self.say(key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or take it out")
         else:
             known = self.content.setdefault(name, {PARAMETERS: {}})
+            self._count(value, name)
             self._parameters(value, known[PARAMETERS], name)
+
+    def _count(self, parameters: yaml.Node, name: str) -> None:
+        """Count the values of a node. Raises _TooMany."""
+        line = parameters.start_mark.line + 1
+        if len(self.content) > MOST_NODES:
+            raise _TooMany(f":{line}: the file has more than {MOST_NODES} nodes: split it")
+        self._values[name] = self._values.get(name, 0) + sum(1 for _ in _scalars(parameters))
+        if self._values[name] > MOST_VALUES:
+            raise _TooMany(f":{line}: {name} has more than {MOST_VALUES} values: shorten its lists")
 
     def _parameters(self, mapping: yaml.Node, found: dict[str, Any], path: str) -> None:
         for _, value, name in self._entries(mapping, path):
@@ -95,6 +116,15 @@ class _Reader:
         return scalar(node)
 
 
+def _scalars(node: yaml.Node) -> Iterator[yaml.Node]:
+    """Yields the values within a mapping or a list."""
+    if isinstance(node, yaml.MappingNode | yaml.SequenceNode):
+        for part in node.value:
+            yield from _scalars(part[1] if isinstance(part, tuple) else part)
+    else:
+        yield node
+
+
 def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
     """A value with the type that rcl gives it: a quoted one is a text, and ``1e3`` is a number."""
     text = str(node.value)
@@ -111,8 +141,7 @@ def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
 
 def _tagged_as_text(node: yaml.ScalarNode) -> bool:
     """Whether ``!!str`` stands before a value that would be of another type without it."""
-    resolver: Any = Loader("")
-    return bool(node.tag == _TEXT and resolver.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
+    return bool(node.tag == _TEXT and _RESOLVER.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
 
 
 def _integer(text: str) -> int | None:
@@ -154,7 +183,10 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         for line in file.aliases
     ]
     if isinstance(file.root, yaml.MappingNode):
-        reader.nodes(file.root)
+        try:
+            reader.nodes(file.root)
+        except _TooMany as reason:
+            raise error(f"{path}{reason}") from reason
     else:
         reader.problems.append(f"{path}:1: this is not a mapping: name a node, and below it {PARAMETERS}")
     if reader.problems:

@@ -26,6 +26,7 @@ from hal.robot_file.calibration_file import CalibrationFile, calibration_path, l
 from hal.robot_file.protection import protection_problems
 from hal.servos.servo_settings import homing_mistake, mistakes
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -238,17 +239,18 @@ def unprotected(file: RobotFile) -> list[str]:
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
     """The robot file with what calibration found. One that is not of this robot is refused."""
     problems: list[str] = []
-    joints = dict(file.joints)
+    joints, source = dict(file.joints), compose(path, RobotFileError)
     for name, found in calibration.joints.items():
+        place = source.place(("joints", name))
         joint = joints.get(name)
         if joint is None or joint.servo_id != found.servo_id:
             has = "no such joint" if joint is None else f"servo {joint.servo_id} there"
-            problems.append(f"{path}: {name} was calibrated with servo {found.servo_id}, and the robot file has {has}")
+            problems.append(f"{place}: {name} was calibrated with servo {found.servo_id}, and the robot file has {has}")
             continue
         if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):
-            problems.append(f"{path}: {name}: {wrong}")
+            problems.append(f"{place}: {name}: {wrong}")
         if found.extended and series_of(MODELS[joint.model]) is not X:
-            problems.append(f"{path}: {name}: a {joint.model} has no extended position mode: take `extended` out")
+            problems.append(f"{place}: {name}: a {joint.model} has no extended position mode: take `extended` out")
         update = found.model_dump(include={"sign", "zero_counts", "homing_offset", "extended"})
         joints[name] = joint.model_copy(update=update)
     if problems:

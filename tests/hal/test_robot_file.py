@@ -413,7 +413,7 @@ def test_a_homing_offset_that_the_servo_cannot_have(tmp_path: Path, model: str, 
     assert says in complaint
     found = f"servo_id: 1, sign: 1, zero_counts: 2048, homing_offset: {offset}, lower_counts: 0, upper_counts: 4095"
     (tmp_path / "robot.calibration.yaml").write_text(f"joints: {{elbow: {{{found}}}}}\n")
-    with pytest.raises(RobotFileError, match=rf"robot.calibration.yaml: {says}[\s\S]*calibrate again"):
+    with pytest.raises(RobotFileError, match=rf"robot.calibration.yaml:1: {says}[\s\S]*calibrate again"):
         loaded(tmp_path, GOOD.replace("sts3215", model))
 
 

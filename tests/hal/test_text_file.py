@@ -14,6 +14,7 @@ from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
 from hal.text_file import LARGEST_BYTES, read_text, read_xml
+from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import URDF, read_description
 
 DECLARED = '<?xml version="1.0" encoding="{}"?>\n<robot name="{}"/>'
@@ -141,6 +142,33 @@ def test_no_file_takes_long_and_each_is_refused_with_a_sentence(tmp_path: Path, 
         load_robot_file(path)
     assert says in str(error.value)
     assert len(str(error.value).splitlines()) <= 51
+    assert time.process_time() - start_s < 5.0
+
+
+NODES = "controller_manager:\n  ros__parameters: {update_rate: 20"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (NODES + "".join(f", k{n}: {n}" for n in range(70_000)) + "}", "controller_manager has more than 2000 values"),
+        (NODES + "".join(f", c{n}: {{type: x}}" for n in range(20_000)) + "}", "has more than 2000 values"),
+        (NODES + ", l: [" + "x, " * 70_000 + "x]}", "has more than 2000 values: shorten its lists"),
+        (
+            NODES + "}\n" + "".join(f"n{n}: {{ros__parameters: {{a: 1}}}}\n" for n in range(9000)),
+            "more than 300 nodes",
+        ),
+        (NODES + "}\n" + "".join(f"/**/n{n}: {{ros__parameters: {{a: 1}}}}\n" for n in range(9000)), "300 nodes"),
+        (NODES + "".join(f", c{n}: {{type: x}}" for n in range(900)) + "}", "more than 300 controllers"),
+    ],
+)
+def test_no_controllers_file_takes_long(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "controllers.yaml"
+    path.write_text(text)
+    start_s = time.process_time()
+    with pytest.raises(ControllersFileError) as error:
+        read_arm_files(find_arm(), controllers=path)
+    assert says in str(error.value) and f"{path}:" in str(error.value)
     assert time.process_time() - start_s < 5.0
 
 
