@@ -87,8 +87,7 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
     arm = find_arm("so101")
     joints = read_arm_files(arm).robot.joints
     shutil.copytree(arm.folder, "mine")  # a calibration is stored in it
-    entry = {"drive_mode": 0, "homing_offset": -300, "range_min": 800, "range_max": 3300}
-    Path("my_arm.json").write_text(json.dumps({one.name: {"id": one.servo_id, **entry} for one in joints}))
+    Path("my_arm.json").write_text(json.dumps({one.name: as_lerobot_has_it(one) for one in joints}))
     models = {joint.servo_id: joint.model for joint in joints}
     for command, there in zip(WHOLE_ARM, (models, models, {1: models[6]}, models), strict=True):
         typed = command.replace(DEVICE, str(link))
@@ -101,6 +100,18 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
             ids = sorted(servo.servo_id for servo in bus.servos)
         assert status == 0, (command, capsys.readouterr())
         assert ids == ([6] if "--to-new" in command else sorted(models))
+
+
+def as_lerobot_has_it(joint: Joint) -> dict[str, int]:
+    """The entry of a joint that was moved through its whole range."""
+    half = round(0.5 * (joint.limits.upper - joint.limits.lower) / abs(joint.units_per_count))
+    return {
+        "id": joint.servo_id,
+        "drive_mode": 0,
+        "homing_offset": -300,
+        "range_min": 2048 - half,
+        "range_max": 2047 + half,
+    }
 
 
 def hold_settings(bus: ServoLine[Any], joints: Sequence[Joint]) -> None:
