@@ -1,6 +1,7 @@
 """The arm in 3-D: measured solid, commanded as a ghost, the newest goal's path, what stands around it."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -75,9 +76,12 @@ class ArmScene:
             if frame.visible:
                 frame.position, frame.wxyz = poses[name].position_m, _wxyz(poses[name].quaternion)
 
-    def colour(self, shares: FloatArray) -> None:
-        """Colour each joint's link by its share (n,) of the scale; NaN: as the robot description says."""
-        self._solid.colour(shares)
+    def colour(self, shares: FloatArray, faulty: Collection[str] = ()) -> None:
+        """Colour each joint's link by its share (n,) of the scale; NaN: as the robot description says.
+
+        ``faulty``: joints whose servos have a fault; their links are red.
+        """
+        self._solid.colour(shares, faulty)
 
     def show_path(self, points_m: FloatArray | None) -> None:
         """Draw a path (m, 3) in the root link, or none."""
@@ -130,11 +134,12 @@ class _Robot:
             frame = self._frames[pose.child]
             frame.position, frame.wxyz = pose.position_m, _wxyz(pose.quaternion)
 
-    def colour(self, shares: FloatArray) -> None:
+    def colour(self, shares: FloatArray, faulty: Collection[str]) -> None:
         places = {joint: place for place, joint in enumerate(self._model.measured)}
         for number, (shape, mesh) in enumerate(self._meshes):
             joint = self._model.joint_of(shape.link)
-            wanted = None if joint is None else colour(float(shares[places[joint]]))
+            share = 1.0 if joint in faulty else math.nan if joint is None else float(shares[places[joint]])
+            wanted = colour(share)
             if wanted != self._colours[number]:  # each one is a message
                 mesh.color = shape.rgb if wanted is None else wanted
                 self._colours[number] = wanted

@@ -14,6 +14,7 @@ from hal.text_file import read_xml
 from hal.types import FloatArray
 from servoloop.arms.folder import Arm, arms
 from servoloop.live.robot_state import GoalPath, Snapshot
+from servoloop.live.servo_status import servo_faults
 from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import ArmScene, add_ground, place_camera
@@ -104,7 +105,8 @@ class Page:
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
             return
         said = health(snapshot)
-        self._arm.colour(shares(self._colours.value, said.temperature_c, snapshot.effort, self._limits(snapshot)))
+        wanted = shares(self._colours.value, said.temperature_c, snapshot.effort, self._limits(snapshot))
+        self._arm.colour(wanted, servo_faults(snapshot))
         self._faults.content = faults(snapshot)
         self._servos.content = servo_table(snapshot, self._description.joints)
         self._counters.content = counter_table(snapshot)

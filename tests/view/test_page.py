@@ -100,6 +100,21 @@ def test_the_hottest_joint_is_red_and_the_others_are_as_described(
     assert "27" in page._servos.content and "control loop" in page._loop.content
 
 
+def test_the_link_of_a_servo_with_a_fault_is_red(server: PageServer) -> None:
+    rig, page = Rig(), Page(server)
+    rig.run(0.2)
+    page.show_arm(watched(rig))
+    link3 = f"{MEASURED}/base_link/link1/link2/link3/shape8"
+    page.show_numbers(watched(rig))
+    assert tuple(node(server, link3).color) != colour(1.0)
+    rig.stack.bus.faults.silence(3)
+    rig.run(2.0)
+    looked_at = watched(rig)
+    page.show_arm(looked_at)
+    page.show_numbers(looked_at)
+    assert tuple(node(server, link3).color) == colour(1.0)
+
+
 def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, page = Rig(), Page(server)
     rig.run(0.2)
