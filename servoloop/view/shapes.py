@@ -141,7 +141,7 @@ def _rgb(visual: Element, colours: Mapping[str, Rgb]) -> Rgb:
 
 def _colour(material: Element) -> Rgb | None:
     colour = material.find("color")
-    if colour is None:
+    if colour is None or not colour.get("rgba"):
         return None
     red, green, blue = (round(255 * float(part)) for part in colour.get("rgba", "").split()[:3])
     return red, green, blue
