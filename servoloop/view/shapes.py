@@ -156,7 +156,7 @@ def _rgb(visual: Element, colours: Mapping[str, Rgb]) -> Rgb:
 
 def _colour(material: Element) -> Rgb | None:
     colour = material.find("color")
-    if colour is None:
+    if colour is None or not colour.get("rgba"):
         return None
     return _bytes([float(part) for part in colour.get("rgba", "").split()[:3]])
 

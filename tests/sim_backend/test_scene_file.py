@@ -7,7 +7,7 @@ import pytest
 
 from hal.errors import ArmFileError
 from servoloop.arms.folder import find_arm
-from servoloop.view.shapes import scene_shapes, thing_shapes
+from servoloop.view.shapes import GREY, scene_shapes, shapes, thing_shapes
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.scene_file import scene_model, scene_spec
 from sim_backend.scene.world import World
@@ -56,3 +56,9 @@ def test_bodies_without_names_are_shown_too(tmp_path: Path) -> None:
     path = edited(tmp_path, "<worldbody>", '<worldbody><body><geom type="box" size="1 1 1"/></body>')
     assert [shape.link for shape in thing_shapes(path)] == ["cube"]
     assert len(list(scene_shapes(path))) == len(list(scene_shapes(SCENE)))
+
+
+def test_a_color_without_numbers_is_the_usual_one() -> None:
+    visual = '<visual><geometry><box size="1 1 1"/></geometry><material name="x"><color/></material></visual>'
+    (shape,), _ = shapes(f'<robot name="a"><link name="b">{visual}</link></robot>')
+    assert shape.rgb == GREY
