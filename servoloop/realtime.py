@@ -49,7 +49,7 @@ def realtime_priority() -> Iterator[None]:
 
 
 def at_ordinary_priority() -> None:
-    """Give up this process' priority, as a program does that was started by one with real-time priority."""
+    """Give up the real-time priority that this process has inherited."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 

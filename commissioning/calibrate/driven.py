@@ -38,9 +38,9 @@ REACH: Final = 1.25
 """Without a stop within so many times the URDF's range there is none."""
 WIGGLE_RAD: Final = 0.15
 NEAR_RAD: Final = 0.3
-"""A stop that is so near in the folded pose shows a joint's direction: the joint cannot turn towards it."""
+"""The largest distance to a stop, in the folded pose, at which the stop shows the joint's direction."""
 ARRIVED_RAD: Final = 0.12
-"""A joint that is farther behind its goal is held up by something."""
+"""A joint that is farther behind its goal is held up by an obstacle."""
 DRIVE: Final = 0.5
 
 
@@ -185,7 +185,7 @@ class ByItself:
         arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)
 
     def _cleared(self, arm: SlowArm, index: int, sign: int) -> int:
-        """Move a joint out of the others' way; its sign, which is asked for again where the joint did not get there."""
+        """Move a joint out of the way of the others; returns its sign. Asks for it again if the joint is held up."""
         joint, auto = self._joints[index], self._plan.auto
         target = sign * (auto.clear[joint.name] - auto.start[joint.name])
         if self._arrives(arm, index, target):
@@ -201,7 +201,7 @@ class ByItself:
         )
 
     def _arrives(self, arm: SlowArm, index: int, target: float) -> bool:
-        """Move a joint there from 0; whether it arrives. A joint that is held up stops: its servo would weaken."""
+        """Move a joint from 0 to the target; returns whether it arrives. A joint that is held up stops at once."""
         joint = self._joints[index]
         step, allowed = SEEK_RAD_S * joint.transmission * PERIOD_S, ARRIVED_RAD * joint.transmission
         for goal in np.linspace(0.0, target, ceil(abs(target) / step) + 1):
@@ -214,11 +214,11 @@ class ByItself:
         return True
 
     def _direction(self, arm: SlowArm, index: int, joint: Joint) -> int:
-        """The sign of a joint, shown by the stop beside which it lies, or by somebody who sees it turn."""
+        """Return the sign of a joint, from the stop beside it or from the user's answer."""
         return self._shown_by_stop(arm, index, joint) or self._seen(arm, index, joint, 1)
 
     def _seen(self, arm: SlowArm, index: int, joint: Joint, first: int) -> int:
-        """The sign that somebody's answer gives who sees the joint turn, the ``first`` way if it can."""
+        """Turn the joint a little, the ``first`` way if it can, and return the sign that the user's answer gives."""
         for way in (first, -first):
             if self._wiggled(arm, index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
                 return way if self._watcher.moved_so(joint.name, self._plan.joints[joint.name].positive) else -way
@@ -227,7 +227,7 @@ class ByItself:
         )
 
     def _shown_by_stop(self, arm: SlowArm, index: int, joint: Joint) -> int:
-        """The sign of a joint that the folded pose has near a stop: it turns farther the other way. 0 for others."""
+        """Return the sign of a joint that lies near a stop, as it turns farther away from the stop; 0 for other joints."""
         start, limits = self._plan.auto.start.get(joint.name), joint.limits
         if start is None:
             return 0
@@ -241,7 +241,7 @@ class ByItself:
         return away if start - limits.lower < limits.upper - start else -away
 
     def _wiggled(self, arm: SlowArm, index: int, way: int, angle_rad: float) -> float:
-        """Turn a joint a little and back; how far it went."""
+        """Turn a joint a little and back; returns the angle that it turned."""
         joint = self._joints[index]
         self._watcher.say(f"{joint.name} turns a little, and back")
         arm.go(index, way * angle_rad * joint.transmission)

@@ -1,4 +1,4 @@
-"""A virtual arm as a source: where its joints are, as its emulator publishes them, with no stack running."""
+"""A virtual arm as a source, without a stack: its joints' positions, as the emulator publishes them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +18,7 @@ from servoloop.recorder.sampler import CycleSample
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 AGAIN_S: Final = 1.0
-"""So long until it looks again for an emulator that has ended."""
+"""The pause before the next attempt to connect to an emulator that has ended."""
 
 
 class EmulatorSource:
@@ -37,7 +37,7 @@ class EmulatorSource:
 
     @property
     def well(self) -> bool:
-        """Whether the emulator publishes."""
+        """Whether the emulator is connected."""
         return self._client is not None
 
     @property

@@ -26,7 +26,7 @@ from servoloop.view.texts import controller_table, counter_table, faults, loop_t
 NO_JOINTS: Final = ("–",)
 RED: Final = "#d2322d"
 LOST_S: Final = 5
-"""A page that has heard nothing for so long no longer says that the robot is live."""
+"""A page that receives nothing for so many seconds shows that its connection is lost."""
 _STATUS: Final = f"""<style>
 @keyframes answered {{{{ to {{{{ visibility: hidden; position: absolute }}}} }}}}
 @keyframes lost {{{{ to {{{{ visibility: visible; position: static }}}} }}}}
@@ -34,7 +34,7 @@ _STATUS: Final = f"""<style>
 <b style='color:{{color}};animation:answered 0s {LOST_S}s forwards'>{{text}}</b>
 <b style='color:{RED};visibility:hidden;position:absolute;animation:lost 0s {LOST_S}s forwards'>
 the connection to servoloop view is lost: what is shown is old</b></p>"""
-"""A style sheet's clock runs in the browser, whatever has become of the program that wrote the page."""
+"""The animations run in the browser, so the text changes even if the program has ended."""
 
 
 def known_arm(xml: str) -> Arm | None:
@@ -78,9 +78,9 @@ class Page:
         self._ghost.on_update(self._chosen)
 
     def status(self, text: str, well: bool = True, beat: int = 0) -> None:
-        """Say what is shown: a running stack, a recording, or, in red, that the stack has ended.
+        """Show the state of the source: a running stack, a recording, or, in red, a stack that has ended.
 
-        A browser that gets no new ``beat`` for ``LOST_S`` says that this program no longer answers.
+        A browser that receives no new ``beat`` for ``LOST_S`` shows that the connection is lost.
         """
         content = _STATUS.format(text=escape(text), color="inherit" if well else RED, beat=beat)
         if content != self._status.content:

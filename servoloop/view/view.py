@@ -13,7 +13,7 @@ ARM_S: Final = 0.05
 NUMBERS: Final = 7
 """and numbers are renewed every so many times."""
 BEAT: Final = 20
-"""Every so many times a browser is told that this program is alive."""
+"""The number of turns between two signs of life to the browsers."""
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
