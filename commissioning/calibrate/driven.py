@@ -227,7 +227,7 @@ class ByItself:
         )
 
     def _shown_by_stop(self, arm: SlowArm, index: int, joint: Joint) -> int:
-        """Return the sign of a joint that lies near a stop, as it turns farther away from the stop; 0 for other joints."""
+        """Return the sign of a joint near a stop, from which it turns farther than towards it; 0 for other joints."""
         start, limits = self._plan.auto.start.get(joint.name), joint.limits
         if start is None:
             return 0
