@@ -1,6 +1,5 @@
 """Scenes of other people: their size, their encoding, and numbers that MuJoCo warns of or takes as they are."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -37,12 +36,10 @@ def edited(folder: Path, old: str, new: str) -> Path:
 )
 def test_a_scene_that_cannot_be_is_refused_by_every_reader(tmp_path: Path, old: str, new: str, says: str) -> None:
     path = edited(tmp_path, old, new)
-    begun_s = time.process_time()
     for read in READERS:
         with pytest.raises(ArmFileError) as error:
             read(path)
         assert says in str(error.value) and str(path) in str(error.value)
-    assert time.process_time() - begun_s < 5.0
 
 
 def test_a_scene_in_another_encoding_is_refused(tmp_path: Path) -> None:
