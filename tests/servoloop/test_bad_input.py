@@ -255,4 +255,4 @@ def test_a_simulation_without_a_trajectory_controller_is_refused(
     copytree(find_arm("so101").folder, folder)
     (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
     said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
-    assert "controllers.yaml:1: no controller is a JointTrajectoryController" in said
+    assert "controllers.yaml:1: no controller is a joint_trajectory_controller/JointTrajectoryController" in said

@@ -109,7 +109,9 @@ def test_a_robot_file_is_looked_for_beside_the_urdf_and_mistakes_name_it(tmp_pat
     write_robot_file(tmp_path, "arm", *ARM[:5])
     with pytest.raises(RobotFileError) as caught:
         read_files(write_urdf(tmp_path, arm=servos(Path("arm.yaml"))))
-    assert str(caught.value) == f"{tmp_path}/arm.yaml: the URDF commands joint6, for which the robot file has no servo"
+    assert (
+        str(caught.value) == f"{tmp_path}/arm.yaml:4: the URDF commands joint6, for which the robot file has no servo"
+    )
 
 
 def test_a_plugin_that_nobody_knows(tmp_path: Path) -> None:
