@@ -1,7 +1,7 @@
 """The goals that reach a joint trajectory controller over ROS: of its action, and trajectories on its topic."""
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
@@ -9,6 +9,7 @@ from control_msgs.msg import JointTolerance
 from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -40,7 +41,7 @@ class TrajectoryGoals:
         self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
         self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
         for name, what in ((ACTION, "goal rejected"), ("~/joint_trajectory", IGNORED)):
-            CLIENT_LIMITS.on_refused[node.resolve_topic_name(name)] = self._refused(what)
+            CLIENT_LIMITS.on_refused[node.resolve_topic_name(name)] = partial(_tell, self._reason, what)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
         kind, goals = FollowJointTrajectory, self.under_way
         self._server = make_action_server(node, kind, ACTION, goals, self._on_goal, self._on_accepted)
@@ -70,10 +71,6 @@ class TrajectoryGoals:
             self._refuse(f"{IGNORED}: {reason}")
         else:
             self._controller.submit(goal)
-
-    def _refused(self, what: str) -> Callable[[str], None]:
-        """What to do where a message is refused before it is read, which the log has already."""
-        return lambda reason: self._reason.publish(String(data=f"{what}: {reason}"))
 
     def _refuse(self, reason: str) -> None:
         """Say why something is not executed, in the log and on the topic."""
@@ -125,6 +122,11 @@ def _tolerance(message: JointTolerance) -> float:
 
 def _seconds(stamp: Duration | Time) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def _tell(topic: Publisher, what: str, reason: str) -> None:
+    """Publish why a message was refused before it was read; the log has it already. Knows nothing of the stack."""
+    topic.publish(String(data=f"{what}: {reason}"))
 
 
 def _result(handle: GoalHandle) -> FollowJointTrajectory.Result:
