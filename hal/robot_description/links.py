@@ -74,7 +74,10 @@ def _number(link: str, element: Element | None, key: str, what: tuple[str, str])
 
 
 def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) -> Iterator[str]:
-    """Yields joints between links that are missing, and links that two joints move. A URDF may have no links."""
+    """Yields joints between links that are missing, links that two joints move, and a loop of links.
+
+    A URDF may have no links.
+    """
     movers: dict[str, str] = {}
     for joint in joints.values() if links else ():
         for link in (joint.parent, joint.child):
@@ -83,3 +86,19 @@ def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) ->
         other = movers.setdefault(joint.child, joint.name)
         if other != joint.name:
             yield f"{other} and {joint.name} have the same child link, {joint.child} ({joint.place}): rename one"
+    above = {joint.child: joint for joint in joints.values()}
+    if len(above) == len(joints) and (loop := [joint for joint in joints.values() if _is_in_loop(joint, above)]):
+        last = loop[-1]
+        yield (
+            f"{last.name}: its child link {last.child} is above its parent link {last.parent}, so the links are a loop "
+            f"({last.place}): correct one of the two"
+        )
+
+
+def _is_in_loop(joint: UrdfJoint, above: Mapping[str, UrdfJoint]) -> bool:
+    seen: set[str] = set()
+    link = joint.parent
+    while link != joint.child and link in above and link not in seen:
+        seen.add(link)
+        link = above[link].parent
+    return link == joint.child

@@ -63,6 +63,8 @@ class Pit:
 
 
 Objects = dict[str, list[Shape]]
+BASE: Final = "base_link"
+"""The arm's first body and link."""
 
 
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
@@ -74,7 +76,10 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
     model = scene_model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    around = [geom for geom in range(model.ngeom) if _stands(model, geom)]
+    base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE)
+    if base < 0:
+        raise ArmFileError(f"{scene}:1: the scene has no body {BASE}, on which the arm stands: name the first body so")
+    around = [geom for geom in range(model.ngeom) if _stands(model, geom, base)]
     found: Objects = {}
     for geom in around:
         body, name = model.body(model.geom_bodyid[geom]).name, model.geom(geom).name
@@ -86,10 +91,9 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
     return found
 
 
-def _stands(model: Any, geom: int) -> bool:
+def _stands(model: Any, geom: int, base: int) -> bool:
     """Whether something can touch it, and no joint moves it."""
     fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
-    base = model.body("base_link").id
     return bool(fixed and model.body_rootid[model.geom_bodyid[geom]] != base) and bool(
         model.geom_contype[geom] or model.geom_conaffinity[geom]
     )
@@ -131,7 +135,7 @@ def _rounded(values: FloatArray) -> Numbers:
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
     """Where the padded arm is in the table: below its foot, and where it lies."""
     arm = LinkModel(scene)
-    foot = arm.model.body("base_link").id
+    foot = arm.model.body(BASE).id
     moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]
     arm.place(arm.pose({}))
     below = _pit(arm, [foot], level, padding_m, ROOM_M)

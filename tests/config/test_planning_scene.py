@@ -1,15 +1,17 @@
 """planning_scene.yaml holds the simulated world, and leaves the padded arm its places of work."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 import pytest
 
+from hal.errors import ArmFileError
 from servoloop.moveit.files import read_objects
 from servoloop.moveit.plannable import PaddedArm
-from servoloop.moveit.surroundings import ROOM_M
+from servoloop.moveit.surroundings import ROOM_M, surroundings
 from sim_backend.scene.cube_cell import BINS
 from sim_backend.scene.world import SCENE, World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, states
@@ -165,3 +167,10 @@ def test_a_gripped_cube_keeps_clear_of_the_stand() -> None:
 
 def world_at(pose: Any) -> World:
     return World(initial_position=[*pose, 0.0])
+
+
+def test_a_scene_without_the_arms_first_body_is_refused(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(SCENE.read_text().replace('"base_link"', '"foot"'))
+    with pytest.raises(ArmFileError, match=r"scene.xml:1: the scene has no body base_link, on which the arm stands"):
+        surroundings(scene, PADDING, [])

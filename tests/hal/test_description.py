@@ -174,6 +174,10 @@ def limited(old: str, new: str) -> str:
             "elbow and finger have the same child link, b (arm.urdf, line 10): rename one",
         ),
         (
+            urdf(LINKS.format("") + ELBOW + FINGER.replace('child link="c"', 'child link="a"')),
+            "finger: its child link a is above its parent link b, so the links are a loop (arm.urdf, line 10): correct",
+        ),
+        (
             urdf(LINKS.format("").replace('"0.2"', '"-0.2"') + ELBOW + FINGER),
             "link 'b': mass -0.2 is below zero (arm.urdf, line 2): correct it",
         ),
