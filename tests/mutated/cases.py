@@ -22,7 +22,7 @@ LONGEST_S: Final = 5.0
 MOST_LINES: Final = 60
 OF_THE_WHOLE: Final = (
     *("larger than", r"more than \d+ values", "missing", "twice", "has no ", "without", "not text"),
-    *("cut off", "says nothing", "would go to"),
+    *("cut off", "says nothing", "would go to", "would swing"),
 )
 """Words about mistakes that have no line."""
 PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
