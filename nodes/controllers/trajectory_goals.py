@@ -125,7 +125,7 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _tell(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was refused before it was read; the log has it already. Knows nothing of the stack."""
+    """Publish the reason for which a message was refused unread. A function, so that the limits keep no node alive."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

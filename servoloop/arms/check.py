@@ -85,7 +85,7 @@ class _Check:
             self._failed(error)
 
     def _wanted(self, name: str) -> bool:
-        """Whether a file that may be missing is there, or named in ``arm.yaml``."""
+        """Whether to read an optional file: it exists, or ``arm.yaml`` names it."""
         return self._exists(name) or name in self._arm.file.model_fields_set
 
     def _exists(self, name: str) -> bool:
@@ -93,7 +93,7 @@ class _Check:
         return path.exists()
 
     def _needed(self, name: str) -> bool:
-        """Whether a file that every arm has is to be read."""
+        """Whether to read a file that every arm has; not if its name is unknown and the default name does not exist."""
         return self._names_known or self._exists(name)
 
     def _say(self, path: Path, problems: Iterable[str]) -> None:
@@ -211,7 +211,7 @@ def check_arm(folder: Path) -> list[str]:
 
 
 def missing_parts(arm: Arm) -> list[str]:
-    """What the arm cannot do for want of a file that not every arm needs."""
+    """The functions that the arm lacks because an optional file is missing."""
     parts = {
         "scene": "emulate and up without --port need a scene: `servoloop arms new` writes one",
         "pick_place": "pick, demo and simulated jobs need pick-place parameters: docs/arms/README.md describes them",

@@ -77,7 +77,7 @@ class ArmScene:
                 frame.position, frame.wxyz = poses[name].position_m, _wxyz(poses[name].quaternion)
 
     def colour(self, shares: FloatArray, faulty: Collection[str] = ()) -> None:
-        """Colour each joint's link by its share (n,) of the scale; NaN: as the robot description says.
+        """Colour each joint's link by its share (n,) of the scale; NaN keeps the color of the robot description.
 
         ``faulty``: joints whose servos have a fault; their links are red.
         """
