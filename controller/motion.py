@@ -146,7 +146,7 @@ def _check_positions(
 def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, period_s: float) -> FloatArray:
     """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` reach in one period.
 
-    ``velocity``: the joints' velocity limits (n,). The safety gate applies the same limit, so it passes the result unchanged.
+    ``velocity``: the joints' velocity limits (n,). The safety gate applies the same limit, and changes nothing further.
     """
     reach = velocity * period_s
     reached: FloatArray = np.clip(wanted, last - reach, last + reach)
