@@ -3,6 +3,7 @@
 import io
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,6 +28,10 @@ window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()),
 window.cancelAnimationFrame = clearTimeout;
 """
 """Two pictures a second: as many as it can draw, a browser without a graphics card fills both processors with."""
+
+
+AT_REST = 0.005
+"""The share of pixels that may change in a picture at rest."""
 
 
 class OpenPage:
@@ -56,6 +61,17 @@ class OpenPage:
         clip = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
         taken = self.page.screenshot(clip=clip, timeout=PATIENCE_MS)  # type: ignore[arg-type]
         return Image.open(io.BytesIO(taken)).convert("RGB")
+
+    def canvas_at_rest(self) -> Image.Image:
+        """The first picture after which nothing changes for three more: loading, notices and the camera are done."""
+        first, unchanged = self.canvas(), 0
+        end = time.monotonic() + PATIENCE_MS / 1000.0
+        while unchanged < 3:
+            assert time.monotonic() < end, "the picture does not come to rest"
+            self.page.wait_for_timeout(600)  # longer than one picture takes (SELDOM)
+            after = self.canvas()
+            first, unchanged = (first, unchanged + 1) if changed(first, after) < AT_REST else (after, 0)
+        return first
 
 
 def changed(before: Image.Image, after: Image.Image) -> float:
