@@ -1,5 +1,5 @@
 # `make demo` or `make test` is all a newcomer needs: each sets everything up first.
-.PHONY: help setup demo test test-slow test-all soak fuzz docs mutants check lint format lock clean
+.PHONY: help setup demo test test-slow test-sample test-all soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -24,12 +24,13 @@ help:
 	@echo 'make setup   everything into .venv; a second time within seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
 	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
-	@echo 'make test-all  the others too; make test-slow: only those'
+	@echo 'make test-sample  the first slow test of each file'
+	@echo 'make test-all  the others too, before a release; make test-slow: only those'
 	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
 	@echo 'make docs    the documentation site from docs/ into build/site'
-	@echo 'make check   set-up, then lint, types, import direction and all tests: what CI runs'
+	@echo 'make check   set-up, then lint, types, import direction, test and test-sample: what CI runs'
 	@echo 'make lint    lint, types and import direction only'
 	@echo 'make format  format the code'
 	@echo 'make lock    requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
@@ -47,6 +48,10 @@ test: setup
 # The random ones too, over 1,000 cycles.
 test-slow: setup
 	$(PYTEST) -m 'slow or soak' $(PYTEST_ARGS)
+
+# The first slow test of each file: what CI has time for.
+test-sample: setup
+	$(PYTEST) -m 'slow or soak' --first-of-each-file $(PYTEST_ARGS)
 
 test-all: test test-slow
 
@@ -71,7 +76,7 @@ fuzz: setup
 mutants: setup
 	$(BIN)/python tools/mutants.py $(AREAS)
 
-check: lint test-all
+check: lint test test-sample
 
 format: setup
 	$(BIN)/ruff check --fix .

@@ -13,6 +13,7 @@ from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
 from tests.pages import require_taken
 from tests.ros_domain import ros_domain
+from tests.tiers import first_of_each_file, has_long_tests, mark_long
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
 
@@ -59,7 +60,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     markers = config.option.markexpr.split(" or ")
     if not ONLY.keys() >= {*markers} or not collection_path.match("test_*.py"):
         return None
+    if "slow" in markers and has_long_tests(collection_path):
+        return None
     return not any(_has_a_word_of(marker, collection_path) for marker in markers) or None
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option with which CI runs a part of the slow tests."""
+    parser.addoption(
+        "--first-of-each-file", action="store_true", help="run the first of the selected tests of each file"
+    )
 
 
 def _has_a_word_of(marker: str, path: Path) -> bool:
@@ -71,11 +81,21 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     marked = {(mark.name, item.path) for item in items for mark in item.iter_markers() if mark.name in ONLY}
     if passed_over := [str(path) for marker, path in sorted(marked) if not _has_a_word_of(marker, path)]:
         raise pytest.UsageError(f"marked from elsewhere, so that make test-slow would pass over it: {passed_over}")
+    mark_long(items)
     remember(config, items)
     items.sort(key=lambda item: (not in_real_time(item.nodeid), not item.nodeid.startswith(LONG_FILES)))
     for item in items:
         if in_real_time(item.nodeid):
             item.add_marker(once_more)
+
+
+@pytest.hookimpl(specname="pytest_collection_modifyitems", trylast=True)
+def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what ``--first-of-each-file`` leaves out, after the markers have been selected."""
+    if config.getoption("first_of_each_file"):
+        kept = first_of_each_file(items)
+        config.hook.pytest_deselected(items=[item for item in items if item not in set(kept)])
+        items[:] = kept
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
