@@ -110,4 +110,5 @@ def test_without_a_stack_the_verb_says_how_to_start_one(
     with runtime_folder(monkeypatch):
         assert "start one with `servoloop up`" in complaint(capsys, monkeypatch, "view")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap")
-    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
+    assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
+    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
