@@ -19,6 +19,7 @@ from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import ArmScene, add_ground, place_camera
 from servoloop.view.colours import CHOICES, PLAIN, shares
+from servoloop.view.narrow_page import LAYOUT
 from servoloop.view.shapes import Shape, arm_shapes, scene_shapes, shapes, thing_shapes
 from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
@@ -68,6 +69,7 @@ class Page:
         self._goal: GoalPath | None = None
         add_ground(server)
         gui = server.gui
+        gui.add_html(LAYOUT)
         self._status = gui.add_html("")
         controls = gui.add_folder("Arm")
         self.above_arm = controls.order - 0.5
