@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import trimesh
 
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
 from hal.robot_description.link_meshes import LinkMesh, link_meshes, read_stl, with_edges
@@ -20,6 +21,10 @@ from sim_backend.scene.scene_file import scene_model
 Rgb = tuple[int, int, int]
 GREY: Rgb = (150, 152, 156)
 ORIGIN = Element("origin")
+
+
+class MeshTooLarge(Exception):
+    """A mesh of a robot description is too large to be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,9 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
                 continue
             try:
                 mesh = _mesh(geometry, folder)
+            except MeshTooLarge as reason:
+                missing.append(str(reason))
+                continue
             except (OSError, ValueError, NotImplementedError):
                 missing.append(geometry.get("filename", geometry.tag))
                 continue
@@ -151,7 +159,9 @@ def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:
     elif geometry.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=float(geometry.get("radius", "")))
     else:
-        mesh = trimesh.load_mesh(_path(geometry.get("filename", ""), folder))
+        path = _path(geometry.get("filename", ""), folder)
+        check_size(path, MeshTooLarge, LARGEST_SHAPE_BYTES, REDUCE)
+        mesh = trimesh.load_mesh(path)
         mesh.vertices = mesh.vertices * _vector(geometry.get("scale", "1 1 1"))
     return mesh
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.arms.folder import arms, find_arm
@@ -135,6 +136,14 @@ def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_pa
     assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GREY}
     for shape in found:
         np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
+
+
+def test_a_mesh_that_is_too_large_is_not_drawn_and_is_named(tmp_path: Path) -> None:
+    with (tmp_path / "part.obj").open("wb") as file:
+        file.truncate(LARGEST_SHAPE_BYTES + 1)
+    visual = '<visual><geometry><mesh filename="part.obj"/></geometry></visual>'
+    found, missing = shapes(f"<robot name='r'><link name='l'>{visual}</link></robot>", tmp_path)
+    assert (found, missing) == ([], [f"{tmp_path / 'part.obj'} is larger than 20 MB: {REDUCE}"])
 
 
 def test_joints_are_coloured_from_blue_to_red_and_not_where_nothing_is_known() -> None:
