@@ -34,7 +34,8 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
         yield f"the parameter '{name}' is not used: this node has no parameter of that name"
     files = files_in(arguments)
     if files and not given:
-        yield f"{', '.join(map(str, files))} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
+        listed = ", ".join(map(str, files))
+        yield f"{listed} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
 
 
 def declare(node: Node) -> Settings:
