@@ -176,7 +176,7 @@ class EmulatedArm:
     def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
         """The line of servos from the factory, and the commands of a person who also plugs them in."""
         box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
-        lines = {next(iter(files.robot.file.lines())): box.line}
+        lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
         return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
 
     @property
