@@ -1,6 +1,7 @@
 """The limits of files that are read because a user or another file names them."""
 
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -17,13 +18,19 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
 
     Raises:
         error: The file is too large, or a device or a pipe, which has no size. The message has file and remedy.
-        OSError: There is no such file.
+        OSError, ValueError: There is no such file, and there cannot be one of this name.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise error(f"{path} is not a regular file: choose another file")
     if found.st_size > largest_bytes:
         raise error(too_large(path, largest_bytes, remedy))
+
+
+def check_existing(path: Path, error: type[Exception]) -> None:
+    """Check a text file as ``check_size`` does, if it exists: the library that reads it reports a missing one."""
+    with suppress(OSError, ValueError):
+        check_size(path, error)
 
 
 def too_large(path: Path, largest_bytes: int = LARGEST_BYTES, remedy: str = SHORTEN) -> str:

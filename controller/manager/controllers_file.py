@@ -14,7 +14,7 @@ from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
-from hal.file_size import check_size
+from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
 from hal.yaml_file import Places, mistakes
 from hal.yaml_nodes import YamlFile
@@ -146,8 +146,7 @@ class _Source:
         """A controller's parameters, and the file that counts most. Raises ControllersFileError, ValueError."""
         given, paths = parameters_in(settings.node_arguments, name), settings.files
         for path in files_in(settings.node_arguments):
-            if path.exists():
-                check_size(path, ControllersFileError)
+            check_existing(path, ControllersFileError)
         contents = [read_parameter_file(path, ControllersFileError) for path in paths]
         if paths and not any(names(content, name) or ALL in content for _, content in contents):
             listed = ", ".join(map(str, paths))

@@ -83,8 +83,9 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
     try:
         check_size(path, ArmFileError, LARGEST_SHAPE_BYTES, REDUCE)
         content = path.read_bytes()
-    except OSError as error:
-        raise ArmFileError(f"{path} cannot be read: {error.strerror}: correct the name in {PLACES.name}") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ArmFileError(f"{path} cannot be read: {reason}: correct the name in {PLACES.name}") from error
     triangles = int.from_bytes(content[HEADER_BYTES - 4 : HEADER_BYTES], "little")
     if triangles == 0 or len(content) != HEADER_BYTES + triangles * TRIANGLE.itemsize:
         raise ArmFileError(f"{path} is not a binary STL file: export the mesh as binary STL")

@@ -495,6 +495,11 @@ def test_a_large_parameter_file_that_the_file_names_is_refused(tmp_path: Path, l
         load(tmp_path, with_entry(line.format(more)))
 
 
+def test_a_parameter_file_with_a_name_that_no_file_can_have_is_left_to_rcl(tmp_path: Path) -> None:
+    line = f"node_options_args: ['--params-file', '{'x' * 1000}']"
+    assert load(tmp_path, with_entry(line)).controllers[-1].node_arguments[1] == "--params-file"
+
+
 def test_the_managers_parameters_without_effect_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     lines = "update_rate: 20\n    cpu_affinity: 3\n    overruns: {manage: true}\n    use_sim_time: false"
     load(tmp_path, PLAIN.replace("update_rate: 20", lines))

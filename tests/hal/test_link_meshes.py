@@ -140,6 +140,12 @@ def test_the_wheel_grows_by_less_than_three_megabytes(tmp_path: Path) -> None:
     assert (tmp_path / "meshes.zip").stat().st_size < MOST_BYTES
 
 
+def test_a_name_that_no_mesh_can_have_is_refused(tmp_path: Path) -> None:
+    for name in ("a\0b.stl", "x" * 1000):
+        with pytest.raises(ArmFileError, match=r"cannot be read: .*: correct the name in links.yaml"):
+            read_stl(tmp_path / name)
+
+
 def test_a_mesh_that_is_too_large_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "part.stl"
     with path.open("wb") as file:

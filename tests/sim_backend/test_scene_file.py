@@ -121,6 +121,12 @@ def test_a_pipe_that_a_scene_includes_is_refused(tmp_path: Path) -> None:
         scene_model(path)
 
 
+def test_a_name_that_no_file_can_have_is_reported_by_mujoco(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, f'<include file="{"x" * 1000}"/>')
+    with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
+        scene_model(path)
+
+
 def test_scenes_that_include_each_other_end(tmp_path: Path) -> None:
     path = scene_with(tmp_path, '<include file="scene.xml"/>')
     with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
