@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import cos, pi
+from math import cos, pi, tau
 from typing import Final, Self
 
 import numpy as np
@@ -116,6 +116,11 @@ class SlowArm:
     def measured(self, index: int) -> float:
         """The newest measured position of one joint."""
         return float(self.state.position[index])
+
+    def measured_near(self, index: int, near: float) -> float:
+        """The newest position with turns, of a servo that reports its place in the turn: the nearest to ``near``."""
+        measured, turn = self.measured(index), tau * self.joints[index].transmission
+        return measured + round((near - measured) / turn) * turn
 
     def go(self, index: int, target: float) -> None:
         """Move one joint there on a smooth way at its slow speed, and wait until it stands, 2 s at most."""

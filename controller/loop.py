@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from controller.component_transitions import BackgroundWorker, ComponentTransitions, run_at_once
+from controller.gate_log import log_gate
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
@@ -198,7 +199,6 @@ class ControlLoop:
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
         """Log the gate's changes once, not in every cycle of an episode."""
-        for index in reasons.keys() - self._gated.keys():
-            name = self.hardware.command_interfaces[index].removesuffix("/position")
-            LOG.info("safety gate: %s: %s", name, reasons[index])
+        if new := sorted(reasons.keys() - self._gated.keys()):
+            log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Final
 
-LARGEST_BYTES: Final = 2_000_000
-"""Maximum size of a file; a robot description of a hundred joints has a tenth of it."""
+from hal.file_size import LARGEST_BYTES, too_large
+
 _DECLARED: Final = re.compile(rb"\A\s*<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z][A-Za-z0-9._-]*)[\"']")
 _DECLARATION: Final = re.compile(r"\A(\s*<\?xml[^>]*?\sencoding\s*=\s*[\"'])(?!(?i:utf-8)[\"'])[^\"']*")
 _SAVE_AS_UTF_8: Final = "save the file as UTF-8"
@@ -53,7 +53,7 @@ def _read(path: Path, error: type[Exception], kind: str = "") -> bytes:
     except ValueError as reason:
         raise error(f"cannot read {str(path)!r}: {reason}") from reason
     if len(data) > LARGEST_BYTES:
-        raise error(f"{path} is larger than {LARGEST_BYTES / 1e6:g} MB: shorten it, or choose another file")
+        raise error(too_large(path))
     return data
 
 

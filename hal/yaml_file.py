@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hal.yaml_nodes import listed, read
+from hal.yaml_nodes import YamlFile, listed, read
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -22,9 +22,14 @@ class Places(Protocol):
 
 def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
     """Read ``path`` as ``model``. Raises ``error`` whose text lists every mistake with its line."""
+    return load_with_lines(path, model, error)[0]
+
+
+def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> tuple[Model, YamlFile]:
+    """Read ``path`` as ``model``, and as a file that knows its lines. Raises ``error`` as ``load`` does."""
     file, content = read(path, error)
     try:
-        return model.model_validate(content)
+        return model.model_validate(content), file
     except ValidationError as reason:
         raise error("\n".join(mistakes(file, reason))) from reason
 

@@ -44,6 +44,9 @@ from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 from sim_backend.wire.line import ServoLine
 from sim_backend.wire.pty_link import PtyAdapter
 
+_Wiring = tuple[dict[str, ServoLine[Any]], Handler]
+"""The lines by the buses' names, and what does the commands of a person beside them."""
+
 
 def couplings(robot: Robot) -> list[Coupling]:
     """The couplings of the virtual arm's servos to its joints, as the robot file has them."""
@@ -132,6 +135,62 @@ def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
     return [replace(one, servo_id=FACTORY_ID) for one in ways]
 
 
+class EmulatedArm:
+    """A virtual arm: its world with a hand in it, its servos behind adapters, their faults, and pictures."""
+
+    def __init__(self, files: ServoFiles, link: Path, build: Build, pictured: bool) -> None:
+        """Raises ArmFileError where the scene does not have the joints of the servos."""
+        ways = build.mounted(couplings(files.robot))
+        require_scene(files.scene, [one.joint for one in ways])
+        self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
+        self.world.hold_until_driven()
+        if build.practice_seed is not None:
+            self.world.clear_table()
+        self._feeder = Feeder()
+        self._hand = Hand(self.world, {one.joint: one.transmission for one in ways})
+        self.recorder = Recorder(self.world) if pictured else None
+        self.lines, handle = self._boxed(files, build, ways) if build.in_box else self._wired(files, build, ways)
+        self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
+        # The servos of a box have one ID: none can be named.
+        self.player = FaultPlayer(Targets({} if build.in_box else self.lines, self.world, self._adapters))
+        self.handle: Handler = partial(obey_faults, self.player, lambda: self.world.time_s, handle)
+        """Does what a client of the control socket asks for."""
+
+    def serve(
+        self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
+    ) -> None:
+        """Serve every bus, the feed and the control socket until ``stop``."""
+
+        def on_tick(now_s: float) -> None:
+            feed.tick(now_s, self.world, max(line.dropped_s for line in self.lines.values()))
+            control.tick()
+
+        buses = {self._adapters[name]: line for name, line in self.lines.items()}
+        serve_all(buses, stop=stop, on_tick=on_tick, on_ready=on_ready)
+
+    def _wired(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
+        """The lines of servos that are set up, and the commands of a person beside them."""
+        lines = virtual_lines(files.robot, WorldPlant(self.world, ways, self._after_step), build.spread)
+        return lines, self._obeyed
+
+    def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
+        """The line of servos from the factory, and the commands of a person who also plugs them in."""
+        box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
+        lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
+        return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
+
+    @property
+    def _obeyed(self) -> Handler:
+        return partial(obey, self._hand, self.world.lay_table)
+
+    def _after_step(self, time_s: float) -> None:
+        self.player.update(time_s)
+        self._feeder.update(self.world, time_s)
+        self._hand.update()
+        if self.recorder:
+            self.recorder.update(time_s)
+
+
 def emulate(
     files: ServoFiles,
     link: Path,
@@ -148,52 +207,20 @@ def emulate(
     was ready. Raises PortBusy where a path is taken, EepromError where the file does not fit, FaultError where
     something cannot go wrong with these servos, ArmFileError where the scene does not have their joints.
     """
-    ways = build.mounted(couplings(files.robot))
-    require_scene(files.scene, [one.joint for one in ways])
-    world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
-    world.hold_until_driven()
-    if build.practice_seed is not None:
-        world.clear_table()
-    feeder = Feeder()
-    hand = Hand(world, {one.joint: one.transmission for one in ways})
-    recorder = Recorder(world) if pictures else None
-
-    def after_step(time_s: float) -> None:
-        player.update(time_s)
-        feeder.update(world, time_s)
-        hand.update()
-        if recorder:
-            recorder.update(time_s)
-
-    handle: Handler = partial(obey, hand, world.lay_table)
-    if build.in_box:
-        box = virtual_box(files.robot, WorldPlant(world, as_delivered(ways), after_step), build.spread)
-        handle = partial(plugged, box, [one.joint for one in ways], handle)
-        lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
-    else:
-        lines = virtual_lines(files.robot, WorldPlant(world, ways, after_step), build.spread)
+    arm = EmulatedArm(files, link, build, pictured=pictures is not None)
     if eeprom is not None:
-        keep_eeprom(eeprom, lines.values())
-    adapters = {name: PtyAdapter(path) for name, path in device_paths(link, lines).items()}
-    # The servos of a box have one ID: none can be named.
-    player = FaultPlayer(Targets({} if build.in_box else lines, world, adapters))
-    require_possible(faults, player.targets.inventory)
-    handle = partial(obey_faults, player, lambda: world.time_s, handle)
+        keep_eeprom(eeprom, arm.lines.values())
+    require_possible(faults, arm.player.targets.inventory)
 
     def begin() -> None:
-        player.play(faults, world.time_s)
+        arm.player.play(faults, arm.world.time_s)
         on_ready()
 
     with (
         WorldFeed(feed_path(link)) as feed,
-        ControlServer(control_path(link), handle) as control,
+        ControlServer(control_path(link), arm.handle) as control,
         realtime_priority(),
     ):
-
-        def on_tick(now_s: float) -> None:
-            feed.tick(now_s, world, max(line.dropped_s for line in lines.values()))
-            control.tick()
-
-        serve_all({adapters[name]: line for name, line in lines.items()}, stop=stop, on_tick=on_tick, on_ready=begin)
-    if recorder and pictures:
-        recorder.save(pictures)
+        arm.serve(feed, control, stop, begin)
+    if arm.recorder and pictures:
+        arm.recorder.save(pictures)

@@ -9,11 +9,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
-from controller.manager.node_parameters import Content, merged, names, parameters_in, parameters_of
+from controller.manager.node_parameters import Content, files_in, merged, names, parameters_in, parameters_of
 from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_parameter_file
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
+from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
 from hal.yaml_file import Places, mistakes
 from hal.yaml_nodes import YamlFile
@@ -144,6 +145,8 @@ class _Source:
     def parameters(self, name: str, settings: Settings) -> tuple[YamlFile, Content, dict[str, Any]]:
         """A controller's parameters, and the file that counts most. Raises ControllersFileError, ValueError."""
         given, paths = parameters_in(settings.node_arguments, name), settings.files
+        for path in files_in(settings.node_arguments):
+            check_existing(path, ControllersFileError)
         contents = [read_parameter_file(path, ControllersFileError) for path in paths]
         if paths and not any(names(content, name) or ALL in content for _, content in contents):
             listed = ", ".join(map(str, paths))

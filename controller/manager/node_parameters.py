@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from controller.manager.parameter_file import ALL, PARAMETERS, parse_value
@@ -43,6 +44,11 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
             except ValueError as error:
                 raise ValueError(f"{node} gets the argument '{flag} {rule}', whose value is no YAML") from error
     return found
+
+
+def files_in(arguments: Sequence[str]) -> list[Path]:
+    """The parameter files that ROS arguments name, which rcl reads."""
+    return [Path(value) for flag, value in pairwise(arguments) if flag == "--params-file"]
 
 
 def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,8 +41,15 @@ class HandPath:
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and velocities (k, n) at these times (k,), which lie within the path."""
-        index = np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.times_s) - 2)
+        index = self._knots_before(times_s)
         return _cubic(self, index, index + 1, times_s)
+
+    def knot_before(self, time_s: float) -> int:
+        """The number of the knot from which the cubic at this time begins."""
+        return int(self._knots_before(np.array([time_s]))[0])
+
+    def _knots_before(self, times_s: FloatArray) -> np.ndarray:
+        return np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.times_s) - 2)
 
     def sampled(self, step_s: float = GRID_S) -> Self:
         """The same path with a knot about every ``step_s``."""
@@ -159,6 +166,12 @@ def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 
 def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
     """How far positions (k, n) go beyond the limits at the most (n,), rad or m; 0 where they do not."""
+    most: FloatArray = excess(position, limits).max(axis=0)
+    return most
+
+
+def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
+    """How far each of the positions (k, n) is beyond the limits, rad or m; 0 where it is not."""
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
-    beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0).max(axis=0)
+    beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0)
     return beyond

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from hal.errors import ArmFileError
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
 from hal.plausible import NoTruth, Position
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
@@ -77,12 +78,14 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
         The vertices (v, 3) in the file's unit, each of them once, and the faces (f, 3) as indices of vertices.
 
     Raises:
-        ArmFileError: The file cannot be read, or is not a binary STL file.
+        ArmFileError: The file cannot be read, is too large, or is not a binary STL file.
     """
     try:
+        check_size(path, ArmFileError, LARGEST_SHAPE_BYTES, REDUCE)
         content = path.read_bytes()
-    except OSError as error:
-        raise ArmFileError(f"{path} cannot be read: {error.strerror}: correct the name in {PLACES.name}") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ArmFileError(f"{path} cannot be read: {reason}: correct the name in {PLACES.name}") from error
     triangles = int.from_bytes(content[HEADER_BYTES - 4 : HEADER_BYTES], "little")
     if triangles == 0 or len(content) != HEADER_BYTES + triangles * TRIANGLE.itemsize:
         raise ArmFileError(f"{path} is not a binary STL file: export the mesh as binary STL")

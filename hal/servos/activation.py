@@ -51,8 +51,7 @@ class Activation:
         for joint in self._joints:
             if joint not in self._limp:
                 self._check_turn(joint)
-        for joint in self._limp:
-            self._setup.forget_turns(joint)
+        self._setup.forget_turns(self._limp)
         try:
             for joint in self._joints:
                 self._setup.limit_torque(joint)

@@ -61,8 +61,7 @@ class ServoGoals:
     ) -> dict[str, ServoGoal]:
         """The next goals on the way to ``positions`` (rad or m, in the order of the joints); none of those withheld.
 
-        None is further from the last than the joint may travel in a period. ``measured``: counts by joint name;
-        ``loads``: shares of full drive.
+        None is further than a joint travels in a period. By joint name, ``measured``: counts; ``loads``: drive shares.
         """
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, positions, strict=True):
@@ -79,6 +78,8 @@ class ServoGoals:
             wanted = min(max(wanted, lower), upper)
             counts = min(max(wanted, held - reach), held + reach)
             goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
+        if self._watch.log.events:
+            self._watch.log.flush()
         self._goals |= goals
         self._measured |= measured
         return goals

@@ -16,11 +16,10 @@ from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
 from hal.joint import Joint
 from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
+from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
 from hal.servos.servo_settings import apply_settings, check_homing_offset, check_mode, warn_of_other_gains
-
-LOG = logging.getLogger("servoloop.hal")
 
 Result = TypeVar("Result")
 
@@ -112,10 +111,18 @@ class ServoSetup:
         register = series_of(joint.model).torque_enable
         return self._ask(joint, lambda bus: retry(partial(bus.read, joint.servo_id, register))) != 0
 
-    def forget_turns(self, joint: Joint) -> None:
-        """Have a limp servo take its place within the turn for its place: it must not count what it does not report."""
-        if joint.model in sts.MODELS.values():
-            self._ask(joint, partial(forget_turns, joint))
+    def forget_turns(self, joints: Sequence[Joint]) -> None:
+        """Have limp servos take their place within the turn for their place.
+
+        They must not count what they do not report.
+        """
+        log = FaultLog()
+        try:
+            for joint in joints:
+                if joint.model in sts.MODELS.values():
+                    self._ask(joint, partial(forget_turns, joint, log))
+        finally:
+            log.flush()
 
     def limit_torque(self, joint: Joint) -> None:
         """Limit the servo's drive to the joint's share of full drive."""
@@ -175,7 +182,7 @@ def _settle(joint: Joint, bus: Bus) -> None:
     check_reach(joint, limits)
 
 
-def forget_turns(joint: Joint, bus: Bus) -> None:
+def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
     """Send the instruction, which some servos and adapters do not know. Raises ServoRefused if it cannot be left out.
 
     A joint that cannot pass its servo's last count has no turns to forget.
@@ -191,7 +198,8 @@ def forget_turns(joint: Joint, bus: Bus) -> None:
                 f"does not carry out {name}, and its joint passes the end of its counts: calibrate it with the seam "
                 "outside its range, or use an adapter that passes the instruction on",
             ) from error
-        LOG.warning("%s (servo %d) does not carry out %s: going on without it", joint.name, joint.servo_id, name)
+        text = f"{joint.name}: servo {joint.servo_id} does not carry out {name}: going on without it"
+        log.note(logging.WARNING, joint.name, joint.servo_id, text)
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:

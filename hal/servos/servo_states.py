@@ -27,7 +27,7 @@ class ServoStates:
         self.stalls: Mapping[str, Stall] = {}
         """Why a servo's drive is reduced, by joint name."""
         self.faults = ServoFaults(joints, clock)
-        self._supply = SupplyWatch(joints, clock)
+        self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
         self._zero = np.array([joint.zero_counts for joint in joints])
         self._units_per_count = np.array([joint.units_per_count for joint in joints])

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from hal.joint import Joint
+from hal.servos.fault_log import FaultLog
 from hal.types import Stall
-
-LOG = logging.getLogger("servoloop.hal")
 
 STALL_S: Final = 1.0
 """Time for which a joint may press without motion before its drive is reduced. An STS's own protection takes 2 s."""
@@ -68,6 +67,8 @@ class StallWatch:
     def __init__(self, joints: Sequence[Joint], full_ahead: Mapping[str, float]) -> None:
         """``full_ahead``: by joint, the counts by which a goal is ahead when its servo pulls with full drive."""
         self.stalls: dict[str, Stall] = {}
+        self.log = FaultLog()
+        """The log of a cycle's events; who asks for the goals flushes it."""
         self._full_ahead = full_ahead
         self._watched = {joint.name for joint in joints if joint.torque_limit < 1.0}
         self._presses: dict[str, _Press] = {}
@@ -102,7 +103,8 @@ class StallWatch:
         turn = joint.model.counts_per_turn
         way = (here - press.anchor) * press.direction
         if way > FREE_TURNS * turn:
-            LOG.info("%s (servo %d) moves again: it has its whole torque limit", joint.name, joint.servo_id)
+            text = f"{joint.name}: servo {joint.servo_id} moves again with its whole torque limit"
+            self.log.note(logging.INFO, joint.name, joint.servo_id, text)
             self._begin(joint, command, here)
             return None
         press.anchor = here if way < 0 else press.anchor  # fingers that give way follow what they hold
@@ -141,7 +143,8 @@ class StallWatch:
         press.direction = 1 if press.command > here else -1
         press.ahead = self._full_ahead[joint.name] * HOLDING * joint.torque_limit
         press.moved = abs(here - press.began) > STILL_TURNS * joint.model.counts_per_turn
-        LOG.log(logging.INFO if press.moved else logging.WARNING, "%s: %s", joint.name, _text(press, joint))
+        level = logging.INFO if press.moved else logging.WARNING
+        self.log.note(level, joint.name, joint.servo_id, f"{joint.name}: {_text(press, joint)}")
 
     def _eased(self, press: _Press, ahead: float, joint: Joint, load: float, period_s: float) -> float:
         """The next ``ahead``, corrected where the servo is stiffer or softer than assumed."""
@@ -156,7 +159,7 @@ class StallWatch:
 def _text(press: _Press, joint: Joint) -> str:
     pressed = (
         f"servo {joint.servo_id} has pressed with its torque limit of {joint.torque_limit:.0%} for {STALL_S:g} s "
-        f"without motion, and holds with {HOLDING * joint.torque_limit:.0%} until its next motion"
+        f"without motion and holds with {HOLDING * joint.torque_limit:.0%} until its next motion"
     )
     if press.moved:
         return f"{pressed}: the joint grips something, or something is in its way"

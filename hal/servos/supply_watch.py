@@ -7,8 +7,7 @@ from typing import Final
 from drivers.clock import Clock
 from drivers.servos.voltage import VoltageFault, usual_range, voltage_fault
 from hal.joint import Joint
-
-LOG = logging.getLogger("servoloop.hal")
+from hal.servos.fault_log import FaultLog
 
 BEGINS_S: Final = 0.3
 """Minimum time of a wrong voltage before it is reported: a motor that brakes lifts the supply for a moment, one that
@@ -20,8 +19,9 @@ ENDS_S: Final = 1.0
 class SupplyWatch:
     """The faults of the joints' supplies. An episode is logged once, at its beginning and at its end."""
 
-    def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
-        self._clock = clock
+    def __init__(self, joints: Sequence[Joint], clock: Clock, log: FaultLog) -> None:
+        """``log``: where episodes are noted; its owner flushes it at the end of a cycle."""
+        self._clock, self._log = clock, log
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
@@ -45,7 +45,7 @@ class SupplyWatch:
             self._changed_s.pop(joint.name, None)
             self._shown[joint.name] = found  # its text has the newest voltage
         elif self._lasts(joint.name, kind, BEGINS_S if found else ENDS_S):
-            self._show(joint, found, f"{label}: servo {joint.servo_id}", voltage_v)
+            self._show(joint, found, label, voltage_v)
         return self._shown.get(joint.name)
 
     def _lasts(self, name: str, kind: str, time_s: float) -> bool:
@@ -54,11 +54,13 @@ class SupplyWatch:
             changed = self._changed_s[name] = kind, now_s
         return now_s - changed[1] >= time_s
 
-    def _show(self, joint: Joint, found: VoltageFault | None, called: str, voltage_v: float) -> None:
+    def _show(self, joint: Joint, found: VoltageFault | None, label: str, voltage_v: float) -> None:
         del self._changed_s[joint.name]
-        if found is None:
-            if self._shown.pop(joint.name, None) is not None:
-                LOG.warning("%s has a right voltage again: %.1f V", called, voltage_v)
-            return
-        self._shown[joint.name] = found
-        LOG.log(logging.ERROR if found.outside else logging.WARNING, "%s: %s %s", found.kind, called, found.text)
+        called = f"{label}: servo {joint.servo_id}"
+        if found is not None:
+            self._shown[joint.name] = found
+            level = logging.ERROR if found.outside else logging.WARNING
+            self._log.note(level, label, joint.servo_id, f"{found.kind}: {called} {found.text}")
+        elif self._shown.pop(joint.name, None) is not None:
+            text = f"{called} has a right voltage again: {voltage_v:.1f} V"
+            self._log.note(logging.WARNING, label, joint.servo_id, text)

@@ -1,13 +1,13 @@
 """The node's ROS parameters: declared with the defaults of ``Settings``, read once."""
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from controller.manager.node_parameters import files_in
 from nodes.pick_place.settings import Settings, normal_grade
 
 AUTO_GOAL = "auto_goal_from_vision"
@@ -32,9 +32,10 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
     """Warnings about parameters that this node does not have, and about files without parameters for it."""
     for name in sorted(name for name in given if not node.has_parameter(name)):
         yield f"the parameter '{name}' is not used: this node has no parameter of that name"
-    files = [value for option, value in pairwise(arguments) if option == "--params-file"]
+    files = files_in(arguments)
     if files and not given:
-        yield f"{', '.join(files)} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
+        listed = ", ".join(map(str, files))
+        yield f"{listed} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
 
 
 def declare(node: Node) -> Settings:

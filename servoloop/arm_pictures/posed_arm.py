@@ -11,7 +11,7 @@ from hal.robot_description.kinematics import Quaternion, multiply, rotate
 from hal.types import FloatArray
 from servoloop.files import ServoFiles
 from servoloop.view.arm_model import ArmModel
-from servoloop.view.shapes import Shape, shapes, with_real_shapes
+from servoloop.view.shapes import Shape, arm_shapes
 from sim_backend.scene.still import Solid
 
 Pose = tuple[Vector, Quaternion]
@@ -44,8 +44,9 @@ class PosedArm:
 
     def solids(self) -> Iterator[Solid]:
         """The links' shapes: the real ones, where the arm has them."""
-        visuals, _ = shapes(self._files.description.xml, self._files.urdf_path.parent)
-        for shape in with_real_shapes(visuals, self._files.scene.parent):
+        files = self._files
+        drawn, _ = arm_shapes(files.description.xml, files.urdf_path.parent, files.scene.parent)
+        for shape in drawn:
             yield solid(shape, self.pose(shape.link, (shape.position_m, shape.quaternion)))
 
     def pose(self, link: str, pose: Pose) -> Pose:

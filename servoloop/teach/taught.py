@@ -12,12 +12,13 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.whole_file import write_whole
-from controller.teach.hand_path import HandPath, outside
+from controller.teach.hand_path import HandPath, excess, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
 from hal.joint import Joint
 from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
-from hal.yaml_file import load
+from hal.yaml_file import load_with_lines
+from hal.yaml_nodes import YamlFile
 from servoloop.files import make_folder
 from servoloop.teach.errors import TeachError
 
@@ -96,6 +97,8 @@ class Taught:
     """Through these positions; None: poses, with a stop at each."""
     units: Mapping[str, str] = field(default_factory=dict)
     """The unit of each joint's positions, of a file."""
+    file: YamlFile | None = None
+    """The file that the motion was read from; None if it was not."""
 
     def of(self, joints: Sequence[str], source: str) -> "Taught":
         """The same with the joints in this order. Raises TeachError where they are others than those of ``source``."""
@@ -111,12 +114,11 @@ class Taught:
 
     def check(self, limits: Sequence[JointLimits], source: str) -> None:
         """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
-        lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
         wrong = [
-            "{} would go to {}, its limits are {} to {}".format(name, *beyond_range(far, lower[index], upper[index]))
-            for index, name in enumerate(self.joints)
-            for far in (self.position[:, index].min(), self.position[:, index].max())
-            if not lower[index] <= far <= upper[index]
+            self._too_far(index, int(point), limit)
+            for index, limit in enumerate(limits)
+            for point in (self.position[:, index].argmin(), self.position[:, index].argmax())
+            if not limit.lower <= self.position[point, index] <= limit.upper
         ]
         if wrong:
             raise TeachError(f"{source}: {'; '.join(wrong)}")
@@ -127,11 +129,25 @@ class Taught:
         """Check that the file has the units of these joints. Raises TeachError if not."""
         wrong = [
             f"{joint.name} is in {self.units[joint.name]}, and the arm's is in {_unit(joint)}"
+            f"{self._line('units', joint.name)}"
             for joint in joints
             if self.units.get(joint.name, _unit(joint)) != _unit(joint)
         ]
         if wrong:
             raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
+
+    def points(self, first: int) -> str:
+        """Name the point with this number and the next one, for messages."""
+        return f"points {first}{self._line('points', first)} and {first + 1}{self._line('points', first + 1)}"
+
+    def _too_far(self, index: int, point: int, limit: JointLimits) -> str:
+        far, lower, upper = beyond_range(float(self.position[point, index]), limit.lower, limit.upper)
+        place = f"point {point}{self._line('points', point)}"
+        return f"{self.joints[index]} would go to {far} at {place}, its limits are {lower} to {upper}"
+
+    def _line(self, *location: str | int) -> str:
+        """The line of a part of the file, to be put behind its name; empty if there is no file."""
+        return "" if self.file is None else f" (line {self.file.line(location)})"
 
 
 def _unit(joint: Joint) -> str:
@@ -149,15 +165,17 @@ def _check_path(taught: Taught, path: HandPath, limits: Sequence[JointLimits], s
         (at, column), unit = too_fast[0], units[too_fast[0][1]]
         way = float(path.position[at + 1, column] - path.position[at, column])
         raise TeachError(
-            f"{source}: {taught.joints[column]} jumps by {way:+.4f} {unit} in {spans_s[at]:.4f} s between points {at} "
-            f"and {at + 1} ({fastest[at, column]:.0f} {unit}/s): no hand does that. Record the motion again"
+            f"{source}: {taught.joints[column]} jumps by {way:+.4f} {unit} in {spans_s[at]:.4f} s between "
+            f"{taught.points(at)} ({fastest[at, column]:.0f} {unit}/s): no hand does that. Record the motion again"
         )
-    swings = outside(path.sampled().position, limits).tolist()
-    for name, limit, by in zip(taught.joints, limits, swings, strict=True):
+    sampled = path.sampled()
+    swings = excess(sampled.position, limits)
+    for index, (name, limit, by) in enumerate(zip(taught.joints, limits, swings.max(axis=0).tolist(), strict=True)):
         if by > AT_LIMIT * (limit.upper - limit.lower):
+            at = path.knot_before(float(sampled.times_s[swings[:, index].argmax()]))
             raise TeachError(
                 f"{source}: {name} would swing {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f} "
-                "between two points, whose velocities do not fit their positions: record the motion again"
+                f"between {taught.points(at)}, whose velocities do not fit their positions: record the motion again"
             )
 
 
@@ -196,7 +214,7 @@ class TaughtMotions:
         if not self.path(name).exists():
             known = ", ".join(self._names()) or "none yet"
             raise TeachError(f"nothing was taught as {name} in {self._folder}, but: {known}")
-        return _taught(load(self.path(name), TaughtFile, TeachError))
+        return _taught(*load_with_lines(self.path(name), TaughtFile, TeachError))
 
     def require_writable(self) -> None:
         """Try the folder, before there is something to lose. Raises DriverError."""
@@ -228,13 +246,13 @@ class TaughtMotions:
         return sorted(path.stem for path in self._folder.glob("*.yaml"))
 
 
-def _taught(file: TaughtFile) -> Taught:
-    position = np.array([point.positions for point in file.points])
-    if file.points[0].at_s is None:
-        return Taught(tuple(file.joints), position, units=file.units)
-    times_s = np.array([point.at_s for point in file.points])
-    velocity = np.array([point.velocities for point in file.points])
-    return Taught(tuple(file.joints), position, HandPath(times_s, position, velocity), file.units)
+def _taught(content: TaughtFile, file: YamlFile) -> Taught:
+    position = np.array([point.positions for point in content.points])
+    path = None
+    if content.points[0].at_s is not None:
+        times_s = np.array([point.at_s for point in content.points])
+        path = HandPath(times_s, position, np.array([point.velocities for point in content.points]))
+    return Taught(tuple(content.joints), position, path, content.units, file)
 
 
 def _plain(taught: Taught, joints: Mapping[str, Joint]) -> dict[str, object]:

@@ -11,7 +11,10 @@ from drivers.errors import DriverError
 from servoloop.view.installed import require_view
 
 if TYPE_CHECKING:
+    from servoloop.arms.folder import Arm
     from servoloop.live.emulator_source import EmulatorSource
+    from servoloop.live.live_source import LiveSource
+    from servoloop.live.recording import Recording
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """The variables one of which is set where there is a screen."""
@@ -21,7 +24,10 @@ def view(
     recording: Annotated[
         Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(help="Which running arm, of several: name, folder or process. With FILE.mcap: the recorded arm."),
+    ] = None,
     bus: Annotated[
         Path | None, typer.Option(help="The virtual arm (--arm) that `servoloop emulate` serves there, with no stack.")
     ] = None,
@@ -38,8 +44,8 @@ def view(
     Example: `servoloop view`, of a recording `servoloop view out/run.mcap`
     """
     require_view()
-    if recording is not None and (arm is not None or bus is not None):
-        raise DriverError("--arm and --bus name a running arm, FILE.mcap is a recording: give one of them")
+    if recording is not None and bus is not None:
+        raise DriverError("--bus names a running arm, FILE.mcap is a recording: give one of them")
     from servoloop.live.live_source import LiveSource
     from servoloop.live.recording import Recording
     from servoloop.signals import Signals
@@ -51,14 +57,10 @@ def view(
     from servoloop.view.view import show
 
     clock = MonotonicClock()
-    found: LiveSource | Recording | EmulatorSource
-    if bus is not None:
-        found = _emulated(bus, arm, clock)
-    else:
-        found = LiveSource(arm, clock) if recording is None else Recording(recording)
+    found, folder = _opened(recording, bus, arm, clock)
     with Signals() as signals:
         server = PageServer(host, port)
-        page = Page(server)
+        page = Page(server, folder)
         mover = Mover(found, clock) if isinstance(found, LiveSource) else None
         panel = MovePanel(server, mover, page.above_arm) if mover else None
         source = Player(server, found, clock) if isinstance(found, Recording) else found
@@ -74,11 +76,27 @@ def view(
             server.stop()
 
 
-def _emulated(bus: Path, arm: str | None, clock: Clock) -> "EmulatorSource":
+def _opened(
+    recording: Path | None, bus: Path | None, arm: str | None, clock: Clock
+) -> "tuple[LiveSource | Recording | EmulatorSource, Path | None]":
+    """Open the source, and find the folder of its arm; None if only the robot description tells which arm it is."""
+    from servoloop.arms.folder import OWN, find_arm
+    from servoloop.live.live_source import LiveSource
+    from servoloop.live.recording import Recording
+
+    if recording is not None:
+        return Recording(recording), find_arm(arm).folder if arm is not None else None
+    if bus is not None:
+        known = find_arm(arm or OWN)
+        return _emulated(bus, known, clock), known.folder
+    live = LiveSource(arm, clock)
+    return live, live.folder
+
+
+def _emulated(bus: Path, arm: "Arm", clock: Clock) -> "EmulatorSource":
     from hal.errors import DescriptionError
     from hal.robot_description.description import parse_urdf
     from hal.text_file import read_xml
-    from servoloop.arms.folder import OWN, find_arm
     from servoloop.live.emulator_source import EmulatorSource
 
-    return EmulatorSource(bus, parse_urdf(read_xml(find_arm(arm or OWN).urdf, DescriptionError)), clock)
+    return EmulatorSource(bus, parse_urdf(read_xml(arm.urdf, DescriptionError)), clock)

@@ -11,6 +11,7 @@ from servoloop.handling.offer import CLOSE, OPEN, Offer
 from servoloop.handling.presses import REPEATS_HZ
 from servoloop.handling.wishes import GoTo, Turn, Wish
 from servoloop.view.mover import Mover
+from servoloop.view.narrow_page import PINNED
 
 NONE: Final = "–"
 TURNS: Final = {"Turn back (−)": -1.0, "Turn on (+)": 1.0}
@@ -38,6 +39,7 @@ class MovePanel:
         self._offer: Offer | None = None
         gui = self._gui = server.gui
         gui._websock_interface.queue_message(RunJavascriptMessage(LET_GO))
+        gui.add_html(PINNED, order=-1.0)
         self._stop = gui.add_button("Stop everything", color="red", order=0.0, disabled=True)
         self._stop.on_hold(self._stopped)  # at once, and again as long as it is held
         self._stop.on_click(self._stopped)

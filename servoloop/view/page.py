@@ -12,14 +12,15 @@ from hal.errors import DescriptionError
 from hal.robot_description.description import Description, parse_urdf
 from hal.text_file import read_xml
 from hal.types import FloatArray
-from servoloop.arms.folder import Arm, arms
+from servoloop.arms.folder import ARM_FILE, Arm, arms, read_arm
 from servoloop.live.robot_state import GoalPath, Snapshot
 from servoloop.live.servo_status import servo_faults
 from servoloop.live.watched import Watched, health
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.arm_scene import ArmScene, add_ground, place_camera
 from servoloop.view.colours import CHOICES, PLAIN, shares
-from servoloop.view.shapes import Shape, scene_shapes, shapes, thing_shapes, with_real_shapes
+from servoloop.view.narrow_page import LAYOUT
+from servoloop.view.shapes import Shape, arm_shapes, scene_shapes, shapes, thing_shapes
 from servoloop.view.strips import Strips
 from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
 
@@ -37,8 +38,13 @@ the connection to servoloop view is lost: what is shown is old</b></p>"""
 """The animations run in the browser, so the text changes even if the program has ended."""
 
 
-def known_arm(xml: str) -> Arm | None:
-    """The arm in config/arms with this robot description; None where there is none."""
+def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
+    """Find the arm in ``folder``, or else the arm in config/arms with this robot description; None if there is none.
+
+    Raises ArmFileError if the file of the arm has mistakes.
+    """
+    if folder is not None and (folder / ARM_FILE).is_file():
+        return read_arm(folder)
     return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
 
 
@@ -52,8 +58,9 @@ def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
 class Page:
     """What all browsers see that have the page open."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._server = server
+    def __init__(self, server: viser.ViserServer, folder: Path | None = None) -> None:
+        """``folder``: the arm's own; without it, the arm is looked for in config/arms by its robot description."""
+        self._server, self._folder = server, folder
         self._arm: ArmScene | None = None
         self._description: Description | None = None
         self._model: ArmModel | None = None
@@ -62,6 +69,7 @@ class Page:
         self._goal: GoalPath | None = None
         add_ground(server)
         gui = server.gui
+        gui.add_html(LAYOUT)
         self._status = gui.add_html("")
         controls = gui.add_folder("Arm")
         self.above_arm = controls.order - 0.5
@@ -133,11 +141,11 @@ class Page:
         self._model = ArmModel(self._description.joints, snapshot.joints)
         if self._model.reach_m > 0.0:
             place_camera(self._server, self._model.reach_m)
-        known = known_arm(snapshot.description_xml)
-        folder: Path | None = known.urdf.parent if known else None
-        visuals, missing = shapes(snapshot.description_xml, folder)
-        if known is not None:
-            visuals = with_real_shapes(visuals, known.scene.parent)
+        known = known_arm(self._xml, self._folder)
+        if known is None:
+            visuals, missing = shapes(self._xml)
+        else:
+            visuals, missing = arm_shapes(self._xml, known.urdf.parent, known.scene.parent)
         self._arm = ArmScene(self._server, self._model, visuals, *_around(known))
         self._chosen()
         self._joint.options = snapshot.joints

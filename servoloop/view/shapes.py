@@ -1,7 +1,7 @@
 """The shapes of a robot description's links as triangles."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,20 @@ import mujoco
 import numpy as np
 import trimesh
 
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
-from hal.robot_description.link_meshes import link_meshes, read_stl, with_edges
+from hal.robot_description.link_meshes import LinkMesh, link_meshes, read_stl, with_edges
 from hal.types import FloatArray
 from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]
 GREY: Rgb = (150, 152, 156)
 ORIGIN = Element("origin")
+
+
+class MeshTooLarge(Exception):
+    """A mesh of a robot description is too large to be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,9 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
                 continue
             try:
                 mesh = _mesh(geometry, folder)
+            except MeshTooLarge as reason:
+                missing.append(str(reason))
+                continue
             except (OSError, ValueError, NotImplementedError):
                 missing.append(geometry.get("filename", geometry.tag))
                 continue
@@ -71,12 +79,28 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
     return found, missing
 
 
-def with_real_shapes(visuals: Sequence[Shape], folder: Path) -> list[Shape]:
-    """The visuals, with the meshes of the arm in ``folder`` in place of those of the same links.
+def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Shape], list[str]]:
+    """Read the shapes of an arm's links: its real shapes, and the visuals of the links that have none.
 
-    Raises ArmFileError where the meshes have mistakes.
+    Args:
+        xml: The robot description.
+        urdf_folder: The folder of the robot description.
+        scene_folder: The folder of the arm's scene, in which ``meshes/`` may be.
+
+    Returns:
+        The shapes, and the names of the meshes of the robot description that cannot be read.
+
+    Raises:
+        ArmFileError: The files in ``meshes/`` have mistakes.
     """
-    meshes = link_meshes(folder)
+    visuals, missing = shapes(xml, urdf_folder)
+    links = {link.get("name", "") for link in ElementTree.fromstring(xml).findall("link")}
+    return _with_real_shapes(visuals, [mesh for mesh in link_meshes(scene_folder) if mesh.link in links]), missing
+
+
+def _with_real_shapes(visuals: Iterable[Shape], meshes: Iterable[LinkMesh]) -> list[Shape]:
+    """The visuals, with the meshes in place of those of the same links."""
+    meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
     return [shape for shape in visuals if shape.link not in links] + [
@@ -135,7 +159,9 @@ def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:
     elif geometry.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=float(geometry.get("radius", "")))
     else:
-        mesh = trimesh.load_mesh(_path(geometry.get("filename", ""), folder))
+        path = _path(geometry.get("filename", ""), folder)
+        check_size(path, MeshTooLarge, LARGEST_SHAPE_BYTES, REDUCE)
+        mesh = trimesh.load_mesh(path)
         mesh.vertices = mesh.vertices * _vector(geometry.get("scale", "1 1 1"))
     return mesh
 

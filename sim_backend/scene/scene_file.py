@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element
-from xml.parsers.expat import ExpatError
 
 import mujoco
 
 from hal.errors import ArmFileError
-from hal.robot_description.xml_places import parse_xml, place
-from hal.text_file import read_xml
+from hal.robot_description.xml_places import place
+from sim_backend.scene.scene_parts import scene_parts
 
 LARGEST: Final = 1e10
 """MuJoCo's own limit of positions, velocities and forces; beyond it a simulation is reset."""
@@ -43,18 +42,14 @@ def _refused(path: Path, error: ValueError) -> ArmFileError:
 
 
 def _check(path: Path) -> None:
-    """Check size, encoding and numbers of a scene. Raises ArmFileError."""
+    """Check size, encoding and numbers of a scene and of the files that it names. Raises ArmFileError."""
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing, and without a scene the arm has no virtual servos: `servoloop arms new NAME "
             "robot.urdf` writes a scene for any URDF; a real arm, with --port, needs none"
         )
-    text = read_xml(path, ArmFileError, "the scene")
-    try:
-        root = parse_xml(text, str(path))
-    except ExpatError as error:
-        raise ArmFileError(f"{path}: MuJoCo cannot read it: it is not well-formed XML: {error}") from error
-    if mistakes := [mistake for element in root.iter() for mistake in _mistakes(element)]:
+    elements = (element for root in scene_parts(path) for element in root.iter())
+    if mistakes := [mistake for element in elements for mistake in _mistakes(element)]:
         raise ArmFileError("\n".join(mistakes[:50]))
 
 

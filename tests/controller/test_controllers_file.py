@@ -20,6 +20,7 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.settings import Settings
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import Description, HardwareInfo, parse_urdf
 from tests.controller.manager_bench import Interfaces
 
@@ -483,6 +484,20 @@ def test_mistakes_in_an_entry_of_the_manager(tmp_path: Path, line: str, says: st
     with pytest.raises(ControllersFileError) as error:
         load(tmp_path, with_entry(line))
     assert says in str(error.value)
+
+
+@pytest.mark.parametrize("line", ["params_file: {}", "node_options_args: ['--params-file', '{}']"])
+def test_a_large_parameter_file_that_the_file_names_is_refused(tmp_path: Path, line: str) -> None:
+    more = tmp_path / "more.yaml"
+    with more.open("wb") as file:
+        file.truncate(LARGEST_BYTES + 1)
+    with pytest.raises(ControllersFileError, match=r"more.yaml is larger than 2 MB: shorten it"):
+        load(tmp_path, with_entry(line.format(more)))
+
+
+def test_a_parameter_file_with_a_name_that_no_file_can_have_is_left_to_rcl(tmp_path: Path) -> None:
+    line = f"node_options_args: ['--params-file', '{'x' * 1000}']"
+    assert load(tmp_path, with_entry(line)).controllers[-1].node_arguments[1] == "--params-file"
 
 
 def test_the_managers_parameters_without_effect_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -91,6 +91,16 @@ def test_the_gate_speaks_once_an_episode(caplog: pytest.LogCaptureFixture) -> No
     assert caplog.messages.count("safety gate: shoulder: the command is nan: holding") == 2
 
 
+def test_joints_that_the_gate_stops_for_one_reason_are_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    puppet, loop, _, _ = puppet_loop()
+    puppet.command = np.array([NAN, NAN, 0.0])
+    loop.step()
+    assert [line for line in caplog.messages if line.startswith("safety gate:")] == [
+        "safety gate: shoulder, elbow: the command is nan: holding"
+    ]
+
+
 def test_cycles_come_at_the_rate() -> None:
     _, loop, hardware, _ = puppet_loop()
     times: list[float] = []

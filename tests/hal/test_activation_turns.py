@@ -10,6 +10,7 @@ from drivers.errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.errors import ActivationError
 from hal.servos.activation import counted_turns
+from hal.servos.fault_log import FaultLog
 from hal.servos.servo_setup import forget_turns
 from hal.types import JointCommand
 from tests.hal.bench import JOINTS, PERIOD_S, Bench
@@ -69,7 +70,10 @@ def test_a_bus_that_lacks_the_order_to_forget_turns_is_gone_on_with(
     lacks_the_instruction(monkeypatch)
     bench = Bench().configured()
     bench.hardware.activate()
-    assert "elbow (servo 2) does not carry out the instruction 0x0A (forget turns): going on without it" in caplog.text
+    assert caplog.messages == [
+        "shoulder (servo 1), elbow (servo 2), finger (servo 7) do not carry out the instruction 0x0A (forget turns): "
+        "going on without it"
+    ]
 
 
 def test_a_joint_that_passes_the_end_of_its_counts_needs_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +82,7 @@ def test_a_joint_that_passes_the_end_of_its_counts_needs_the_order(monkeypatch: 
     assert bench.hardware._buses is not None
     bus = bench.hardware._buses.buses[""]
     with pytest.raises(ServoRefused, match="does not carry out the instruction 0x0A"):
-        forget_turns(replace(JOINTS[1], seam_inside=True), bus)
+        forget_turns(replace(JOINTS[1], seam_inside=True), FaultLog(), bus)
 
 
 def test_a_reading_a_turn_away_is_told_as_such() -> None:

@@ -37,6 +37,46 @@ def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureF
     assert log_lines.messages == [f"elbow: servo 2 {what}", f"elbow (servo 2), finger (bus hand) (servo 7) {of_two}"]
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "both"),
+    [
+        (
+            "low supply: {} has 5.1 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
+            "low supply: {} has 4.9 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
+            "low supply: {} have 4.9 to 5.1 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
+        ),
+        (
+            "{} reports 5 counts, -0.2 from the reading before: no joint moves as fast",
+            "{} reports 900 counts, +0.75 from the reading before: no joint moves as fast",
+            "{} report 5 to 900 counts, -0.2 to +0.75 from the reading before: no joint moves as fast",
+        ),
+        (
+            "{} has pressed with its torque limit of 50% without motion and holds with 18%: it is jammed",
+            "{} has pressed with its torque limit of 40% without motion and holds with 14%: it is jammed",
+            "{} have pressed with their torque limit of 40 to 50% without motion and hold with 14 to 18%: it is jammed",
+        ),
+    ],
+)
+def test_servos_whose_figures_differ_are_one_event(
+    first: str, second: str, both: str, log_lines: pytest.LogCaptureFixture
+) -> None:
+    log = FaultLog()
+    log.note(logging.WARNING, "elbow", 2, first.format("elbow: servo 2"))
+    log.flush()
+    log.note(logging.WARNING, "elbow", 2, first.format("elbow: servo 2"))
+    log.note(logging.WARNING, "finger", 7, second.format("finger: servo 7"))
+    log.flush()
+    assert log_lines.messages == [first.format("elbow: servo 2"), both.format("elbow (servo 2), finger (servo 7)")]
+
+
+def test_servos_of_two_models_are_two_events(log_lines: pytest.LogCaptureFixture) -> None:
+    log = FaultLog()
+    for label, servo_id, model in (("elbow", 2, "sts3215_c001"), ("finger", 7, "sts3215_c044")):
+        log.note(logging.WARNING, label, servo_id, f"{label}: servo {servo_id} is a {model}, and has 5.1 V")
+    log.flush()
+    assert len(log_lines.messages) == 2
+
+
 def test_a_line_that_misses_one_cycle_has_two_lines_in_the_log(log_lines: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.wait()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hal.errors import ArmFileError
+from hal.file_size import LARGEST_SHAPE_BYTES
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.link_meshes import PLACES, TRIANGLE, Faces, link_meshes, read_stl, with_edges
 from hal.types import FloatArray
@@ -137,3 +138,17 @@ def test_the_wheel_grows_by_less_than_three_megabytes(tmp_path: Path) -> None:
         for path in ARMS.glob("*/meshes/*"):
             archive.write(path)
     assert (tmp_path / "meshes.zip").stat().st_size < MOST_BYTES
+
+
+def test_a_name_that_no_mesh_can_have_is_refused(tmp_path: Path) -> None:
+    for name in ("a\0b.stl", "x" * 1000):
+        with pytest.raises(ArmFileError, match=r"cannot be read: .*: correct the name in links.yaml"):
+            read_stl(tmp_path / name)
+
+
+def test_a_mesh_that_is_too_large_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    with path.open("wb") as file:
+        file.truncate(LARGEST_SHAPE_BYTES + 1)
+    with pytest.raises(ArmFileError, match=r"part.stl is larger than 20 MB: reduce the number of its triangles"):
+        read_stl(path)

@@ -68,11 +68,13 @@ def test_fingers_that_hold_something_are_no_failure_for_ever_and_a_jammed_joint_
 
 
 def test_what_the_log_says(caplog: pytest.LogCaptureFixture) -> None:
-    Jaw(blocked=OPEN).run(SHUT, STALL_S + 1.0)
+    jaw = Jaw(blocked=OPEN)
+    jaw.run(SHUT, STALL_S + 1.0)
+    jaw.watch.log.flush()
     (record,) = caplog.records
     assert record.levelname == "WARNING"
     assert record.message == (
-        "jaw: servo 6 has pressed with its torque limit of 50% for 1 s without motion, and holds with 18% until its "
+        "jaw: servo 6 has pressed with its torque limit of 50% for 1 s without motion and holds with 18% until its "
         "next motion: the joint has not moved at all, it is jammed or blocked. Move it the other way, and look at it"
     )
 

@@ -143,10 +143,11 @@ def test_a_wrong_voltage_in_motion_is_shown_by_name_and_logged_once(voltage_v: f
     rig = fed(voltage_v, 1.0)
     status = shown(rig, "shoulder_pan")
     assert (status.level, status.message.startswith(f"{kind}: it has {voltage_v}")) == (level, True), status.message
-    assert len(logged(rig, f"{kind}: shoulder_pan: servo 1 has")) == 1
+    assert len(logged(rig, f"{kind}: shoulder_pan (servo 1), shoulder_lift (servo 2), ")) == 1
+    assert len(logged(rig, f"gripper (servo 6) have {voltage_v} V, and a sts3215_c001 is made for")) == 1
     rig.endure(1.5)
-    assert len(logged(rig, kind)) == 6, "one line for each joint"
-    assert len(logged(rig, "shoulder_pan: servo 1 has a right voltage again: 7.4 V")) == 1
+    assert len(logged(rig, kind)) == 1, "one line for all servos"
+    assert len(logged(rig, "gripper (servo 6) have a right voltage again: 7.4 V")) == 1
     assert shown(rig, "shoulder_pan").message == "ok"
 
 
@@ -175,4 +176,4 @@ def test_an_so101_on_five_volts_comes_up() -> None:
     feed(rig.bus, 5.0)
     rig.up()
     rig.endure(0.5)
-    assert len(logged(rig, "low supply: shoulder_pan: servo 1 has 5.0 V")) == 1
+    assert len(logged(rig, "low supply: shoulder_pan (servo 1), shoulder_lift (servo 2), ")) == 1

@@ -10,9 +10,10 @@ from commissioning.lerobot import read_lerobot
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.parameter_file import read_parameter_file
 from hal.errors import DescriptionError, RobotFileError
+from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
-from hal.text_file import LARGEST_BYTES, read_text, read_xml
+from hal.text_file import read_text, read_xml
 from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.files import URDF, read_description
 

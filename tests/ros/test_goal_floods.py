@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
+from rclpy.qos import QoSProfile, qos_profile_services_default
 
 from nodes.publishing import EVERY_CALL
 from tests.ros.manager_client import ManagerClient
@@ -22,6 +23,8 @@ pytestmark = pytest.mark.ros
 FLOOD_HZ, FLOOD_S = 500, 4
 PATIENT_S = 10.0
 """Time in which an honest client is answered, on a machine that is busy with the flood as well."""
+UNREAD_S = 2.0
+"""Time in which an answer has come, and is found by a client that reads its answers."""
 FLOODER = f"""
 import json, sys, time
 from control_msgs.action import FollowJointTrajectory
@@ -57,6 +60,29 @@ with client_node("flooder") as (node, executor):
     done = [answer for answer in answers if answer.done()]
     print(json.dumps([len(answers), len(done), sum(answer.result().accepted for answer in done)]), flush=True)
 """
+
+
+@pytest.mark.parametrize(("queue", "kept"), [(qos_profile_services_default, False), (EVERY_CALL, True)])
+def test_rclpys_default_queue_of_a_client_loses_an_answer_that_is_read_after_ten_others(
+    client: ManagerClient, stack: StackProcess, queue: QoSProfile, kept: bool
+) -> None:
+    """The stack has answered in both cases. A client's queue has the answers to all clients of the action."""
+    others = ManagerClient("others")
+    actions = [ActionClient(one.node, FollowJointTrajectory, ACTION, goal_service_qos_profile=qos)
+               for one, qos in ((client, queue), (others, EVERY_CALL))]  # fmt: skip
+    try:
+        assert all(action.wait_for_server(PATIENCE_S) for action in actions)
+        goal = FollowJointTrajectory.Goal(trajectory=trajectory(1))
+        answer = actions[0].send_goal_async(goal)
+        time.sleep(UNREAD_S)
+        for _ in range(qos_profile_services_default.depth):
+            others.wait(actions[1].send_goal_async(goal))
+        client.executor.spin_until_future_complete(answer, UNREAD_S)
+        assert answer.done() == kept
+    finally:
+        for action in actions:
+            action.destroy()
+        others.close()
 
 
 def test_an_honest_client_is_served_during_a_flood(client: ManagerClient, stack: StackProcess) -> None:

@@ -1,10 +1,12 @@
 """Scenes of other people: their size, their encoding, and numbers that MuJoCo warns of or takes as they are."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from hal.errors import ArmFileError
+from hal.file_size import LARGEST_BYTES, LARGEST_SHAPE_BYTES
 from servoloop.arms.folder import find_arm
 from servoloop.view.shapes import GREY, scene_shapes, shapes, thing_shapes
 from sim_backend.scene.scene_check import require_scene
@@ -59,3 +61,80 @@ def test_a_color_without_numbers_is_the_usual_one() -> None:
     visual = '<visual><geometry><box size="1 1 1"/></geometry><material name="x"><color/></material></visual>'
     (shape,), _ = shapes(f'<robot name="a"><link name="b">{visual}</link></robot>')
     assert shape.rgb == GREY
+
+
+def scene_with(folder: Path, text: str) -> Path:
+    path = folder / "scene.xml"
+    path.write_text(f"<mujoco>{text}<worldbody><geom size='1'/></worldbody></mujoco>")
+    return path
+
+
+LARGE = "<mujoco><!-- " + "x" * LARGEST_BYTES + " --></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('<include file="other.xml"/>', "other.xml"),
+        ('<asset><model name="m" file="parts/other.xml"/></asset>', "parts/other.xml"),
+        ('<include file="between.xml"/>', "other.xml"),
+    ],
+)
+def test_a_large_scene_that_a_scene_names_is_refused(tmp_path: Path, text: str, name: str) -> None:
+    path = scene_with(tmp_path, text)
+    (tmp_path / "between.xml").write_text('<mujoco>\n<include file="other.xml"/></mujoco>')
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text(LARGE)
+    with pytest.raises(ArmFileError, match=rf"^{path}, line 1: .*{name} is larger than 2 MB: shorten it"):
+        scene_model(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('<asset><mesh file="a.stl"/></asset>', "a.stl"),
+        ('<compiler meshdir="parts"/><asset><mesh file="a.stl"/></asset>', "parts/a.stl"),
+        ('<compiler strippath="true"/><asset><mesh file="far/away/a.stl"/></asset>', "a.stl"),
+        ('<asset><texture type="cube" fileup="a.png"/></asset>', "a.png"),
+    ],
+)
+def test_a_large_mesh_or_picture_of_a_scene_is_refused(tmp_path: Path, text: str, name: str) -> None:
+    path = scene_with(tmp_path, text)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(LARGEST_SHAPE_BYTES + 1)
+    with pytest.raises(ArmFileError, match=rf"^{path}, line 1: .*{name} is larger than 20 MB: reduce the number of"):
+        scene_model(path)
+
+
+def test_numbers_of_an_included_scene_are_checked(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, '<include file="other.xml"/>')
+    (tmp_path / "other.xml").write_text('<mujoco>\n<worldbody><geom size="nan"/></worldbody></mujoco>')
+    with pytest.raises(ArmFileError, match=r'other.xml, line 2: geom size="nan" is not a number'):
+        scene_model(path)
+
+
+def test_a_pipe_that_a_scene_includes_is_refused(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, '<include file="pipe.xml"/>')
+    os.mkfifo(tmp_path / "pipe.xml")
+    with pytest.raises(ArmFileError, match=r"pipe.xml is not a regular file: choose another file"):
+        scene_model(path)
+
+
+def test_a_name_that_no_file_can_have_is_reported_by_mujoco(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, f'<include file="{"x" * 1000}"/>')
+    with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
+        scene_model(path)
+
+
+def test_scenes_that_include_each_other_end(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, '<include file="scene.xml"/>')
+    with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
+        scene_model(path)
+
+
+def test_a_scene_of_several_files_is_read(tmp_path: Path) -> None:
+    path = scene_with(tmp_path, '<include file="parts/other.xml"/>')
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "other.xml").write_text('<mujoco><worldbody><body name="b"/></worldbody></mujoco>')
+    assert scene_model(path).body("b").id == 1

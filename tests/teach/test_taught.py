@@ -184,6 +184,24 @@ def test_what_no_hand_has_shown_is_refused_with_its_joint_and_place(taught: Taug
         taught.check(LIMITS, "wave")
 
 
+def test_mistakes_of_a_file_are_named_with_the_lines_of_their_points(motions: TaughtMotions) -> None:
+    """The points begin in line 5. A point of a path has three lines, and a pose has one."""
+    far = POSITION.copy()
+    far[1, 0] = 4.0
+    for taught, said in (
+        (JUMPS[0][0], r"between points 1 \(line 8\) and 2 \(line 11\)"),
+        (JUMPS[3][0], r"between points 1 \(line 8\) and 2 \(line 11\), whose velocities do not fit"),
+        (Taught(NAMES, far), r"shoulder_pan would go to 4.0000 at point 1 \(line 6\)"),
+    ):
+        motions.save("wave", taught, JOINTS)
+        with pytest.raises(TeachError, match=rf"wave.yaml: .*{said}"):
+            motions.get("wave").check(LIMITS, str(motions.path("wave")))
+    text = motions.path("wave").read_text()
+    motions.path("wave").write_text(text.replace("gripper: rad", "gripper: m"))
+    with pytest.raises(TeachError, match=r"gripper is in m, and the arm's is in rad \(line 3\)"):
+        motions.get("wave").check_units(SO101.robot.joints, "wave")
+
+
 def test_a_motion_longer_than_a_goal_may_be_is_refused_when_it_is_read_or_made() -> None:
     check_duration(3600.0, "wave")
     with pytest.raises(TeachError, match=r"wave would take 3700 s, .* 3600 s: play it faster, or record it in parts"):

@@ -4,15 +4,16 @@ import io
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Final
 
 import numpy as np
 import pytest
 from PIL import Image, ImageChops
 from playwright.sync_api import Page
 
-from bench.browser import PATIENCE_MS, browser_page
+from bench.browser import PATIENCE_MS, VIEWPORT, browser_page
 
 
 def find_chromium() -> str:
@@ -34,11 +35,17 @@ AT_REST = 0.005
 """The share of pixels that may change in a picture at rest."""
 
 
+BETWEEN_PANELS: Final = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
+"""The pixels of the usual page on which the arm is drawn and no panel is."""
+
+
 class OpenPage:
     """A page in a browser; ``requests`` are all that it has asked for."""
 
     def __init__(self, page: Page) -> None:
         self.page = page
+        self.clip = BETWEEN_PANELS
+        """The pixels that ``canvas`` takes."""
         self.requests: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
 
@@ -57,9 +64,8 @@ class OpenPage:
         return found
 
     def canvas(self) -> Image.Image:
-        """What is drawn in 3-D, between the panels."""
-        clip = {"x": 320.0, "y": 150.0, "width": 460.0, "height": 500.0}
-        taken = self.page.screenshot(clip=clip, timeout=PATIENCE_MS)  # type: ignore[arg-type]
+        """Take a picture of the arm, without the panels."""
+        taken = self.page.screenshot(clip=self.clip, timeout=PATIENCE_MS)  # type: ignore[arg-type]
         return Image.open(io.BytesIO(taken)).convert("RGB")
 
     def canvas_at_rest(self) -> Image.Image:
@@ -76,14 +82,20 @@ class OpenPage:
 
 def changed(before: Image.Image, after: Image.Image) -> float:
     """The share of pixels that are clearly different."""
-    difference = np.asarray(ImageChops.difference(before, after)).max(axis=2)
-    return float((difference > 40).mean())
+    return float(different(before, after).mean())
+
+
+def different(before: Image.Image, after: Image.Image) -> "np.ndarray[tuple[int, int], np.dtype[np.bool_]]":
+    """Whether each pixel (rows, columns) is clearly different."""
+    mask: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+    mask = np.asarray(ImageChops.difference(before, after)).max(axis=2) > 40
+    return mask
 
 
 @contextmanager
-def open_page(url: str) -> Iterator[OpenPage]:
+def open_page(url: str, viewport: Mapping[str, int] = VIEWPORT) -> Iterator[OpenPage]:
     """The page in a browser without a screen and without a graphics card."""
-    with browser_page(find_chromium()) as page:
+    with browser_page(find_chromium(), viewport) as page:
         page.add_init_script(SELDOM)
         shown = OpenPage(page)
         page.goto(url)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.arms.folder import arms, find_arm
 from servoloop.view.arm_model import ArmModel
 from servoloop.view.colours import LOAD, PLAIN, TEMPERATURE, colour, shares
 from servoloop.view.page import known_arm
-from servoloop.view.shapes import GREY, Shape, scene_shapes, shapes, with_real_shapes
+from servoloop.view.shapes import GREY, Shape, arm_shapes, scene_shapes, shapes
 from tests.stack.rig import PICK, READY
 
 XML = find_arm().urdf.read_text()
@@ -88,7 +89,7 @@ def test_every_arm_that_is_ready_has_shapes_and_a_scene(arm: object) -> None:
 def test_the_arms_that_people_own_are_drawn_as_they_are(name: str) -> None:
     arm = find_arm(name)
     boxes, _ = shapes(arm.urdf.read_text(), arm.urdf.parent)
-    drawn = with_real_shapes(boxes, arm.scene.parent)
+    drawn, _ = arm_shapes(arm.urdf.read_text(), arm.urdf.parent, arm.scene.parent)
     assert {shape.link for shape in drawn} == {shape.link for shape in boxes}
     assert not any(shape.flat for shape in drawn) and sum(len(shape.faces) for shape in drawn) > 10_000
     for link in {shape.link for shape in boxes}:
@@ -108,8 +109,14 @@ def bounds(shown: Sequence[Shape], link: str) -> FloatArray:
 
 
 def test_an_arm_without_meshes_keeps_the_shapes_of_its_description() -> None:
-    visuals, _ = shapes(XML)
-    assert with_real_shapes(visuals, find_arm().scene.parent) == visuals
+    visuals, drawn = shapes(XML), arm_shapes(XML, find_arm().urdf.parent, find_arm().scene.parent)
+    assert list(map(repr, drawn[0])) == list(map(repr, visuals[0]))
+
+
+def test_meshes_of_links_that_the_description_lacks_are_not_drawn() -> None:
+    so101 = find_arm("so101")
+    drawn, _ = arm_shapes(XML, find_arm().urdf.parent, so101.scene.parent)
+    assert {shape.link for shape in drawn} <= set(parse_urdf(XML).links)
 
 
 def test_shapes_have_the_size_place_and_colour_of_the_description() -> None:
@@ -129,6 +136,14 @@ def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_pa
     assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GREY}
     for shape in found:
         np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
+
+
+def test_a_mesh_that_is_too_large_is_not_drawn_and_is_named(tmp_path: Path) -> None:
+    with (tmp_path / "part.obj").open("wb") as file:
+        file.truncate(LARGEST_SHAPE_BYTES + 1)
+    visual = '<visual><geometry><mesh filename="part.obj"/></geometry></visual>'
+    found, missing = shapes(f"<robot name='r'><link name='l'>{visual}</link></robot>", tmp_path)
+    assert (found, missing) == ([], [f"{tmp_path / 'part.obj'} is larger than 20 MB: {REDUCE}"])
 
 
 def test_joints_are_coloured_from_blue_to_red_and_not_where_nothing_is_known() -> None:

@@ -1,12 +1,15 @@
 """What the page is told, without a browser: arm, ghost, path and colours."""
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hal.robot_description.link_meshes import PLACES
 from servoloop.live.watched import health
 from servoloop.recorder.link_poses import scene_poses
 from servoloop.view.arm_model import ArmModel
@@ -15,6 +18,7 @@ from servoloop.view.colours import HOT_C, TEMPERATURE, colour
 from servoloop.view.page import Page
 from servoloop.view.server import PageServer
 from servoloop.view.shapes import thing_shapes
+from tests.hal.test_link_meshes import cube, write_stl
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 from tests.view.rig import received, watched
@@ -126,3 +130,19 @@ def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatc
     assert node(server, f"{MEASURED}/base_link/link1/link2/link3") is None
     assert node(server, f"{MEASURED}/base_link/link1/link2/forearm") is not None
     assert node(server, f"{CELL}/0") is None, "nothing is known of what stands around it"
+
+
+def test_an_arm_of_ones_own_has_the_real_shapes_of_its_folder(server: PageServer, tmp_path: Path) -> None:
+    """The page takes them from the folder of the arm; the robot description is that of an arm without meshes."""
+    rig, page = Rig(), Page(server, tmp_path)
+    files = rig.stack.files
+    (tmp_path / "arm.yaml").write_text("description: mine\n")
+    shutil.copy(files.urdf_path, tmp_path / "arm.urdf")
+    (tmp_path / PLACES).parent.mkdir()
+    (tmp_path / PLACES).write_text("links: {link3: [{mesh: cube.stl, rgb: [0.2, 0.4, 0.6]}]}\n")
+    write_stl(tmp_path / "meshes" / "cube.stl", cube())
+    rig.run(0.2)
+    page.show_arm(watched(rig))
+    shapes = (node(server, f"{MEASURED}/base_link/link1/link2/link3/shape{number}") for number in range(50))
+    assert [tuple(shape.color) for shape in shapes if shape is not None] == [(51, 102, 153)]
+    assert node(server, f"{CELL}/0") is None, "the folder has no scene"

@@ -2,6 +2,8 @@
 
 import http.client
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import viser
@@ -9,7 +11,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
+from servoloop.arms.folder import find_arm
+from servoloop.verbs.view import _opened
 from servoloop.view.server import PageServer, ViewError
+from sim_backend.clock import SimulatedClock
 from tests.complaint import complaint
 from tests.live.rig import runtime_folder
 
@@ -110,4 +115,16 @@ def test_without_a_stack_the_verb_says_how_to_start_one(
     with runtime_folder(monkeypatch):
         assert "start one with `servoloop up`" in complaint(capsys, monkeypatch, "view")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap")
-    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
+    assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
+    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
+
+
+def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    mine, clock = Path("/mine"), SimulatedClock()
+    monkeypatch.setattr("servoloop.live.recording.Recording", lambda path: path)
+    monkeypatch.setattr("servoloop.live.live_source.LiveSource", lambda arm, clock: SimpleNamespace(folder=mine))
+    monkeypatch.setattr("servoloop.verbs.view._emulated", lambda bus, arm, clock: bus)
+    so101, file = find_arm("so101").folder, Path("run.mcap")
+    assert _opened(None, None, None, clock)[1] == mine
+    assert _opened(None, Path("bus"), "so101", clock)[1] == so101
+    assert [_opened(file, None, arm, clock)[1] for arm in ("so101", None)] == [so101, None]

@@ -1,0 +1,98 @@
+"""The files of a scene: other scenes that it includes or attaches, meshes and pictures. Each of them has a limit."""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError
+
+from hal.errors import ArmFileError
+from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
+from hal.robot_description.xml_places import parse_xml, place
+from hal.text_file import read_xml
+
+INCLUDE: Final = "include"
+MODEL: Final = "model"
+"""An element that names another scene, to be attached; its own files are relative to its own folder."""
+FOLDERS: Final = ("assetdir", "meshdir", "texturedir")
+"""Attributes of <compiler> that name folders of files."""
+
+
+def scene_parts(path: Path) -> list[Element]:
+    """Read a scene and all scenes that it names, and check the sizes of all other files that they name.
+
+    Returns:
+        The root elements, the scene's own first.
+
+    Raises:
+        ArmFileError: A file is too large, or a scene is not well-formed XML. The message has file, line and remedy.
+    """
+    return _Parts().read(path, path.parent)
+
+
+class _Parts:
+    """The files of one scene that have been read."""
+
+    def __init__(self) -> None:
+        self._read: set[Path] = set()
+
+    def read(self, path: Path, home: Path) -> list[Element]:
+        """Read a scene and what it names. ``home``: the folder to which names of files are relative."""
+        self._read.add(path.resolve())
+        root = _parsed(path)
+        homes = list(dict.fromkeys((home, path.parent)))
+        roots = [root]
+        for element in root.iter():
+            if element.tag in (INCLUDE, MODEL) and "file" in element.attrib:
+                for other in _existing(homes, [""], element.attrib["file"]):
+                    roots += self._named(element, other, home)
+        _check_sizes(roots, homes)
+        return roots
+
+    def _named(self, element: Element, path: Path, home: Path) -> list[Element]:
+        """The scenes of the file that an element names; none if it has been read."""
+        if path.resolve() in self._read:
+            return []
+        try:
+            check_size(path, ArmFileError)
+            return self.read(path, home if element.tag == INCLUDE else path.parent)
+        except ArmFileError as error:
+            raise ArmFileError(f"{place(element)}: {error}") from error
+
+
+def _parsed(path: Path) -> Element:
+    text = read_xml(path, ArmFileError, "the scene")
+    try:
+        return parse_xml(text, str(path))
+    except ExpatError as error:
+        raise ArmFileError(f"{path}: MuJoCo cannot read it: it is not well-formed XML: {error}") from error
+
+
+def _check_sizes(roots: Sequence[Element], homes: Sequence[Path]) -> None:
+    """Check the files that other elements name: meshes, textures, height fields, skins."""
+    elements = [element for root in roots for element in root.iter() if element.tag not in (INCLUDE, MODEL)]
+    compilers = [element for element in elements if element.tag == "compiler"]
+    folders = list(dict.fromkeys(["", *(one.attrib[key] for one in compilers for key in FOLDERS if key in one.attrib)]))
+    for element in elements:
+        for key, name in element.attrib.items():
+            for path in _existing(homes, folders, name) if key.startswith("file") else ():
+                try:
+                    check_size(path, ArmFileError, LARGEST_SHAPE_BYTES, REDUCE)
+                except ArmFileError as error:
+                    raise ArmFileError(f"{place(element)}: {error}") from error
+
+
+def _existing(homes: Sequence[Path], folders: Sequence[str], name: str) -> Iterator[Path]:
+    """Yields the files that a name can mean, with its folders and (strippath) without them."""
+    names = dict.fromkeys((name, Path(name).name))
+    paths = dict.fromkeys(home / folder / one for home, folder, one in product(homes, folders, names))
+    yield from (path for path in paths if _is_file(path))
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is a file, a device or a pipe; MuJoCo itself reports names of which there is none."""
+    try:
+        return path.exists() and not path.is_dir()
+    except (OSError, ValueError):
+        return False
