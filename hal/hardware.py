@@ -73,6 +73,18 @@ class Reactivating(Protocol):
 
 
 @runtime_checkable
+class AskedForTorque(Protocol):
+    """Reactivating hardware that learns of lost torque only by asking, and asks its joints in turn."""
+
+    def ask_for_torque(self) -> frozenset[str]:
+        """Ask all joints of the active hardware now; ``without_torque`` is up to date then.
+
+        Returns the joints that gave no answer. Called between two cycles: it may take as long as a late cycle.
+        """
+        ...
+
+
+@runtime_checkable
 class Undoing(Protocol):
     """Hardware that can tell which joints had torque before its activation."""
 

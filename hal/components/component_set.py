@@ -9,7 +9,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component, components_of, merged_state
 from hal.errors import PartLost
-from hal.hardware import Hardware, Requesting
+from hal.hardware import AskedForTorque, Hardware, Requesting
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointCommand, JointState
 
@@ -110,6 +110,18 @@ class ComponentSet:
         if component.error is not None:
             raise component.error
         return self._parts[component.hardware.name]
+
+    def ask_for_torque(self, component: Component) -> frozenset[str]:
+        """Ask an active component's joints whether they have torque, between two cycles.
+
+        Returns the joints that gave no answer. Raises what keeps the component from being asked; it is lost then.
+        """
+        hardware = component.hardware
+        try:
+            return hardware.ask_for_torque() if isinstance(hardware, AskedForTorque) else frozenset()
+        except Exception as error:  # as in _read
+            self.lose(component, error)
+            raise
 
     def _request(self, component: Component, deadline_s: float | None) -> None:
         if isinstance(component.hardware, Requesting):

@@ -99,6 +99,11 @@ class ServoHardware:
     def without_torque(self) -> frozenset[str]:
         return self._states.faults.named if self.state is LifecycleState.ACTIVE else frozenset()
 
+    def ask_for_torque(self) -> frozenset[str]:
+        """Ask every servo now whether it drives its motor; returns the joints whose servos gave no answer."""
+        require(self.state, LifecycleState.ACTIVE, "ask for torque")
+        return self._states.faults.ask_all(self._opened("ask for torque"))
+
     def reactivate(self) -> frozenset[str]:
         """Switch torque on where it is missing, each goal at its measured position; the other servos hold theirs."""
         require(self.state, LifecycleState.ACTIVE, "reactivate")
