@@ -184,7 +184,7 @@ class ControlLoop:
         self._log_gate(gated.reasons)
         # What was never measured or commanded is NaN still, and the components leave that out.
         self.previous_command, self.command = self.command, gated.values
-        self.manager.cycle.sent(gated.values)
+        self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:
