@@ -25,7 +25,7 @@ class ServoStates:
         self.loads: dict[str, float] = {}
         """The drive of each of these as a share of full drive."""
         self.stalls: Mapping[str, Stall] = {}
-        """Why a servo's drive is reduced, by joint name."""
+        """The servos that press without motion, by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock)
         self._joints = tuple(joints)
