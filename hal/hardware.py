@@ -56,6 +56,16 @@ class Requesting(Protocol):
 
 
 @runtime_checkable
+class DoubtingLeaps(Protocol):
+    """Hardware that itself takes a position that its joint cannot have reached for not measured.
+
+    Of all other hardware the joints' velocity limits say what is believed (hal.leaps).
+    """
+
+    doubts_leaps: bool
+
+
+@runtime_checkable
 class Reactivating(Protocol):
     """Hardware whose joints can lose their torque one by one while it is active, and get it back."""
 

@@ -37,6 +37,7 @@ class ServoHardware:
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
+        self.doubts_leaps = True
         self._joints = tuple(joints)
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
