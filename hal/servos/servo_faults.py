@@ -95,7 +95,10 @@ class ServoFaults:
             LOG.warning("%s %s", ", ".join(names), ends)
 
     def ask_all(self, buses: JointBuses) -> frozenset[str]:
-        """Ask every servo now that is not named; one without torque is named then. Returns who gave no answer."""
+        """Ask every servo now that is not named; one without torque is named then.
+
+        Returns the joints whose servos gave no answer.
+        """
         begin_s = self._clock.now()
         try:
             self._watch([joint for joint in self._joints if joint.name not in self.named], buses, begin_s + LATE_S)
