@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED, Request
+from drivers.bus.retry import ATTEMPTS
 from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
@@ -45,6 +46,8 @@ class ComponentTransition(Request[None]):
         """Of a component that was active already: the joints that are activated again, none where that failed."""
         self.controllers: list[str] = []
         """Those that end meanwhile, and begin again after it."""
+        self.questions = 0
+        """Of a component that was active already: how often its joints were asked whether they have torque."""
 
     def __str__(self) -> str:
         if self.reactivated is not None:
@@ -143,9 +146,8 @@ class ComponentTransitions:
             transition.refuse(LifecycleError(f"hardware component '{transition.name}' does not exist"))
         elif component.switching or any(leaving.component is component for leaving in self.leaving):
             self.asked.append(transition)
-        elif transition.target is ACTIVE and component.incomplete:
-            transition.reactivated = frozenset()
-            self._leave(component, transition, str(transition))
+        elif transition.target is ACTIVE and component.active:
+            self._complete(component, transition)
         elif component.state is transition.target:
             transition.serve()
         elif component.state is FINALIZED:
@@ -154,6 +156,29 @@ class ComponentTransitions:
             self._leave(component, transition, str(transition))
         else:
             self._switch_in_background(component, transition)
+
+    def _complete(self, component: Component, transition: ComponentTransition) -> None:
+        """Activate joints of an active component again that have no torque, also where nobody has noticed it yet."""
+        try:
+            unanswered = self._hardware.ask_for_torque(component)
+        except Exception as error:
+            transition.refuse(error)
+            return
+        transition.questions += 1
+        if component.incomplete:
+            transition.reactivated = frozenset()
+            self._leave(component, transition, str(transition))
+        elif not unanswered:
+            transition.serve()
+        elif transition.questions < ATTEMPTS:
+            self.asked.append(transition)  # a servo that is silent is named by the coming cycle
+        else:
+            names = ", ".join(sorted(unanswered))
+            transition.refuse(
+                LifecycleError(
+                    f"{component.name}: {names} does not say whether it has torque: check the cable, and try once more"
+                )
+            )
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
         """Take a component's controllers out in this very cycle; then its joints come to rest."""
@@ -164,7 +189,7 @@ class ComponentTransitions:
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
-        return self._manager.stops.holds(own)
+        return not self._manager.cycle.at_rest(own)
 
     def _left(self, component: Component, transition: ComponentTransition | None) -> None:
         if component.error is not None:

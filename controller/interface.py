@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from controller.parameters import Parameters
 from hal.compensation.servo_compliance import Compliance, lags
@@ -80,6 +80,23 @@ class Controller(Protocol):
     def settled(self) -> bool:
         """Whether the controller's joints have arrived at their command, or can go no further."""
         ...
+
+
+class Relieving(Controller, Protocol):
+    """A controller whose joints, once it is deactivated, give way to whatever holds them until they press no more."""
+
+    def begin_relief(self, state: JointState, command: FloatArray) -> None:
+        """The joints rest at ``command`` (n,), and no other controller has them."""
+        ...
+
+    def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
+        """Run one cycle of the relief, which sets ``command``; returns whether another one is needed."""
+        ...
+
+
+def relieving(controller: Controller) -> Relieving | None:
+    """The controller as one that relieves its joints, if it does; it may be wrapped in another object."""
+    return cast(Relieving, controller) if hasattr(controller, "begin_relief") else None
 
 
 def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:

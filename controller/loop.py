@@ -48,6 +48,7 @@ class ControlLoop:
         background_worker: BackgroundWorker = run_at_once,
     ) -> None:
         self.hardware = hardware
+        hardware.doubt_leaps(limits)
         self.manager = manager
         self.clock = clock
         self.period_s = period_s
@@ -185,7 +186,7 @@ class ControlLoop:
         self._log_gate(gated.reasons)
         # What was never measured or commanded is NaN still, and the components leave that out.
         self.previous_command, self.command = self.command, gated.values
-        self.manager.cycle.sent(gated.values)
+        self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:

@@ -45,8 +45,12 @@ def shut_down(
     _try(problems, "take in what was switched", loop.component_transitions.end)
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "end the controllers", loop.manager.deactivate)
+        if not relax:
+            _try(problems, "relieve the joints", lambda: _relieve(loop, hurry))
         if relax and park and not hurry():
             _try(problems, "park", lambda: parked.append(_park(loop, park, velocity_scale, hurry)))
+    if not relax:
+        _try(problems, "ask for torque", lambda: _ask_for_torque(loop))
     left = [FinalState.of(component) for component in loop.hardware.components]
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(failed, "switch off", lambda: failed.extend(deactivate_all(loop.hardware, relax)))
@@ -69,6 +73,25 @@ def _stop(loop: ControlLoop) -> None:
     velocity = (loop.command - loop.previous_command) / loop.period_s
     stop = StopMotion(loop.command, velocity, loop.limits, loop.kinds)
     _drive(loop, stop.sample, stop.duration_s, lambda: False)
+
+
+def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
+    """Joints that go on holding press against nothing; all of them are at rest by now."""
+    leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
+    loop.manager.stops.moving.clear()
+    leaving.restart()
+    while leaving.entries and loop.hardware.reachable and not hurry():
+        state = loop.hardware.read()
+        loop.send(loop.manager.cycle.update(state, loop.command, state.stamp_s, loop.period_s))
+        due_s += loop.period_s
+        loop.clock.sleep_until(due_s)
+
+
+def _ask_for_torque(loop: ControlLoop) -> None:
+    """The log is to name the joints that have lost their torque, even if that was a moment ago."""
+    for component in loop.hardware.components:
+        if component.active:
+            loop.hardware.ask_for_torque(component)
 
 
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:

@@ -56,6 +56,16 @@ class Requesting(Protocol):
 
 
 @runtime_checkable
+class DoubtingLeaps(Protocol):
+    """Hardware that itself takes a position that its joint cannot have reached for not measured.
+
+    Of all other hardware the joints' velocity limits say what is believed (hal.leaps).
+    """
+
+    doubts_leaps: bool
+
+
+@runtime_checkable
 class Reactivating(Protocol):
     """Hardware whose joints can lose their torque one by one while it is active, and get it back."""
 
@@ -68,6 +78,18 @@ class Reactivating(Protocol):
         """Activate these joints while the others hold; returns their names.
 
         Raises what ``activate`` raises. The hardware stays active then, and the joints without torque.
+        """
+        ...
+
+
+@runtime_checkable
+class AskedForTorque(Protocol):
+    """Reactivating hardware that learns of lost torque only by asking, and asks its joints in turn."""
+
+    def ask_for_torque(self) -> frozenset[str]:
+        """Ask all joints of the active hardware now; ``without_torque`` is up to date then.
+
+        Returns the joints that gave no answer. Called between two cycles: it may take as long as a late cycle.
         """
         ...
 

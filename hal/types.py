@@ -45,7 +45,7 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """A servo that pressed without motion, and whose drive is reduced."""
+    """A servo that presses without motion; its drive is reduced if it has a torque limit."""
 
     text: str
     """For people, naming the servo."""

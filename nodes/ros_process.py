@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Final
 
 import rclpy
+from rclpy.exceptions import InvalidHandle, NameValidationException
 from rclpy.executors import Executor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -37,13 +38,20 @@ def init_rclpy(arguments: Sequence[str] | None = None) -> str:
 
 @contextmanager
 def rcl_errors() -> Iterator[None]:
-    """Raise errors of rcl, all of which are RuntimeErrors, as RosError without the places in rcl's own source."""
+    """Raise what rcl refuses as RosError, without the places in rcl's own source. A defect of ours passes."""
     try:
         yield
-    except RuntimeError as error:
-        reason = re.sub(r", at /[^,]*", "", str(error)).strip()
+    except (RuntimeError, NameValidationException) as error:
+        if not _refused(error):
+            raise
+        reason = " ".join(re.sub(r", at /[^,]*", "", str(error)).rstrip("^ \n").split())
         remedy = "; write each number of the list with a decimal point" if MIXED_LIST in reason else ""
         raise RosError(f"ROS 2 does not start: {reason}{remedy}") from error
+
+
+def _refused(error: Exception) -> bool:
+    """Whether rcl raised it of a setting, a parameter or a name; rclpy has no public name for such errors."""
+    return type(error).__module__.startswith("rclpy.") and not isinstance(error, InvalidHandle | NotImplementedError)
 
 
 def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:

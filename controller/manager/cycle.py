@@ -1,10 +1,11 @@
 """The controllers' cycle updates all active controllers, one after the other, and puts their commands together."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from controller.manager.leaving import LeavingControllers
 from controller.manager.registry import ControllerRegistry, Running
 from controller.stops import DecelerationStops
 from hal.types import FloatArray, JointState
@@ -21,6 +22,7 @@ class ControllerCycle:
         """``fail`` takes a controller out that has failed; it gets the last command (n,) of all interfaces too."""
         self.seen: JointState | None = None
         """The newest measurement."""
+        self.leaving = LeavingControllers(stops)
         self._registry = registry
         self._stops = stops
         self._fail = fail
@@ -44,14 +46,16 @@ class ControllerCycle:
             except Exception:
                 LOG.exception("%s failed and is deactivated: its joints come to rest", entry.spec.name)
                 self._fail(entry, last)
+        if self.leaving.entries:
+            self.leaving.fill(wanted, last, state, now_s, period_s)
         if self._stops.moving:
             self._stops.fill(wanted, period_s)
         self._command, self._last, self._period_s = wanted, last, period_s
         return wanted
 
-    def sent(self, command: FloatArray) -> None:
-        """The last cycle's command (n,) as the safety gate has passed it: joints come to rest from there."""
-        self._command = command
+    def sent(self, command: FloatArray, last: FloatArray) -> None:
+        """The command (n,) as the safety gate has passed it, and the one before: joints come to rest from there."""
+        self._command, self._last = command, last
 
     def settled(self, name: str) -> bool:
         """Whether that controller has settled; for one that is not active there is nothing to wait for."""
@@ -60,6 +64,15 @@ class ControllerCycle:
     def stop(self, index: list[int]) -> None:
         """The interfaces at ``index`` have lost their controller: those in motion come to rest from here."""
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
+
+    def take(self, index: list[int]) -> None:
+        """A controller takes the interfaces at ``index``: joints that are being relieved come to rest for it."""
+        for ended in self.leaving.end(index):
+            self.stop(ended)
+
+    def at_rest(self, index: Sequence[int]) -> bool:
+        """Whether no interface at ``index`` is on its way to rest, or to where it presses no more."""
+        return not self._stops.holds(index) and not self.leaving.holds(index)
 
 
 def _shaped(entry: Running) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.interface import Controller
+from controller.interface import Controller, relieving
 from controller.manager.cycle import ControllerCycle
 from controller.manager.registry import ControllerRegistry, Running
 from controller.manager.switch import Interfaces, ManagerError, SwitchError, SwitchPlan, SwitchRequest, plan_switch
@@ -122,6 +122,7 @@ class ControllerManager:
 
     def _start(self, name: str, command: FloatArray) -> None:
         entry = self.registry.loaded[name]
+        self.cycle.take(entry.index)
         held = self.stops.ends(command)[entry.index]
         if self.cycle.seen is None or not np.isfinite(held).all():
             raise SwitchError(f"Could not activate controller '{name}': its joints have not been measured yet")
@@ -138,6 +139,8 @@ class ControllerManager:
         self.registry.put(replace(entry, state=INACTIVE))
         error = _deactivated(entry.configured, reason)
         self.cycle.stop(entry.index)
+        if error is None and (controller := relieving(entry.configured)):
+            self.cycle.leaving.add(controller, entry.index)
         return error
 
 

@@ -42,6 +42,8 @@ class Execution:
         self._joints = tuple(joints)
         self._sampler = sampler
         self._relief = Relief(name, joints, sampler)
+        self._unmeasured = FaultTimeout(self._joints)
+        """Of joints that are relieved without a goal."""
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
@@ -71,6 +73,20 @@ class Execution:
         self._cancels.clear()
         while self._inbox:
             self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
+
+    def begin_relief(self) -> None:
+        """The controller is inactive, and its joints rest."""
+        self._relief.begin()
+        self._unmeasured = FaultTimeout(self._joints)
+
+    def relieve(self, now: Cycle) -> bool:
+        """Run one cycle of the relief; returns whether another one is needed."""
+        faults = now.state.faults
+        gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
+        if gone or self._unmeasured.lasting(faults, now.period_s):
+            return False
+        self._relief.step(now)
+        return not self._relief.done
 
     def cycle(self, now: Cycle) -> None:
         """Cancels, new goals, and the one under way."""

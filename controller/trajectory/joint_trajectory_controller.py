@@ -153,7 +153,33 @@ class JointTrajectoryController:
     def settled(self) -> bool:
         return self._execution.idle
 
+    def begin_relief(self, state: JointState, command: FloatArray) -> None:
+        self._sampler.hold(command)
+        self._standstill.forget()
+        self._last_s = state.stamp_s
+        self.command = command.copy()
+        self._execution.begin_relief()
+
+    def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
+        now = self._look(state, now_s, period_s)
+        goes_on = self._execution.relieve(now)
+        self._put_command(now)
+        return goes_on
+
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        now, sampler = self._look(state, now_s, period_s), self._sampler
+        self._execution.cycle(now)
+        self._put_command(now)
+        self.period_s = period_s
+        assert sampler.path is not None, "activated before the first update"
+        shown = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
+        self.tracking = Tracking(
+            *(state.stamp_s, now.reference, now.measured, now.velocity, now.error, self.command), *shown
+        )
+        self._unseen.append(self.tracking)
+
+    def _look(self, state: JointState, now_s: float, period_s: float) -> Cycle:
+        """Advance the reference to this cycle, and compare the joints with it."""
         step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
         parameters, sampler, standstill = self.parameters, self._sampler, self._standstill
         measured, velocity = state.position[self._index], state.velocity[self._index]
@@ -163,18 +189,16 @@ class JointTrajectoryController:
         error = shorter_way(reference.position - measured, self._planner.endless)
         last = self.tracking
         before = (measured, error) if last is None else (last.feedback_position, last.error)
-        now = Cycle(
+        return Cycle(
             *(state, reference, measured, before[0], velocity, error, before[1], step_s, period_s, parameters),
             *(self._tolerances, standstill.waits),
         )
-        self._execution.cycle(now)
+
+    def _put_command(self, now: Cycle) -> None:
+        """Command the reference of the cycle's end, ahead of it by as much as the joints lag."""
+        sampler, parameters, period_s = self._sampler, now.parameters, now.period_s
         if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap
             self._lead_s = parameters.command_lead
-        if not standstill.waits:
+        if not now.waits:
             ahead = sampler.ahead(period_s, self._lead_s)
             self.command = within_reach(ahead, self.command, self._velocity, period_s)
-        self.period_s = period_s
-        assert sampler.path is not None, "activated before the first update"
-        shown = sampler.scaling.factor, sampler.path, sampler.elapsed_s, sampler.on_goal, sampler.rate
-        self.tracking = Tracking(state.stamp_s, reference, measured, velocity, error, self.command, *shown)
-        self._unseen.append(self.tracking)

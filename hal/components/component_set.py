@@ -1,17 +1,18 @@
 """Several hardware components as one: what the loop reads and writes."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.components.component import CONFIGURED, Component, components_of, merged_state
+from hal.components.leap_filter import LeapFilter
 from hal.errors import PartLost
-from hal.hardware import Hardware, Requesting
+from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointCommand, JointState
+from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -36,6 +37,7 @@ class ComponentSet:
         self._clock = clock
         self._cycle = 0
         self._parts: dict[str, JointState] = {}
+        self._filters: dict[str, LeapFilter] = {}
 
     @property
     def name(self) -> str:
@@ -79,6 +81,14 @@ class ComponentSet:
         for component in self.components:
             component.cycles_per_update = 1
 
+    def doubt_leaps(self, limits: Mapping[str, JointLimits]) -> None:
+        """Believe a position that its joint cannot have reached only if a second reading confirms it.
+
+        ``limits`` by joint. Components that doubt leaps by themselves are left alone.
+        """
+        doubted = [one.hardware for one in self.components if not isinstance(one.hardware, DoubtingLeaps)]
+        self._filters = {one.name: LeapFilter(one.name, one.joints, limits) for one in doubted}
+
     def read(self, deadline_s: float | None = None) -> JointState:
         """Read all components; one that is not there has its last known values, and a fault for each joint.
 
@@ -103,13 +113,28 @@ class ComponentSet:
         return merged_state(self.components, parts, max(stamps, default=self._clock.now()))
 
     def measure(self, component: Component) -> JointState:
-        """Read one component between two cycles. Raises what keeps it from being read; it is lost then."""
+        """Read one component between two cycles, for a caller that confirms each position by itself.
+
+        Raises what keeps the component from being read; it is lost then.
+        """
         self._request(component, None)
         if component.error is None:
-            self._read(component)
+            self._read(component, confirmed=True)
         if component.error is not None:
             raise component.error
         return self._parts[component.hardware.name]
+
+    def ask_for_torque(self, component: Component) -> frozenset[str]:
+        """Ask an active component's joints whether they have torque, between two cycles.
+
+        Returns the joints that gave no answer. Raises what keeps the component from being asked; it is lost then.
+        """
+        hardware = component.hardware
+        try:
+            return hardware.ask_for_torque() if isinstance(hardware, AskedForTorque) else frozenset()
+        except Exception as error:  # as in _read
+            self.lose(component, error)
+            raise
 
     def _request(self, component: Component, deadline_s: float | None) -> None:
         if isinstance(component.hardware, Requesting):
@@ -118,11 +143,15 @@ class ComponentSet:
             except Exception as error:  # as in _read
                 self.lose(component, error)
 
-    def _read(self, component: Component) -> None:
+    def _read(self, component: Component, confirmed: bool = False) -> None:
+        name = component.hardware.name
         try:
             part = component.hardware.read()
             _check_sizes(part, len(component.hardware.joints))
-            self._parts[component.hardware.name] = part
+            if name in self._filters:
+                believed = self._filters[name].believed(part, component.hardware.state is LifecycleState.ACTIVE)
+                part = part if confirmed else believed
+            self._parts[name] = part
         except Exception as error:  # a defect of one component loses this one: the others go on
             self.lose(component, error)
 
@@ -167,6 +196,8 @@ class ComponentSet:
         component.out_of_reach = False
         component.driven = False
         self._parts.pop(component.name, None)
+        if component.name in self._filters:
+            self._filters[component.name].forget()
         if component.hardware.state in CONFIGURED:
             component.error = None
 

@@ -94,6 +94,19 @@ class ServoFaults:
             )
             LOG.warning("%s %s", ", ".join(names), ends)
 
+    def ask_all(self, buses: JointBuses) -> frozenset[str]:
+        """Ask every servo now that is not named; one without torque is named then.
+
+        Returns the joints whose servos gave no answer.
+        """
+        begin_s = self._clock.now()
+        try:
+            self._watch([joint for joint in self._joints if joint.name not in self.named], buses, begin_s + LATE_S)
+        finally:
+            self.log.flush()
+        named, shown = self.named, self._shown_s
+        return frozenset(n for n in (j.name for j in self._joints) if n not in named and shown.get(n, 0.0) < begin_s)
+
     def note_missing(self, joint: Joint, fault: ServoFault | JointFault, heard_s: float, buses: JointBuses) -> None:
         """A joint's servo, last measured at ``heard_s``, has given no state, or none that is believed."""
         name = joint.name

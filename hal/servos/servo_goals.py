@@ -34,9 +34,9 @@ class ServoGoals:
         self._leads = {joint.name: _Lead.of(joint) for joint in joints}
         self._ranges = {joint.name: joint.counts_range() for joint in joints}
         self._behind = {joint.name: 0 for joint in joints}
-        self._watch = StallWatch(joints, {name: lead.at_rest for name, lead in self._leads.items()})
+        self._watch = StallWatch({name: lead.at_rest for name, lead in self._leads.items()})
         self.stalls = self._watch.stalls
-        """The joints whose drive is reduced because they pressed without motion, by name."""
+        """The joints that press without motion, by name; the drive of those with a torque limit is reduced."""
         self._goals: dict[str, ServoGoal] = {}
         self._measured: dict[str, int] = {}
         """Where the joints were in the cycle before."""
@@ -65,7 +65,8 @@ class ServoGoals:
         """
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, positions, strict=True):
-            if joint.name in withheld:
+            if joint.name in withheld:  # without torque it presses against nothing
+                self._watch.restart((joint.name,))
                 continue
             held, here = self._goals[joint.name].position_counts, measured.get(joint.name)
             lower, upper = self._ranges[joint.name]

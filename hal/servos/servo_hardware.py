@@ -37,6 +37,7 @@ class ServoHardware:
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
+        self.doubts_leaps = True
         self._joints = tuple(joints)
         self._open_buses = open_buses
         self._buses: JointBuses | None = None
@@ -98,6 +99,11 @@ class ServoHardware:
     @property
     def without_torque(self) -> frozenset[str]:
         return self._states.faults.named if self.state is LifecycleState.ACTIVE else frozenset()
+
+    def ask_for_torque(self) -> frozenset[str]:
+        """Ask every servo now whether it drives its motor; returns the joints whose servos gave no answer."""
+        require(self.state, LifecycleState.ACTIVE, "ask for torque")
+        return self._states.faults.ask_all(self._opened("ask for torque"))
 
     def reactivate(self) -> frozenset[str]:
         """Switch torque on where it is missing, each goal at its measured position; the other servos hold theirs."""

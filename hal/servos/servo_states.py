@@ -9,8 +9,8 @@ import numpy as np
 from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
 from hal.joint import Joint
+from hal.leaps import Plausibility
 from hal.servos.joint_buses import JointBuses
-from hal.servos.plausibility import Plausibility
 from hal.servos.servo_faults import ServoFaults
 from hal.servos.supply_watch import SupplyWatch
 from hal.types import JointFault, JointState, ServoHealth, Stall
@@ -25,7 +25,7 @@ class ServoStates:
         self.loads: dict[str, float] = {}
         """The drive of each of these as a share of full drive."""
         self.stalls: Mapping[str, Stall] = {}
-        """Why a servo's drive is reduced, by joint name."""
+        """The servos that press without motion, by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
@@ -108,7 +108,7 @@ class ServoStates:
         )
 
     def _unread(self) -> list[Plausibility]:
-        return [Plausibility(joint) for joint in self._joints]
+        return [Plausibility.of_servo(joint) for joint in self._joints]
 
     def _unknown(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)

@@ -1,12 +1,14 @@
 """The watch for servos that drive with all they may and do not move: a gripper that presses for ever burns its motor.
 
-Only joints with a ``torque_limit`` below 1 are watched. A servo at full drive has an overload protection of its own,
-which such a limit keeps from acting. The drive is reduced by the goal: the nearer it is, the less a servo pulls. So it
-works with every make, writes no register, and the next motion has the whole limit again.
+Every joint is watched and named. The drive is reduced only where a ``torque_limit`` below 1 keeps the servo's own
+overload protection from acting. A joint with its whole torque has that protection, and it may carry a load: drive
+alone does not tell a load from an obstacle, and a joint that carries would fall with less. The drive is reduced by the
+goal: the nearer it is, the less a servo pulls. So it works with every make, writes no register, and the next motion has
+the whole limit again.
 """
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -62,15 +64,14 @@ class _Press:
 
 
 class StallWatch:
-    """The watch over one component's joints; ``stalls`` has those whose drive is reduced, by name."""
+    """The watch over one component's joints; ``stalls`` has those that press, by name."""
 
-    def __init__(self, joints: Sequence[Joint], full_ahead: Mapping[str, float]) -> None:
+    def __init__(self, full_ahead: Mapping[str, float]) -> None:
         """``full_ahead``: by joint, the counts by which a goal is ahead when its servo pulls with full drive."""
         self.stalls: dict[str, Stall] = {}
         self.log = FaultLog()
         """The log of a cycle's events; who asks for the goals flushes it."""
         self._full_ahead = full_ahead
-        self._watched = {joint.name for joint in joints if joint.torque_limit < 1.0}
         self._presses: dict[str, _Press] = {}
 
     def restart(self, names: Iterable[str]) -> None:
@@ -93,10 +94,13 @@ class StallWatch:
             The goal in counts; None if the drive is not reduced.
         """
         press = self._presses.get(joint.name)
-        if here is None or joint.name not in self._watched:
+        if here is None:
             return press.goal if press is not None and press.ahead is not None else None
         press = self._followed(press, joint, command, here, period_s)
-        if press.ahead is None and self._presses_too_long(press, joint, here, load, period_s):
+        pressing = press.ahead is None and self._presses_too_long(press, joint, here, load, period_s)
+        if joint.torque_limit == 1.0:
+            self._name(joint, pressing)
+        elif pressing:
             self._reduce(press, joint, here)
         if press.ahead is None:
             return None
@@ -139,6 +143,14 @@ class StallWatch:
         press.pressed_s += period_s
         return press.pressed_s >= STALL_S - 1e-9
 
+    def _name(self, joint: Joint, pressing: bool) -> None:
+        """Name a joint with its whole torque for as long as it presses."""
+        if not pressing:
+            self.stalls.pop(joint.name, None)
+        elif joint.name not in self.stalls:
+            self.stalls[joint.name] = Stall(_text_of_whole_torque(joint), warns=True)
+            LOG.warning("%s: %s", joint.name, self.stalls[joint.name].text)
+
     def _reduce(self, press: _Press, joint: Joint, here: int) -> None:
         press.direction = 1 if press.command > here else -1
         press.ahead = self._full_ahead[joint.name] * HOLDING * joint.torque_limit
@@ -154,6 +166,14 @@ class StallWatch:
         if press.held_s >= SETTLE_S and abs(load) < 0.8 * share:
             return ahead + STRENGTHEN_PER_S * self._full_ahead[joint.name] * period_s
         return ahead
+
+
+def _text_of_whole_torque(joint: Joint) -> str:
+    return (
+        f"servo {joint.servo_id} has driven with at least {PRESSING:.0%} of its torque for {STALL_S:g} s without "
+        "motion: something is in the joint's way, or it carries too much. Its drive is not reduced, because a loaded "
+        "joint would fall: move it back, or take the load off, before the servo's own protection releases it"
+    )
 
 
 def _text(press: _Press, joint: Joint) -> str:

@@ -20,6 +20,8 @@ _NOTED: Final = (
     (sts.acceleration, kernel.RAMP_NOTED),
 )
 
+_NO_OFFSET: Final = 1 << 16
+"""No register holds it: the next millisecond takes the homing offset anew, even one that has not changed."""
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
 """What is in proportion to the turns of the motor's wire."""
 
@@ -101,6 +103,8 @@ class StsFirmware:
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")
         self._fields["noted"][0] = noted
+        if touches(address, size, sts.homing_offset):
+            self._fields["offset"][0] = _NO_OFFSET
 
     def forget_turns(self) -> None:
         """The present angle is within the first turn again."""

@@ -27,7 +27,7 @@ FINE_PER_MS: Final = 10
 """1/10000 count per ms in a count per second."""
 BRIDGE_LIMIT: Final = 970
 SPEED_UNIT: Final = 50
-"""Counts per second in a count per 20 ms."""
+"""Counts per second in one unit of a speed that is shown, and in one of the highest speed (84)."""
 
 GOAL_NOTED, PWM_NOTED, SPEED_NOTED, SWITCH_NOTED, RAMP_NOTED = 1, 2, 4, 8, 16
 POSITION, VELOCITY, PWM, STEP = 0, 1, 2, 3
@@ -210,7 +210,7 @@ def asked_speed(s: Record) -> int:
     """Register 46 in counts per second, with its sign and within the factory's limits."""
     speed = signed(s, 46, 15)
     if not byte(s, 18) & COUNTS_PER_S_BIT:
-        speed *= SPEED_UNIT
+        speed *= s.windows_s
     if speed == 0:
         return 0
     size: int = min(max(abs(speed), s.lowest_counts_s), s.highest_counts_s)
@@ -333,6 +333,12 @@ def profile_runs(s: Record) -> bool:
     return bool(s.speed_e4 != 0 or (s.setpoint_e4 != s.goal * FINE and s.top_e4 != 0))
 
 
+@compiled
+def profile_speed(s: Record) -> int:
+    """The profile's speed as the encoder's is measured: whole counts in a window."""
+    return quotient(s.speed_e4, FINE_PER_MS * s.windows_s)
+
+
 # The loops (sections 3 and 4).
 
 
@@ -385,9 +391,9 @@ def integral(s: Record, error: int) -> int:
 @compiled
 def velocity_loop(s: Record) -> int:
     """The drive that the speed's error asks for, in counts of one window (section 4)."""
-    error = s.window_counts - quotient(s.speed_e4, FINE_PER_MS * SPEED_UNIT)
-    s.error_sum += error - s.drive_cut
-    return limited(s, quotient(error * byte(s, 37), 10) + quotient(s.error_sum * byte(s, 39), 1000))
+    error, gain = s.window_counts - profile_speed(s), byte(s, 39)
+    s.error_sum = s.error_sum + error - s.drive_cut if gain else 0
+    return limited(s, quotient(error * byte(s, 37), 10) + quotient(s.error_sum * gain, 1000))
 
 
 @compiled
@@ -432,11 +438,12 @@ def watch_supply(s: Record) -> None:
 def watch_current(s: Record) -> None:
     """Too much current for too long; acting, it takes the torque away."""
     limit, longest_ms = word(s, 28), 10 * byte(s, 38)
-    over = limit > 0 and longest_ms > 0 and word(s, 69) >= limit
+    watched = limit > 0 and longest_ms > 0
+    over = watched and word(s, 69) >= limit
     s.overcurrent_ms = s.overcurrent_ms + 1 if over else 0
     if s.overcurrent_ms > longest_ms:
         s.status |= CURRENT
-    elif not over and byte(s, 40) == 1:
+    elif not watched or (not over and byte(s, 40) == 1):
         s.status &= ~CURRENT
     if s.status & CURRENT & byte(s, 19):
         s.table[40] = 0
@@ -528,8 +535,7 @@ def report(s: Record) -> None:
         s.table[66] = s.window_counts != 0
     setpoint = quotient(s.setpoint_e4, FINE)
     put_signed(s, 67, steps(s, setpoint) if mode == STEP else folded(s, setpoint), 15)
-    profile_counts_s = quotient(s.speed_e4, FINE_PER_MS)
-    put_signed(s, 71, profile_counts_s if speed_unit > 1 else quotient(profile_counts_s, SPEED_UNIT), 15)
+    put_signed(s, 71, profile_speed(s) * speed_unit, 15)
 
 
 @compiled
@@ -544,8 +550,9 @@ def measure(s: Record, voltage_v: float) -> None:
 def power_on(states: States, voltage_v: float) -> None:
     """Take what is only looked at when power comes on, and see the shaft."""
     s: Record = states[0]
-    s.window_ms = max(1, 1000 // max(1, byte(s, 82)))
-    s.lowest_counts_s, s.highest_counts_s = SPEED_UNIT * byte(s, 83), SPEED_UNIT * byte(s, 84)
+    s.windows_s = max(1, byte(s, 82))
+    s.window_ms = 1000 // s.windows_s
+    s.lowest_counts_s, s.highest_counts_s = s.windows_s * byte(s, 83), SPEED_UNIT * byte(s, 84)
     begin_profile(s)
     look(states, voltage_v)
 

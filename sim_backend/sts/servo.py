@@ -105,7 +105,9 @@ class VirtualServo(PacketServo):
         return self._reported(address, TABLE_SIZE if address == size == 0 else size)
 
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire and all that follows from it."""
+        """A write from the wire and all that follows from it: of one behind the table, nothing."""
+        if address >= TABLE_SIZE:
+            return
         mode = self.memory.get(sts.operating_mode) if touches(address, len(data), sts.operating_mode) else None
         self.memory.write(address, data)
         self.firmware.note_write(address, len(data))

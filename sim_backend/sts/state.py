@@ -43,6 +43,7 @@ _VOLATILE: Final = (
     ("elapsed_ns", "i8"),  # since the last millisecond
     ("noted", "i8"),  # which goals and settings of the profile the last write touched
     # Settings that are looked at when power comes on, and never again.
+    ("windows_s", "i8"),  # how many a second; a count in one window is that many counts per second
     ("window_ms", "i8"),
     ("lowest_counts_s", "i8"),
     ("highest_counts_s", "i8"),

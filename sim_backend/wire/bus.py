@@ -177,12 +177,15 @@ def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
 
 
 def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
-    """Address, size, and then an ID and ``size`` bytes for each; an STS takes half an entry as far as it goes."""
+    """Address, size, and then an ID and ``size`` bytes for each: the last entry of an ID counts.
+
+    An STS takes half an entry as far as it goes.
+    """
     if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return
     address, size = parameters[:2]
-    for at in range(2, len(parameters), size + 1):
-        data = parameters[at + 1 : at + 1 + size]
-        for servo in named(parameters[at], servos):
+    entries = {parameters[at]: parameters[at + 1 : at + 1 + size] for at in range(2, len(parameters), size + 1)}
+    for servo_id, data in entries.items():
+        for servo in named(servo_id, servos):
             if data and (len(data) == size or isinstance(servo, VirtualServo)):
                 servo.write(address, data)

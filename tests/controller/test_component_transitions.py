@@ -14,7 +14,7 @@ from controller.shutdown import shut_down
 from drivers.errors import PortLost, PortMissing
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError, PartLost
+from hal.errors import ActivationError, LifecycleError, PartLost
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
@@ -507,6 +507,20 @@ class Limping(Breakable):
         return again
 
 
+class Asking(Limping):
+    """One that knows of lost torque only once it has asked its joints."""
+
+    def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
+        super().__init__(name, joints, clock)
+        self.limp: frozenset[str] = frozenset()
+        self.unanswered: list[frozenset[str]] = []
+
+    def ask_for_torque(self) -> frozenset[str]:
+        self._call("ask")
+        self.lost = self.limp
+        return self.unanswered.pop(0) if self.unanswered else frozenset()
+
+
 def limping() -> tuple[Two, Limping]:
     """The elbow has lost its torque, and has sunk to -0.7, while all joints are under way."""
     two = Two()
@@ -514,6 +528,16 @@ def limping() -> tuple[Two, Limping]:
     two.components.components[0].hardware = two.arm = arm
     two.going()
     arm.lost = frozenset({"elbow"})
+    arm.calls.clear()
+    return two, arm
+
+
+def asking() -> tuple[Two, Asking]:
+    """All joints are under way, and hold their torque."""
+    two = Two()
+    arm = Asking("arm", ("shoulder", "elbow"), two.clock)
+    two.components.components[0].hardware = two.arm = arm
+    two.going()
     arm.calls.clear()
     return two, arm
 
@@ -566,3 +590,47 @@ def test_an_active_component_that_has_all_its_torque_keeps_its_controllers() -> 
     assert two.set(ACTIVE, "arm").result() is None
     assert arm.changes() == []
     assert two.active() == ["shoulder", "elbow", "finger"]
+
+
+def test_a_request_asks_for_torque_before_it_is_answered() -> None:
+    two, arm = asking()
+    arm.limp = frozenset({"elbow"})
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle()
+    assert not change.done and two.active() == ["finger"]
+    two.cycle(20)
+    arm.limp = frozenset()
+    two.work()
+    assert change.result() is None
+    assert arm.changes() == ["ask", "reactivate"]
+
+
+def test_a_request_waits_for_an_answer_that_was_lost() -> None:
+    two, arm = asking()
+    arm.unanswered = [frozenset({"elbow"})]
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle()
+    assert not change.done
+    two.cycle()
+    assert change.result() is None
+    assert two.active() == ["shoulder", "elbow", "finger"], "nothing ends meanwhile"
+
+
+def test_a_joint_that_never_says_whether_it_has_torque_is_named() -> None:
+    two, arm = asking()
+    arm.unanswered = [frozenset({"elbow"})] * 100
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle(10)
+    with pytest.raises(LifecycleError, match=r"^arm: elbow does not say whether it has torque"):
+        change.result()
+    assert two.active() == ["shoulder", "elbow", "finger"]
+
+
+def test_a_component_whose_port_is_gone_is_lost_by_the_question() -> None:
+    two, arm = asking()
+    arm.failing["ask"] = PortLost(GONE)
+    change = two.loop.component_transitions.ask("arm", ACTIVE)
+    two.cycle()
+    with pytest.raises(PortLost, match=GONE):
+        change.result()
+    assert two.active() == ["finger"]

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
+from controller.manager.switch import SwitchRequest
+from controller.shutdown import shut_down
 from controller.trajectory.goal import GoalHandle
 from controller.trajectory.goal_result import ErrorCode
+from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointFault
 from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, arm_parameters, to
 from tests.controller.moveit_plans import off_line
@@ -179,3 +182,107 @@ def test_a_new_goal_ends_the_relief() -> None:
     assert second.status is GoalStatus.SUCCEEDED
     assert bench.path()[-1][:2] == pytest.approx((0.5, 0.0))
     assert np.abs(np.diff(bench.path()[:, :2], axis=0)).max() <= ARM_LIMITS.velocity * PERIOD_S
+
+
+# Without a controller
+
+
+def deactivate(bench: Bench) -> None:
+    bench.manager.switch(SwitchRequest((), ("arm",)), bench.loop.command)
+
+
+def pressing(bench: Bench, at_rest: bool = True) -> Bench:
+    """The elbow presses against an object at 0.3, on its way to 0.8 or at its end."""
+    bench.up()
+    bench.hardware.objects = {"elbow": 0.3}
+    bench.send(to(0.4, 0.8))
+    bench.cycle(3)
+    bench.cycles_until(lambda: bench.path()[-1][ELBOW] > (0.799 if at_rest else 0.5))
+    return bench
+
+
+def set_inactive(bench: Bench) -> None:
+    change = bench.loop.component_transitions.ask("scripted", LifecycleState.INACTIVE)
+    bench.cycles_until(lambda: change.done)
+    assert change.result() is None
+
+
+def fail(bench: Bench) -> None:
+    def update(*args: object) -> None:
+        raise RuntimeError("a defect")
+
+    bench.arm.update = update  # type: ignore[method-assign]
+
+
+def hold_at_the_end(bench: Bench) -> None:
+    assert shut_down(bench.loop, False, None, 1.0) == []
+    assert bench.hardware.state is LifecycleState.UNCONFIGURED
+
+
+@pytest.mark.parametrize("at_rest", [False, True], ids=["on the way", "at rest"])
+@pytest.mark.parametrize("end", [deactivate, set_inactive, fail, hold_at_the_end])
+def test_a_controller_that_goes_leaves_no_joint_pressing(end: Callable[[Bench], None], at_rest: bool) -> None:
+    bench = pressing(Bench(), at_rest)
+    written = len(bench.hardware.written)
+    end(bench)
+    if end in (deactivate, fail):
+        bench.cycle(80)
+    after = bench.path()[written:]
+    assert after[-1][ELBOW] == pytest.approx(0.3, abs=PRESSES_RAD)
+    assert np.abs(np.diff(after[-3:], axis=0)).max() < 1e-4
+    path = bench.path()[written - 3 :, :2]
+    assert np.abs(np.diff(path, 2, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S**2 * (1 + 1e-6)
+    assert (np.diff(path[:, 0]) >= -1e-9).all(), "the other joint comes to rest and stays"
+
+
+def test_an_arm_that_is_free_keeps_its_command_when_its_controller_goes() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(0.4, 0.8))
+    bench.cycles_until(lambda: handle.done)
+    before = bench.path()[-1]
+    deactivate(bench)
+    bench.cycle(40)
+    assert (bench.path()[-40:] == before).all()
+
+
+def test_a_hand_keeps_its_grip_when_its_controller_goes() -> None:
+    bench = Bench().up()
+    bench.hardware.objects = {"finger": 0.02}
+    bench.hand.submit([0.05])
+    bench.cycle(40)
+    bench.manager.switch(SwitchRequest((), ("hand",)), bench.loop.command)
+    bench.cycle(80)
+    assert bench.path()[-1][2] == pytest.approx(0.05)
+
+
+def test_a_new_controller_takes_over_gently_what_is_being_relieved() -> None:
+    bench = pressing(Bench())
+    deactivate(bench)
+    bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.7)
+    bench.manager.switch(SwitchRequest(("arm",), ()), bench.loop.command)
+    bench.cycle(5)
+    handle = bench.send(to(0.4, 0.0))
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    velocity = np.diff(bench.path()[:, :2], axis=0) / PERIOD_S
+    assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
+
+
+def test_an_end_in_the_middle_of_the_relief_goes_on_with_it_gently() -> None:
+    bench = pressing(Bench())
+    deactivate(bench)
+    bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.6)
+    written = len(bench.path())
+    hold_at_the_end(bench)
+    path = bench.path()[written - 3 :, ELBOW]
+    assert path[-1] == pytest.approx(0.3, abs=PRESSES_RAD)
+    assert np.abs(np.diff(path, 2)).max() <= ARM_LIMITS.acceleration * PERIOD_S**2 * (1 + 1e-6)
+
+
+def test_joints_that_are_not_measured_are_not_relieved_and_hold_nothing_up() -> None:
+    bench = pressing(Bench())
+    bench.hardware.faults = dict.fromkeys(bench.hardware.joints, JointFault("silent", "no servo answers"))
+    before = bench.path()[-1]
+    set_inactive(bench)
+    assert bench.path()[-1] == pytest.approx(before, abs=0.01)
+    assert "hold" in bench.hardware.calls

@@ -180,6 +180,20 @@ def test_a_joint_that_released_by_itself_is_not_said_to_hold(caplog: pytest.LogC
     assert final_state(bench, caplog) == expected
 
 
+def test_a_joint_that_released_just_before_the_end_is_not_said_to_hold(caplog: pytest.LogCaptureFixture) -> None:
+    bench = moving_bench()
+    hardware: Any = bench.hardware
+    hardware.without_torque, hardware.reactivate = frozenset(), frozenset
+
+    def ask_for_torque() -> frozenset[str]:
+        hardware.without_torque = frozenset({"elbow"})
+        return frozenset()
+
+    hardware.ask_for_torque = ask_for_torque
+    expected = "scripted holds its position under torque (on_exit: hold), except elbow, which had no torque"
+    assert final_state(bench, caplog) == expected
+
+
 def test_an_arm_that_never_came_up_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench()
     bench.hardware.configure()

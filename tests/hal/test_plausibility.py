@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.servos.plausibility import OVERSPEED, Plausibility
+from hal.leaps import OVERSPEED, Plausibility
 from sim_backend.generic.packet_servo import WiredServo
 from tests.hal.bench import JOINTS, PERIOD_S, Bench, at
 
@@ -17,7 +17,7 @@ HERE = at(0.0, 0.0, 0.014)
 
 def followed(*positions: float, period_s: float = PERIOD_S) -> list[bool]:
     """Whether each reading of a driven joint is believed."""
-    readings = Plausibility(SHOULDER)
+    readings = Plausibility.of_servo(SHOULDER)
     return [readings.leap(position, 10.0 + n * period_s, True) is None for n, position in enumerate(positions)]
 
 
@@ -37,7 +37,7 @@ def test_a_leap_is_believed_once_it_is_confirmed(start: float, away: float, side
 
 
 def test_after_a_long_silence_a_distant_place_has_to_be_confirmed() -> None:
-    readings = Plausibility(SHOULDER)
+    readings = Plausibility.of_servo(SHOULDER)
     assert readings.leap(0.0, 10.0, True) is None
     assert readings.leap(3.0, 20.0, True) == pytest.approx(3.0)
     assert readings.leap(3.0, 20.05, True) is None
@@ -76,9 +76,9 @@ def test_a_seam_inside_the_limits_is_no_leap_and_one_outside_them_is() -> None:
     turn = SHOULDER.model.counts_per_turn * abs(SHOULDER.units_per_count)
     across = [0.5 * turn - 0.01, -0.5 * turn + 0.01, 0.5 * turn - 0.02]
     for inside in (True, False):
-        readings = Plausibility(replace(SHOULDER, seam_inside=inside))
+        readings = Plausibility.of_servo(replace(SHOULDER, seam_inside=inside))
         believed = [readings.leap(position, 10.0 + n * PERIOD_S, True) is None for n, position in enumerate(across)]
         assert believed == [True, inside, True]
-    readings = Plausibility(replace(SHOULDER, seam_inside=True))
+    readings = Plausibility.of_servo(replace(SHOULDER, seam_inside=True))
     assert readings.leap(0.0, 10.0, True) is None
     assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is a leap all the same"

@@ -13,6 +13,7 @@ from hal.types import JointLimits
 
 PERIOD_S = 0.05
 JAW = Joint("jaw", 6, sts.STS3215, JointLimits(-1.5, 1.5, 4.0, 12.0, 120.0), zero_counts=2048, torque_limit=0.5)
+ARM = replace(JAW, torque_limit=1.0)
 FULL_AHEAD = 120.0
 OPEN, SHUT = 2048, 2700
 
@@ -29,7 +30,7 @@ class Jaw:
     goals: list[int | None] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.watch = StallWatch([self.joint], {"jaw": FULL_AHEAD})
+        self.watch = StallWatch({"jaw": FULL_AHEAD})
         self._goal = self.at
 
     def run(self, command: int, seconds: float, measured: bool = True) -> None:
@@ -118,7 +119,7 @@ def test_a_servo_of_another_stiffness_is_brought_to_the_share_by_its_drive(stiff
     [
         (JAW, SHUT, SHUT),  # it arrives
         (JAW, 2048, 2048 + 40),  # it pulls with less than it may
-        (replace(JAW, torque_limit=1.0), 2400, SHUT),  # its servo protects itself
+        (ARM, 2048, 2048 + 90),  # it carries a load with three quarters of its torque
     ],
 )
 def test_who_is_left_alone(joint: Joint, blocked: int, command: int) -> None:
@@ -128,13 +129,13 @@ def test_who_is_left_alone(joint: Joint, blocked: int, command: int) -> None:
 
 
 def test_a_joint_that_moves_slowly_at_full_drive_is_left_alone() -> None:
-    watch = StallWatch([JAW], {"jaw": FULL_AHEAD})
+    watch = StallWatch({"jaw": FULL_AHEAD})
     for cycle in range(400):
         assert watch.goal(JAW, SHUT, OPEN + 2 * cycle, 0.5, PERIOD_S) is None
 
 
 def test_an_unknown_drive_is_no_pressing_and_a_missing_measurement_keeps_the_goal() -> None:
-    watch = StallWatch([JAW], {"jaw": FULL_AHEAD})
+    watch = StallWatch({"jaw": FULL_AHEAD})
     for _ in range(200):
         assert watch.goal(JAW, SHUT, OPEN, math.nan, PERIOD_S) is None
     jaw = Jaw(blocked=2400)
@@ -158,3 +159,50 @@ def test_the_goal_of_a_joint_that_presses_outside_its_limits_stays_within_them()
     told = [goals.towards([-1.0], PERIOD_S, {"jaw": 2300}, {"jaw": 0.5}, ())["jaw"].position_counts for _ in range(200)]
     assert goals.stalls, "it presses, beyond its upper limit of 2048 counts"
     assert max(told) <= 2048
+
+
+# With the whole torque
+
+
+def test_a_joint_with_its_whole_torque_is_named_and_goes_on_carrying(caplog: pytest.LogCaptureFixture) -> None:
+    arm = Jaw(ARM, blocked=2400)
+    arm.run(SHUT, 4 * PERIOD_S + STALL_S)
+    assert not arm.watch.stalls
+    arm.run(SHUT, 30.0)
+    assert set(arm.goals) == {None} and arm.loads[-1] == 1.0
+    assert arm.watch.stalls["jaw"].warns
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert record.message == "jaw: " + arm.watch.stalls["jaw"].text
+    assert arm.watch.stalls["jaw"].text == (
+        "servo 6 has driven with at least 80% of its torque for 1 s without motion: something is in the joint's way, "
+        "or it carries too much. Its drive is not reduced, because a loaded joint would fall: move it back, or take "
+        "the load off, before the servo's own protection releases it"
+    )
+
+
+@pytest.mark.parametrize("end", ["another command", "a motion", "less load"])
+def test_it_is_named_no_longer_than_it_presses(end: str) -> None:
+    arm = Jaw(ARM, blocked=2400)
+    arm.run(SHUT, 2.0)
+    assert arm.watch.stalls
+    if end == "another command":
+        arm.run(OPEN, PERIOD_S)
+    elif end == "a motion":
+        arm.blocked = SHUT
+        arm.run(SHUT, 3 * PERIOD_S)
+    else:
+        arm.stiffness /= 20.0
+        arm.run(SHUT, 2 * PERIOD_S)
+    assert not arm.watch.stalls
+
+
+@pytest.mark.parametrize("joint", [ARM, JAW])
+def test_a_joint_that_gets_no_goals_presses_no_more(joint: Joint) -> None:
+    goals = ServoGoals([joint])
+    goals.hold({"jaw": 2048})
+    for _ in range(round(2.0 / PERIOD_S)):
+        goals.towards([1.0], PERIOD_S, {"jaw": 2048}, {"jaw": joint.torque_limit}, ())
+    assert goals.stalls
+    goals.towards([1.0], PERIOD_S, {"jaw": 2048}, {"jaw": 0.0}, {"jaw"})
+    assert not goals.stalls

@@ -116,3 +116,27 @@ def test_on_a_line_that_has_become_slow_all_are_asked_in_the_next_cycle() -> Non
             break
     loop.cycle()
     assert loop.bench.clock.now() - min(faults._shown_s.values()) <= 2 * loop.period_s
+
+
+def test_each_servo_can_be_asked_at_once() -> None:
+    bench = Bench().active()
+    bench.wait()
+    assert bench.hardware.ask_for_torque() == frozenset()
+    assert bench.hardware.without_torque == frozenset()
+    for servo_id in (2, 7):
+        bench.servos.servo(servo_id).power_cycle()
+    assert bench.hardware.ask_for_torque() == frozenset()
+    assert bench.hardware.without_torque == {"elbow", "finger"}
+    faults = bench.wait().faults
+    assert set(faults) == {"elbow", "finger"} and "activate again" in faults["elbow"].text
+
+
+def test_a_servo_that_does_not_answer_the_question_is_told_from_one_without_torque() -> None:
+    bench = Bench().active()
+    bench.wait()
+    bench.servos.faults.silence(2)
+    assert bench.hardware.ask_for_torque() == {"elbow"}
+    assert bench.hardware.without_torque == frozenset(), "a lost answer takes no torque"
+    bench.servos.faults.restore(2)
+    assert bench.wait().faults == {}
+    assert bench.hardware.ask_for_torque() == frozenset() == bench.hardware.without_torque

@@ -235,7 +235,7 @@ class Loop:
 
     def speed(self, measured: int, wanted: int) -> int:
         s, error = self.settings, measured - wanted
-        self.total += error - self.lost_drive
+        self.total = self.total + error - self.lost_drive if s.speed_i else 0
         return self._out(toward_zero(error * s.speed_p, 10) + toward_zero(self.total * s.speed_i, 1000))
 
     def _out(self, drive: int) -> int:
@@ -291,7 +291,7 @@ class Guard:
         self.over_a_ms = self.over_a_ms + 1 if over else 0
         if self.over_a_ms > s.overcurrent_10ms * 10:
             self.bits.add(3)
-        elif not over and s.torque == 1:
+        elif not watched or (not over and s.torque == 1):
             self.bits.discard(3)
         if self.acts(3):
             s.torque = 0

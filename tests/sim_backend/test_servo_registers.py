@@ -93,6 +93,11 @@ def test_a_write_past_the_end_is_cut_and_answered(servo: VirtualServo) -> None:
         (sts.moving_threshold, 2), (sts.dts, 20), (sts.velocity_unit, 50), (sts.hts, 1), (sts.max_velocity, 150),
         (sts.max_acceleration, 100), (sts.acceleration_multiplier, 1), (sts.unloading_condition, 44),
         (sts.led_alarm_condition, 47), (sts.phase, 12), (sts.position_p, 32), (sts.position_d, 32),
+        (sts.status_level, 1), (sts.min_position, 0), (sts.max_position, 4095), (sts.max_temperature, 70),
+        (sts.max_voltage, 140), (sts.min_voltage, 40), (sts.max_torque, 1000), (sts.position_i, 0),
+        (sts.integral_limit, 0), (sts.cw_dead_zone, 1), (sts.ccw_dead_zone, 1), (sts.angular_resolution, 1),
+        (sts.operating_mode, 0), (sts.protective_torque, 20), (sts.protection_time, 200), (sts.overload_torque, 80),
+        (sts.overcurrent_time, 200), (sts.firmware_major, 3), (sts.firmware_minor, 10),
     ],
     ids=lambda value: value.name if isinstance(value, Register) else "",
 )  # fmt: skip

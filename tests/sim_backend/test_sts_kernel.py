@@ -177,7 +177,8 @@ def test_the_function_as_written_does_what_its_machine_code_does() -> None:
     written: Any = kernel.step
     compiled_states = sts_states(STS3215_12V, StsVariant())
     StsMemory(sts.STS3215, 1, compiled_states)
-    for name, value in (("window_ms", 20), ("lowest_counts_s", 50), ("highest_counts_s", 7500), ("noted", 1 | 4 | 16)):
+    settings_at_power_on = {"windows_s": 50, "window_ms": 20, "lowest_counts_s": 50, "highest_counts_s": 7500}
+    for name, value in {**settings_at_power_on, "noted": 1 | 4 | 16}.items():
         compiled_states[name] = value
     compiled_states["table"][0][42] = 100
     plain_states = compiled_states.copy().view(np.recarray)

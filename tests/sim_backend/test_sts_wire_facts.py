@@ -5,6 +5,7 @@ docs/simulation.md says which test holds which fact. Numbers are register addres
 
 import pytest
 
+from sim_backend.mechanics.power import feed
 from tests.sim_backend.sts_wire import Wire, packet, word
 
 OFF, ON, MIDDLE = b"\x00", b"\x01", b"\x80"
@@ -99,6 +100,49 @@ def test_modes_that_are_unknown_or_left_out_drive_nothing(mode: int) -> None:
     wire.go(3000)
     wire.wait(0.5)
     assert (wire.read(60, 2), wire.read(56, 2)) == (0, 2048)
+
+
+@pytest.mark.parametrize(("goal", "drive"), [(2048 + 31, 20 * 8 | 1 << 10), (2048 - 31, 27 * 8)])
+def test_the_dead_zone_has_two_sides(goal: int, drive: int) -> None:
+    wire = Wire()
+    wire.held = 2048
+    wire.write(22, b"\x00")
+    wire.write(24, b"\x00")
+    wire.write(26, b"\x03\x0b")  # 26 counts above the goal, 27 below it
+    wire.go(goal)
+    wire.wait(0.5)
+    assert abs(wire.read(60, 2) - drive) <= 8  # a rising count ends one short
+
+
+@pytest.mark.parametrize(("period_ms", "smallest", "change"), [(20, 2, 10), (40, 2, 20), (20, 11, 0), (10, 2, 5)])
+def test_80_and_81_act_at_once_on_the_damping(period_ms: int, smallest: int, change: int) -> None:
+    wire = Wire()
+    wire.write(21, bytes((0, 32)))
+    wire.write(24, b"\x00")
+    wire.write(80, bytes((smallest, period_ms)))
+    wire.write(40, ON)
+    drives = []
+    for count in range(2048, 2148):
+        wire.turn_to(count)
+        drives.append(wire.read(60, 2))
+        wire.wait(0.001)
+    assert set(drives[50:]) <= {max(0, change + more) * 4 for more in ((-1, 0, 1) if change else (0,))}
+
+
+def test_an_integral_gain_of_0_in_the_speed_loop_empties_its_sum() -> None:
+    wire = Wire()
+    wire.write(33, b"\x01")
+    wire.write(37, b"\x00")
+    wire.write(24, b"\x00")
+    wire.held = 2048
+    wire.write(46, word(1000))
+    wire.wait(0.15)
+    assert wire.read(60, 2) & 0x3FF > 200
+    wire.write(39, b"\x00")
+    wire.wait(0.005)
+    assert wire.read(60, 2) == 0
+    wire.write(39, b"\xc8")
+    assert wire.read(60, 2) & 0x3FF < 30
 
 
 # The profile.
@@ -242,10 +286,10 @@ def test_torque_on_holds_where_it_is_and_leaves_the_goal_alone() -> None:
 
 def test_128_calls_this_the_middle_and_lets_go() -> None:
     wire = Wire(load_nm=-1.0)
-    wire.write(40, ON)
+    wire.go(2050)
     wire.wait(0.3)
     wire.write(40, MIDDLE)
-    assert wire.read(40) == 0
+    assert (wire.read(40), wire.read(42, 2)) == (0, 2050)
     assert wire.read(56, 2) == pytest.approx(2048, abs=3)
     wire.wait(0.3)
     assert (wire.read(56, 2) - 2048) % 4096 > 2000  # it falls
@@ -257,6 +301,52 @@ def test_a_goal_and_another_write_within_a_millisecond() -> None:
     wire.send(packet(1, 3, 42, *word(2500)) + packet(1, 3, 21, 32))
     wire.wait(0.5)
     assert (wire.read(42, 2), wire.read(56, 2)) == (2500, 2048)
+
+
+@pytest.mark.parametrize("written", [(42, 0xC4), (43, 9), (40, 0, 5, 0xC4, 9), (42, 0xC4, 9, 0, 0, 0, 0)])
+def test_a_write_of_one_byte_of_the_goal_is_a_goal(written: tuple[int, ...]) -> None:
+    wire = Wire()
+    for torque in (0, 2):
+        wire.write(40, bytes((torque,)))
+        wire.write(*written[:1], bytes(written[1:]))
+        assert wire.read(40) == 1
+
+
+@pytest.mark.parametrize(
+    ("mode", "energising"), [(0, {42, 43}), (3, {42, 43}), (1, {46, 47}), (2, {44, 45}), (4, set()), (9, set())]
+)
+def test_only_the_modes_own_goal_switches_torque_on(mode: int, energising: set[int]) -> None:
+    wire = Wire()
+    wire.write(33, bytes((mode,)))
+    switched_on = set()
+    for address in range(41, 50):
+        wire.write(40, OFF)
+        wire.write(address, b"\x00")
+        if wire.read(40):
+            switched_on.add(address)
+    assert switched_on == energising
+
+
+@pytest.mark.parametrize(("value", "falls"), [(0, True), (2, False), (3, True), (64, True), (255, True)])
+def test_40_at_2_damps_and_from_3_on_it_is_free(value: int, falls: bool) -> None:
+    wire = Wire(load_nm=-0.3)
+    wire.write(40, bytes((value,)))
+    wire.wait(0.3)
+    assert wire.read(60, 2) == 0
+    assert (abs(wire.plant.velocities()[0]) > 2.0) == falls
+
+
+def test_a_homing_offset_that_is_written_again_moves_the_set_point_to_the_shaft() -> None:
+    wire = Wire(load_nm=-1.0)
+    wire.write(41, b"\x01")
+    wire.go(2048)
+    wire.wait(1.0)
+    sag = 2048 - wire.read(56, 2)
+    assert sag > 30 and wire.read(67, 2) == 2048
+    wire.write(31, word(0))
+    assert wire.read(67, 2) == pytest.approx(2048 - sag, abs=3)
+    wire.wait(2.0)
+    assert wire.read(67, 2) == 2048
 
 
 # Protection.
@@ -318,6 +408,15 @@ def test_too_much_current_takes_the_torque_and_the_next_goal_gives_it_back() -> 
     assert wire.read(56, 2) == pytest.approx(2100, abs=5)
 
 
+@pytest.mark.parametrize("address", [28, 38])
+def test_a_current_limit_that_is_switched_off_forgets_its_alarm(address: int) -> None:
+    wire = stalled(310)
+    wire.wait(2.2)
+    assert (wire.read(40), wire.error_byte()) == (0, CURRENT)
+    wire.write(address, word(0)[: 2 if address == 28 else 1])
+    assert (wire.read(40), wire.error_byte()) == (0, 0)
+
+
 def test_heat_shorts_the_motor_and_the_goal_is_lost() -> None:
     wire = Wire(load_nm=-1.0)
     wire.go(2048)
@@ -373,6 +472,16 @@ def test_an_encoder_that_fails(mask: int, drives: bool) -> None:
 # What it sees.
 
 
+@pytest.mark.parametrize(("start", "shown"), [(1950, 2047), (2150, 2048)])
+def test_a_rise_of_the_position_ends_one_count_short_and_a_fall_does_not(start: int, shown: int) -> None:
+    wire = Wire()
+    wire.turn_to(start)
+    wire.wait(0.1)
+    wire.turn_to(2048)
+    wire.wait(0.1)
+    assert wire.read(56, 2) == shown
+
+
 def test_a_shaft_pushed_over_the_seam_comes_back_the_way_it_went() -> None:
     wire = Wire()
     wire.turn_to(4000)
@@ -415,6 +524,62 @@ def test_67_and_71_are_the_profiles_own() -> None:
     assert wire.read(67, 2) == pytest.approx(2048 + 300 - 45, abs=20)
     wire.wait(2.0)
     assert (wire.read(67, 2), wire.read(71, 2)) == (2548, 0)
+
+
+@pytest.mark.parametrize(("asked", "shown"), [(130, 100), (149, 100), (150, 150), (1, 50)])
+def test_71_comes_in_fifties_as_58_does(asked: int, shown: int) -> None:
+    wire = Wire()
+    wire.write(86, b"\x00")
+    wire.write(41, b"\x00")
+    wire.go(2548, asked)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == shown
+    wire.go(1548, asked)
+    wire.wait(0.05)
+    assert wire.read(71, 2) == shown | 1 << 15
+
+
+@pytest.mark.parametrize(
+    ("speed_settings", "asked", "counts_s", "shown"),
+    [
+        ((50, 1, 150), 10, 500, 10),
+        ((100, 1, 150), 10, 1000, 10),  # 82 is what a count of 46 stands for, and the windows a second
+        ((100, 3, 150), 1, 300, 3),
+        ((50, 1, 10), 100, 500, 10),
+    ],
+)
+def test_82_to_84_act_after_power_on(speed_settings: tuple[int, ...], asked: int, counts_s: int, shown: int) -> None:
+    wire = Wire()
+    wire.write(55, b"\x00")
+    wire.write(18, b"\x08")
+    wire.write(82, bytes((*speed_settings, 0, 0)))
+    wire.write(41, b"\x00")
+    wire.go(3048, 4)
+    wire.wait(0.1)
+    assert wire.read(71, 2) == 4  # still of 50 counts/s each
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    start = wire.servo.firmware.setpoint
+    wire.go(4000, asked)
+    wire.wait(0.099)
+    assert wire.servo.firmware.setpoint - start == pytest.approx(counts_s * 0.1, abs=1)
+    assert wire.read(71, 2) == shown
+
+
+@pytest.mark.parametrize("windows_s", [20, 50, 100])
+def test_a_speed_is_the_counts_of_one_window(windows_s: int) -> None:
+    wire = Wire()
+    wire.write(55, b"\x00")
+    wire.write(82, bytes((windows_s,)))
+    feed(wire.bus, 0.0)
+    feed(wire.bus, 12.0)
+    wire.wait(1.0)
+    for ms in range(300):
+        wire.turn_to(2048 + ms)
+        wire.now_s += 0.001
+        wire.bus.advance(wire.now_s)
+    assert wire.read(58, 2) == pytest.approx(50 * 1000 / windows_s, abs=50)
 
 
 def test_a_shaft_turned_by_hand_is_not_moving() -> None:

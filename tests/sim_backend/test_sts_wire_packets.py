@@ -62,6 +62,17 @@ def test_reads_at_the_tables_end() -> None:
     assert wire.send(packet(1, 3, 87, 9)) == [packet(1, 0)]
 
 
+@pytest.mark.parametrize(("address", "torque"), [(85, 1), (87, 1), (200, 1)])
+def test_a_write_behind_the_table_does_nothing_and_hides_no_goal(address: int, torque: int) -> None:
+    wire = Wire()
+    before = wire.send(packet(1, 2, 0, 0))
+    assert wire.send(packet(1, 3, 87, 9) + packet(1, 3, 200, *range(50))) == [packet(1, 0) * 2]
+    assert wire.send(packet(1, 2, 0, 0)) == before
+    wire.send(packet(1, 3, 42, *word(2500)) + packet(1, 3, address, 9))
+    wire.wait(0.5)
+    assert wire.read(40) == torque * (address >= 87)
+
+
 # The instructions.
 
 
@@ -172,6 +183,21 @@ def test_ff_ff_within_a_packet_begins_another() -> None:
     assert wire.send(packet(1, 3, 42, 0xFF, 0xFF)) == []  # goal -32767 does not arrive
     assert wire.read(42, 2) == 0
     assert wire.send(packet(1, 3, 42, 1, 1)[:5] + packet(1, 1)) == [packet(1, 0)]
+
+
+@pytest.mark.parametrize(
+    ("entries", "written"),
+    [
+        ((1, 7, 8, 1, 9, 10), (9, 10)),
+        ((1, 7, 8, 2, 5, 6, 1, 9), (9, 0)),  # the last entry counts, as far as it goes
+        ((1, 7, 8, 1), (0, 0)),
+        ((1, 7, 8, 2), (7, 8)),
+    ],
+)
+def test_of_two_entries_in_a_sync_write_the_last_counts(entries: tuple[int, ...], written: tuple[int, int]) -> None:
+    wire = Wire(1, 2)
+    assert wire.send(packet(0xFE, 0x83, 50, 2, *entries)) == []
+    assert wire.servo.memory.read(50, 2) == bytes(written)
 
 
 @pytest.mark.parametrize(("servos", "size"), [(16, 7), (31, 7), (83, 2)])

@@ -1,11 +1,15 @@
 """Joints that something holds: after a goal's result no servo presses or releases, and the next goal succeeds."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
+from controller.manager.switch import SwitchRequest
 from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import ErrorCode
+from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.simulation.stack import SimulatedStack
 from tests.controller.moveit_plans import trapezoid
@@ -46,6 +50,30 @@ def test_an_arm_that_was_sent_into_the_stand_does_not_press_on_it(canceled: bool
     after = stack.go(READY)
     stack.run(6.0, lambda: after.done)
     assert after.status is GoalStatus.SUCCEEDED, after.error_text
+
+
+def deactivate(stack: SimulatedStack) -> None:
+    stack.manager.switch(SwitchRequest((), (stack.arm.name,)), stack.loop.command)
+
+
+def set_inactive(stack: SimulatedStack) -> None:
+    change = stack.loop.component_transitions.ask(stack.hardware.name, LifecycleState.INACTIVE)
+    stack.run(6.0, lambda: change.done)
+    assert change.result() is None
+
+
+@pytest.mark.parametrize("end", [deactivate, set_inactive])
+def test_an_arm_whose_controller_goes_while_it_presses_is_relieved(end: Callable[[SimulatedStack], None]) -> None:
+    stack = SimulatedStack().up()
+    stack.run(1.5)
+    stack.go((PICK[0], PICK[1] - 0.5, *PICK[2:]))
+    pressed: list[JointState] = states_of(stack, 2.6)
+    assert max(loads(pressed[-1]).values()) > WEIGHT
+    end(stack)
+    stack.run(2.0)
+    for state in states_of(stack, 3.0):
+        assert not state.faults and not any(health.alarms for health in state.health.values())
+        assert max(loads(state).values()) < WEIGHT
 
 
 def test_a_joint_that_jams_at_full_speed_is_relieved_before_its_servo_releases() -> None:

@@ -3,6 +3,8 @@
 import pytest
 
 from controller.diagnostics import Level, statuses
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.tolerances import Tolerances
 from hal.types import JointState
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.faults.text import parse
@@ -58,6 +60,27 @@ def test_a_jammed_hand_holds_with_less_and_is_named_and_its_next_motion_has_the_
     position = rig.state.position[rig.loop.hardware.joints.index(rig.hand.joints[0])]
     assert position == pytest.approx(0.5 * command, abs=0.02)
     assert rig.hand_status() == (Level.OK, "ok")
+
+
+def test_an_arm_joint_that_something_holds_is_named_while_it_drives_with_all_it_has() -> None:
+    rig = Rig("so101")
+    rig.up()
+    joint = rig.arm.joints[0]
+    rig.player.play([parse("jammed id=1")], rig.world.time_s)
+    point = GoalPoint((0.8, *rig.arm.command[1:].tolist()), 0.5)
+    handle = rig.arm.submit(TrajectoryGoal(rig.arm.joints, (point,), Tolerances({joint: -1.0}, {joint: 0.02}, 1.5)))
+    seen: list[str] = []
+
+    def look() -> None:
+        assert rig.state is not None
+        stall = rig.state.health[joint].stall
+        seen.append(stall.text if stall else "")
+
+    rig.after_cycle = look
+    rig.run(4.0, lambda: handle.done)
+    assert any(text.startswith("servo 1 has driven with at least 80% of its torque") for text in seen)
+    rig.run(1.0)
+    assert not seen[-1], "the goal's end has relieved it"
 
 
 def test_an_inactive_component_reports_no_stall() -> None:

@@ -8,6 +8,7 @@ import pytest
 from controller.action_goals import GoalStatus
 from controller.component_transitions import ComponentTransition
 from drivers.servos import sts
+from drivers.servos.catalog import series_of
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.faults.text import parse
@@ -106,6 +107,43 @@ def test_a_silent_servo_is_named_and_nothing_else_changes() -> None:
     with pytest.raises(ActivationError, match="joint3: servo 3 does not answer"):
         activated(rig).result()
     assert rig.made[0].state is ACTIVE
+
+
+@pytest.mark.parametrize(("arm", "servo_id"), [("robot_arm", 4), ("robot_arm", 7), ("robot_arm_dynamixel", 3)])
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.3])
+def test_a_request_finds_torque_that_was_lost_just_before(arm: str, servo_id: int, after_s: float) -> None:
+    rig = FaultRig(arm)
+    rig.up()
+    rig.endure(0.5)
+    servo = rig.bus.servo(servo_id)
+    servo.power_cycle()
+    rig.endure(after_s)
+    activated(rig).result()
+    assert rig.says("is activated again: it holds where it is")
+    assert servo.memory.get(series_of(servo.model).torque_enable) == 1
+    rig.endure(1.0)
+    assert rig.hardware.read().faults == {}
+
+
+def test_a_servo_that_is_silent_since_a_moment_is_named_by_the_answer() -> None:
+    rig = FaultRig()
+    rig.up()
+    rig.endure(0.5)
+    rig.bus.faults.silence(3)
+    with pytest.raises(ActivationError, match="joint3: servo 3 does not answer"):
+        activated(rig).result()
+    assert rig.made[0].state is ACTIVE
+
+
+def test_a_lost_answer_to_the_question_costs_a_cycle_and_no_torque() -> None:
+    rig = FaultRig()
+    rig.up()
+    rig.endure(0.5)
+    running = controllers(rig)
+    rig.bus.faults.corrupt_next(3)
+    activated(rig).result()
+    assert controllers(rig) == running
+    assert not rig.says("is activated again")
 
 
 def test_a_component_without_faults_is_left_alone() -> None:

@@ -1,0 +1,61 @@
+"""Refusals of rcl become one sentence; a defect of ours keeps its traceback."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nodes.ros_environment import RosError
+
+rclpy = pytest.importorskip("rclpy")
+
+
+def refused(error: Exception) -> str:
+    from nodes.ros_process import rcl_errors
+
+    with pytest.raises(RosError) as caught, rcl_errors():
+        raise error
+    return str(caught.value)
+
+
+@pytest.fixture
+def rcl() -> Any:
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    return rclpy_implementation
+
+
+@pytest.mark.parametrize(
+    "name", ["RCLError", "RCLInvalidROSArgsError", "RCUtilsError", "RMWError", "UnknownROSArgsError"]
+)
+def test_what_rcl_refuses_is_a_sentence(rcl: Any, name: str) -> None:
+    text = refused(getattr(rcl, name)("no such thing, at /home/me/rcl/src/rcl/init.c:1"))
+    assert text.startswith("ROS 2 does not start: ") and "no such thing" in text and "/home/me" not in text
+
+
+def test_a_name_that_rcl_refuses_is_a_sentence() -> None:
+    from rclpy.exceptions import InvalidNodeNameException
+
+    text = refused(InvalidNodeNameException("an arm", "must not contain a space", 2))
+    assert text == "ROS 2 does not start: Invalid node name: must not contain a space: 'an arm'"
+
+
+@pytest.mark.parametrize("kind", ["plain", "InvalidHandle", "NotImplementedError"])
+def test_a_defect_is_none(rcl: Any, kind: str) -> None:
+    from nodes.ros_process import rcl_errors
+
+    error = RuntimeError("dictionary changed size") if kind == "plain" else getattr(rcl, kind)("a defect")
+    with pytest.raises(type(error)) as caught, rcl_errors():
+        raise error
+    assert caught.value is error
+
+
+def test_parameters_that_rcl_cannot_read_are_a_sentence(tmp_path: Path) -> None:
+    from nodes.ros_process import init_rclpy
+
+    file = tmp_path / "parameters.yaml"
+    file.write_text("node:\n  ros__parameters:\n    pose: [0, -0.35]\n")
+    with pytest.raises(RosError, match=r"Sequence should be of same type.*write each number of the list with a decim"):
+        init_rclpy(["--ros-args", "--params-file", str(file)])
+    with pytest.raises(RosError, match=r"^ROS 2 does not start: .*nonsense"):
+        init_rclpy(["--ros-args", "-p", "nonsense"])
