@@ -149,7 +149,8 @@ class StallWatch:
             self.stalls.pop(joint.name, None)
         elif joint.name not in self.stalls:
             self.stalls[joint.name] = Stall(_text_of_whole_torque(joint), warns=True)
-            LOG.warning("%s: %s", joint.name, self.stalls[joint.name].text)
+            text = f"{joint.name}: {self.stalls[joint.name].text}"
+            self.log.note(logging.WARNING, joint.name, joint.servo_id, text)
 
     def _reduce(self, press: _Press, joint: Joint, here: int) -> None:
         press.direction = 1 if press.command > here else -1

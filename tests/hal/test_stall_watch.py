@@ -171,6 +171,7 @@ def test_a_joint_with_its_whole_torque_is_named_and_goes_on_carrying(caplog: pyt
     arm.run(SHUT, 30.0)
     assert set(arm.goals) == {None} and arm.loads[-1] == 1.0
     assert arm.watch.stalls["jaw"].warns
+    arm.watch.log.flush()
     (record,) = caplog.records
     assert record.levelname == "WARNING"
     assert record.message == "jaw: " + arm.watch.stalls["jaw"].text
