@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,8 +14,15 @@ from hal.types import FloatArray, JointLimits
 
 LOG = logging.getLogger("servoloop.controller")
 
-SHARES: Final = tuple(0.7**n for n in range(10))
-"""The shares of acceleration and jerk that are tried for a stop on a path, which needs some for itself."""
+SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
+"""Shares of the acceleration and jerk limits that are tried for a stop on a path, which needs some for itself."""
+DELAYS_S: Final = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6)
+"""Times after which such a stop may begin: a path that brakes a joint with all it has leaves nothing for the stop."""
+LONGEST_STOP: Final = 3.0
+"""A stop on a path may take so many times as long as one that has the limits for itself, and ``STOP_MARGIN_S`` more."""
+STOP_MARGIN_S: Final = 0.4
+TRIES: Final = 12
+"""Number of stops, the quickest first, whose accelerations are compared with the limits: the loop's thread waits."""
 LOOKS: Final = 40
 """At so many instants of a stop its accelerations are held against the limits."""
 SLACK: Final = 1.001
@@ -50,25 +57,37 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True)
 class Slowing:
-    """A path on which time comes to a stop; ``progress`` is a motion of one joint, the path's own time."""
+    """A path on which time comes to a stop; ``progress`` is a motion of one joint, the path's own time.
+
+    Until ``delay_s`` time goes on as it did, at ``rate``.
+    """
 
     path: Path
     progress: Motion
+    rate: float = 1.0
+    delay_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
         """Until the joints stand still."""
-        return self.progress.duration_s
+        return self.delay_s + self.progress.duration_s
 
     @property
     def asked_s(self) -> float:
-        """The same: nobody asked for a duration."""
-        return self.progress.duration_s
+        """The same: no client asked for a duration."""
+        return self.duration_s
+
+    def on_path(self, time_s: float) -> tuple[float, float, float]:
+        """The path's own time ``time_s`` after the start (s), how fast it passes, and how that changes (1/s)."""
+        later_s = time_s - self.delay_s
+        now = self.progress.sample(later_s)
+        if later_s < 0.0:
+            return float(now.position[0]) + self.rate * later_s, self.rate, 0.0
+        return float(now.position[0]), float(now.velocity[0]), float(now.acceleration[0])
 
     def sample(self, time_s: float) -> Kinematics:
         """The joints' movement ``time_s`` after the start."""
-        now = self.progress.sample(time_s)
-        (at_s,), (rate,), (change,) = now.position, now.velocity, now.acceleration
+        at_s, rate, change = self.on_path(time_s)
         state = self.path.sample(at_s)
         acceleration: FloatArray = state.acceleration * rate**2 + state.velocity * change
         return Kinematics(state.position, state.velocity * rate, acceleration)
@@ -77,32 +96,41 @@ class Slowing:
 def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Path | None:
     """The quickest stop on the path from where the joints are, at ``elapsed_s`` with time passing ``rate`` times.
 
-    The path itself where that ends sooner; None where it leaves no room to brake within the limits.
+    The path itself where that ends sooner; None where it leaves no room to brake soon and within the limits.
     """
-    here = path.sample(elapsed_s)
-    speed = np.maximum(np.abs(here.velocity), 1e-6)
-    acceleration = min(limit.acceleration / v for limit, v in zip(limits, speed, strict=True))
-    jerk = min(limit.jerk / v for limit, v in zip(limits, speed, strict=True))
-    start = Kinematics(np.array([elapsed_s]), np.array([rate]), np.zeros(1))
-    for share in SHARES:
-        bound = JointLimits(-math.inf, math.inf, max(rate, 1.0), acceleration * share, jerk * share)
-        slowing = Slowing(path, plan_stop(start, [bound]))
-        if slowing.progress.sample(slowing.duration_s).position[0] >= path.duration_s:
+    stops = sorted(_stops(path, elapsed_s, rate, limits), key=lambda one: one.duration_s)
+    left_s = (path.duration_s - elapsed_s) / rate if rate > 0.0 else math.inf
+    longest_s = LONGEST_STOP * stops[0].duration_s + STOP_MARGIN_S
+    for stop in [one for one in stops if one.duration_s <= longest_s][:TRIES]:
+        if left_s <= stop.duration_s:
             return path
-        if _fits(slowing, rate, limits):
-            return slowing
-    return None
+        if _fits(stop, limits):
+            return stop
+    return path if left_s <= longest_s else None
 
 
-def _fits(slowing: Slowing, rate: float, limits: Sequence[JointLimits]) -> bool:
+def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Iterator[Slowing]:
+    """Stops on the path, whether they keep the limits or not."""
+    for delay_s in DELAYS_S:
+        at_s = min(elapsed_s + rate * delay_s, path.duration_s)
+        speed = np.maximum(np.abs(path.sample(at_s).velocity), 1e-6)
+        acceleration = min(limit.acceleration / v for limit, v in zip(limits, speed, strict=True))
+        jerk = min(limit.jerk / v for limit, v in zip(limits, speed, strict=True))
+        start = Kinematics(np.array([at_s]), np.array([rate]), np.zeros(1))
+        for share in SHARES:
+            bound = JointLimits(-math.inf, math.inf, max(rate, 1.0), acceleration * share, jerk * share)
+            yield Slowing(path, plan_stop(start, [bound]), rate, delay_s)
+
+
+def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
     """Whether braking accelerates no joint beyond its limit, or beyond what the path does anyway.
 
     Jerk has its limit twice, in the path and in the braking: where both are at it, nothing could be braked at once.
     """
     times_s = np.linspace(0.0, slowing.duration_s, LOOKS)
     braked = np.array([slowing.sample(time_s).acceleration for time_s in times_s])
-    on_path_s = [slowing.progress.sample(time_s).position[0] for time_s in times_s]
-    own = np.array([slowing.path.sample(at_s).acceleration for at_s in on_path_s]) * rate**2
+    on_path_s = [slowing.on_path(time_s)[0] for time_s in times_s]
+    own = np.array([slowing.path.sample(at_s).acceleration for at_s in on_path_s]) * slowing.rate**2
     most = np.maximum([limit.acceleration for limit in limits], np.abs(own).max(axis=0))
     return bool((np.abs(braked) <= SLACK * most).all())
 

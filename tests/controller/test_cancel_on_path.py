@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from controller.motion import Kinematics, motion_to
+from controller.motion import Kinematics, MotionError, Path, motion_to
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.paths import BEGINNING_S
-from controller.trajectory.stop_path import stop_along
+from controller.trajectory.stop_path import stop_along, stop_path
 from hal.types import FloatArray, JointLimits
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_parameters
 from tests.controller.moveit_plans import Curve, curved, off_line, off_path, plan, straight
 
 LIMITS = (ARM_LIMITS, ARM_LIMITS)
+FOUR = [JointLimits(-3.0, 3.0, 4.0, 12.0, 120.0)] * 4
 PATHS = {
     "straight": straight((0.0, 0.0), (1.8, -0.9)),
     "curved": curved((0.0, 0.0), (1.5, 0.2), (0.0, 1.2)),
@@ -114,3 +115,30 @@ def test_a_stop_on_a_path_never_raises(rate: float, share: float, acceleration: 
     if stop is not None and stop is not path:
         assert stop.sample(0.0).position == pytest.approx(path.sample(share * path.duration_s).position, abs=1e-6)
         assert stop.sample(stop.duration_s).velocity == pytest.approx(np.zeros(2), abs=1e-6)
+
+
+def moving_paths(count: int) -> list[Path]:
+    """Paths of four joints, some of which move, and may have to turn round, when the path begins."""
+    random = np.random.default_rng(1)
+    paths: list[Path] = []
+    while len(paths) < count:
+        moving = random.uniform(-3.0, 3.0, 4) * random.integers(0, 2, 4)
+        start = Kinematics(random.uniform(-1.0, 1.0, 4), moving, np.zeros(4))
+        end = Kinematics.at_rest(random.uniform(-2.0, 2.0, 4))
+        try:
+            paths.append(motion_to(start, end, FOUR, float(random.choice([0.0, 2.5]))))
+        except MotionError:
+            continue
+    return paths
+
+
+def test_a_stop_on_a_path_is_not_much_longer_than_one_beside_it() -> None:
+    """When one joint braked with all it has, the others once went on for seconds, far slower than they could stop."""
+    for path in moving_paths(60):
+        for share in (0.05, 0.15, 0.3, 0.5, 0.7):
+            elapsed_s = share * path.duration_s
+            stop = stop_along(path, elapsed_s, 1.0, FOUR)
+            beside = stop_path(path.sample(elapsed_s), FOUR, FOUR)
+            if stop is not None:
+                took_s = path.duration_s - elapsed_s if stop is path else stop.duration_s
+                assert took_s < beside.duration_s + 1.3
