@@ -203,6 +203,8 @@ class Execution:
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
             found = result_at_end(self._joints, active.tolerances, path, after_end_s, now.error)
+            if found and not found.stop and not now.state.faults.keys().isdisjoint(self._joints):
+                return None  # the last known position of a joint is no sign that it has arrived
             return found if found is None or found.stop or active.settles(now, self._sampler.still) else None
         if excess(self._joints, now.error, active.tolerances.path, now.state.faults):
             return active.off_path(self._joints, now)

@@ -61,7 +61,9 @@ class Relief:
         self._rest.look(np.where(unknown, np.nan, measured(now)), now.step_s)
         if now.waits and self._begun:
             self._begun, self._relieved = None, np.zeros_like(self._relieved)  # the arm stands at the last command
-        if self._begun and self._comes_free(self._begun, now, ~unknown):
+        if self._begun and (free := self._come_free(self._begun, now, ~unknown)).any():
+            # All commands stop; a joint that is still held is relieved again, once it is seen to be.
+            self._relieved &= free | (now.reference.position == self._begun.reference.position)
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
         if not self._sampler.stands:
@@ -90,13 +92,14 @@ class Relief:
         self._sampler.follow(back, now.reference, on_goal=False)
         self._begun, self._stood_s = now, 0.0
 
-    def _comes_free(self, begun: Cycle, now: Cycle, known: BoolArray) -> bool:
-        """Whether a joint whose command goes back moves by more than a held one can."""
+    def _come_free(self, begun: Cycle, now: Cycle, known: BoolArray) -> BoolArray:
+        """The joints (n,) whose commands go back and that move by more than held ones can."""
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)
         loose = LOOSE * self._sampler.still
         free: BoolArray = (forth > loose) | (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
-        return bool((free & known & (back != 0.0)).any())
+        free &= known & (back != 0.0)
+        return free
 
 
 def measured(now: Cycle) -> FloatArray:

@@ -426,6 +426,18 @@ def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
     assert_smooth(bench.path())
 
 
+def test_a_goal_does_not_succeed_by_a_position_from_before_its_servo_fell_silent() -> None:
+    bench = Bench().up()
+    handle = bench.send(to(0.5, -0.5, after_s=1.0, goal={"elbow": 0.01}))
+    bench.cycle(18)
+    bench.hardware.faults = {"elbow": JointFault("silent", "elbow: servo 2 does not answer")}
+    bench.cycle(FAULT_CYCLES - 2)
+    assert not handle.done
+    bench.hardware.faults = {}
+    bench.cycles_until(lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
 @pytest.mark.parametrize("canceled", [True, False], ids=["a cancel", "a violated path"])
 def test_a_goal_that_comes_to_rest_ends_also_where_its_servos_fall_silent(
     canceled: bool, caplog: pytest.LogCaptureFixture

@@ -171,6 +171,17 @@ def test_a_joint_that_comes_free_while_it_is_relieved_stops() -> None:
     assert 0.5 < bench.path()[-1][ELBOW] < highest
 
 
+def test_a_joint_that_comes_free_leaves_no_other_joint_pressing() -> None:
+    bench = Bench().up()
+    bench.hardware.objects = {"shoulder": 0.3, "elbow": 0.3}
+    handle = bench.send(to(0.9, 0.9, goal={"elbow": 0.03}, goal_time_s=0.3))
+    aborts(bench)
+    bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.8)
+    bench.hardware.objects = {"shoulder": 0.3}
+    seen = ended(bench, handle, 4.0)
+    assert bench.path()[-1][:2] == pytest.approx(seen[-1], abs=PRESSES_RAD)
+
+
 def test_a_new_goal_ends_the_relief() -> None:
     bench = Bench().up()
     bench.hardware.objects = {"elbow": 0.3}
