@@ -189,6 +189,8 @@ class ComponentTransitions:
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
+        if component.error is not None:  # joints that are not reached cannot be relieved
+            return self._manager.stops.holds(own)
         return not self._manager.cycle.at_rest(own)
 
     def _left(self, component: Component, transition: ComponentTransition | None) -> None:

@@ -81,10 +81,13 @@ class ControlLoop:
             hardware, manager, self.take_over, self._resume, keep_alive, background_worker
         )
 
-    def activate(self, keep_inactive: Collection[str] = ()) -> None:
-        """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors."""
+    def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
+        """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors.
+
+        ``keep_alive``: whether a component that cannot be activated stays inactive, instead; None: as the loop's own.
+        """
         try:
-            activate_all(self.hardware, keep_inactive, self._keep_alive)
+            activate_all(self.hardware, keep_inactive, self._keep_alive if keep_alive is None else keep_alive)
             state = self.hardware.read()
             for component in self.hardware.components:
                 if component.active:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -9,7 +10,9 @@ from controller.final_state import FinalState
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, Motion, MotionError, motion_to
 from controller.stops import StopMotion
+from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
+from hal.hardware import Holding
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits
 
@@ -31,8 +34,9 @@ def shut_down(
 
     ``park`` maps joint names to rad or m; ``hurry`` (a second signal) skips the way there. ``settle`` waits for
     the work in the background, which can take seconds: the joints stand by then.
-    Every step is tried even if the one before it failed: an arm that cannot be parked is still let go. What has
-    lost one of its lines is driven on the others. The log ends with the state in which each component is left.
+    Every step is tried even if the one before it failed: an arm that cannot be parked is still released. A component
+    that has lost one of its lines is driven on the others. A lost component whose joints still hold is activated again,
+    if it can be reached, to be parked and released. The log ends with the state in which each component is left.
     """
     problems: list[str] = []
     parked: list[bool] = []
@@ -43,6 +47,8 @@ def shut_down(
         _try(problems, "stop the motion", lambda: _stop(loop))
     _try(problems, "wait for what was being switched", settle)
     _try(problems, "take in what was switched", loop.component_transitions.end)
+    for component in loop.hardware.lost if relax and not hurry() else ():
+        _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "end the controllers", loop.manager.deactivate)
         if not relax:
@@ -67,6 +73,18 @@ def _try(problems: list[str], what: str, action: Callable[[], None]) -> None:
     except Exception as error:  # the next step matters more than this one's failure
         LOG.error("could not %s: %s", what, error)
         problems.append(f"could not {what}: {error}")
+
+
+def _bring_back(loop: ControlLoop, component: Component) -> None:
+    """Activate a lost component whose joints still hold. Raises what keeps it from being reached."""
+    hardware = component.hardware
+    if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
+        return
+    hardware.configure()
+    if hardware.holds():  # joints that have fallen lie where they are
+        hardware.activate()
+        loop.hardware.rejoin(component)
+        loop.take_over(component, loop.hardware.read())
 
 
 def _stop(loop: ControlLoop) -> None:

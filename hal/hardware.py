@@ -95,6 +95,15 @@ class AskedForTorque(Protocol):
 
 
 @runtime_checkable
+class Holding(Protocol):
+    """Hardware whose joints may have torque although it is inactive: a program that was lost left them so."""
+
+    def holds(self) -> bool:
+        """Whether a joint of the configured hardware has torque. Raises DriverError."""
+        ...
+
+
+@runtime_checkable
 class Undoing(Protocol):
     """Hardware that can tell which joints had torque before its activation."""
 

@@ -88,6 +88,11 @@ class ServoHardware:
             raise
         self._activation = activation
 
+    def holds(self) -> bool:
+        """Whether a servo of the configured component drives its motor. Raises DriverError."""
+        setup = ServoSetup(self._opened("ask for torque"))
+        return any(setup.torque_is_on(joint) for joint in self._joints)
+
     def undo_activation(self) -> Sequence[str]:
         """Servos that a former program left under torque go on holding: without torque the arm would fall."""
         require(self.state, LifecycleState.ACTIVE, "undo the activation")
