@@ -61,8 +61,12 @@ class YamlFile:
         if not location:
             return
         if isinstance(node, yaml.MappingNode):
-            for start, value in self._entries_of(node).get(location[0], ()):
+            found = self._entries_of(node).get(location[0], ())
+            for start, value in found:
                 yield from self._reached(value, location[1:], depth + 1, start)
+            if not found and any(value.value == location[0] for _, value in node.value):
+                # A location also names what kind of thing the mapping is, which is the value of one of its keys.
+                yield from self._reached(node, location[1:], depth, line)
         elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
             part = node.value[int(location[0])]
             yield from self._reached(part, location[1:], depth + 1, part.start_mark.line + 1)

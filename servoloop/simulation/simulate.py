@@ -2,7 +2,7 @@
 
 from collections import Counter
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 
@@ -15,7 +15,9 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.file_recording import recorded
 from servoloop.simulation.job import JobRecord, require_cell, run_job
 from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.stack_faults import inventory_of
 from sim_backend.faults.player import require_possible
+from sim_backend.faults.targets import Inventory
 from sim_backend.mechanics.build import Build
 
 SETTLED_S = 2.5
@@ -46,6 +48,11 @@ class SimulationResult:
         return all(job.success for job in self.jobs)
 
 
+def simulated(files: Files) -> Inventory:
+    """What faults of such a run may concern: the arm with all its parts; the program is not ended in it."""
+    return replace(inventory_of(files), end_s=None)
+
+
 def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
     """Bring the arm up on its virtual servos, run the jobs one after the other, then stay up for so many seconds.
 
@@ -63,7 +70,8 @@ def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path 
         faulty.update(f"{joint}: {fault.kind}" for joint, fault in state.faults.items())
 
     stack.on_state = on_state
-    require_possible(schedule.faults, stack.player.targets.inventory)
+    require_possible(schedule.faults, simulated(files))
+    stack.player.plan(schedule.faults)
     with recorded(stack, record) if record else nullcontext():
         jobs = _run(stack, settings, schedule)
     figures = stack.loop.figures
@@ -83,7 +91,6 @@ def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path 
 
 def _run(stack: FaultyStack, settings: Settings, schedule: Schedule) -> tuple[JobRecord, ...]:
     stack.up()
-    stack.player.play(schedule.faults, stack.world.time_s)
     stack.run(SETTLED_S)
     jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))
     stack.run(schedule.seconds)

@@ -123,7 +123,7 @@ def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[Faul
         return ()
     events = read_script(faults)
     if not box:
-        require_possible_in(faults, events, replace(inventory_of(files.robot), stack=False), ())
+        require_possible_in(faults, events, replace(inventory_of(files), stack=False), ())
     return events
 
 

@@ -50,7 +50,8 @@ def simulate(
     from servoloop.simulation.job import job_settings
     from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
-    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
+    from servoloop.simulation.simulate import simulated
+    from servoloop.simulation.stack_faults import require_possible_in
     from sim_backend.compiled import compilation_announced
     from sim_backend.faults.script import read_script
 
@@ -73,7 +74,7 @@ def simulate(
         )
     files = read_arm_files(chosen, robot=robot)
     if source := schedule or faults:
-        require_possible_in(source, said.faults, inventory_of(files.robot), ("faults",) if schedule else ())
+        require_possible_in(source, said.faults, simulated(files), ("faults",) if schedule else ())
     with compilation_announced(lambda text: typer.echo(text, err=True)):
         result = run(files, job_settings(chosen, said.job), said, record)
     if json:

@@ -5,15 +5,18 @@ from contextlib import AbstractContextManager
 from random import Random
 from typing import Any, Final, Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from drivers.servos.register import ServoModel
 from hal.plausible import Chance, Duration, Seed, ServoId, Time
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.targets import Inventory, Place, Targets
+from sim_backend.faults.tails import log_uniform
+from sim_backend.faults.targets import Inventory, Place, Since, Targets
 
-LONGEST_DRAWN_S: Final = 2.0
-"""A drawn fault that ends does so within this time."""
+DRAWN_S: Final = (0.001, 20.0)
+"""Durations of drawn faults that end: from one packet to a whole run with a job."""
+USUAL_S: Final = (0.05, 2.0)
+"""Durations of half of them: from a cycle to what outlasts every time-out of the stack."""
 STAYS: Final = 0.1
 """Of the drawn faults that could end so many stay."""
 
@@ -25,12 +28,17 @@ class Event(BaseModel):
 
     kind: str
     at_s: Time = 0.0
-    """Since the loop began, or since the emulator was ready."""
+    """Time of the beginning, counted from ``since``."""
+    since: Since = "up"
+    """An emulator is up when it is ready, and knows no other moment."""
     for_s: Duration | None = None
     """How long it lasts. None: it stays."""
 
     def refuse(self, there: Inventory) -> None:
         """Raise FaultError, with a sentence that says why, where what there is cannot have this fault."""
+        if self.since not in there.moments:
+            does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
+            raise FaultError(f"no stack {does} here: leave out `since`, or play the fault with servoloop campaign")
 
     def acting(self, targets: Targets) -> AbstractContextManager[None]:
         """The fault itself: it begins as the context is entered and ends as that is left."""
@@ -46,10 +54,10 @@ class Event(BaseModel):
         return Random(f"{getattr(self, 'seed', 0)}/{self.kind}")
 
     @classmethod
-    def drawn(cls, random: Random, there: Inventory, at_s: float) -> Self:
+    def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
         """An event of this kind with random parameters. Raises FaultError where nothing can have it."""
         parameters = cls.draw_parameters(random, there)
-        event = cls.model_validate({"at_s": at_s, **parameters})
+        event = cls.model_validate({"at_s": at_s, "since": since, **parameters})
         event.refuse(there)
         return event
 
@@ -64,7 +72,7 @@ class Lasting(Event):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        length_s = round(random.uniform(0.02, LONGEST_DRAWN_S), 3)
+        length_s = log_uniform(random, *random.choice((DRAWN_S, USUAL_S)))
         return {"for_s": None if random.random() < STAYS else length_s}
 
 
@@ -72,6 +80,12 @@ class Momentary(Event):
     """A fault that is done as soon as it has begun; what it did stays."""
 
     for_s: None = None
+
+    @field_validator("for_s", mode="before")
+    @classmethod
+    def _over_at_once(cls, for_s: object) -> None:
+        if for_s is not None:
+            raise ValueError(f"{cls.model_fields['kind'].default} is over at once: leave out for_s")
 
     @property
     def lasts_s(self) -> float | None:
@@ -142,8 +156,13 @@ class Replies(OfBus, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        chance, seed = round(random.uniform(0.01, 0.5), 2), random.randrange(1 << 16)
+        chance, seed = log_uniform(random, 0.01, 1.0), random.randrange(1 << 16)
         return {**super().draw_parameters(random, there), "chance": chance, "seed": seed}
+
+
+def model_of(drawn: Mapping[str, Any], there: Inventory) -> ServoModel:
+    """The model of the servo that drawn parameters name."""
+    return there.servos[there.bus_of(drawn["servo_id"], drawn["bus"])][drawn["servo_id"]]
 
 
 def any_servo(random: Random, servos: Mapping[str, Mapping[int, ServoModel]]) -> dict[str, Any]:

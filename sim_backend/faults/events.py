@@ -5,6 +5,7 @@ from typing import Annotated, Any, Final
 from pydantic import Field, TypeAdapter
 
 from sim_backend.faults.event import Event
+from sim_backend.faults.false_replies import FalsePosition, FalseValue
 from sim_backend.faults.lines import AdapterUnplugged, CableCut, Echo, ForeignPackets, WeakSupply
 from sim_backend.faults.mechanics import Jammed, Overload, SlippedHorn
 from sim_backend.faults.replies import (
@@ -16,8 +17,8 @@ from sim_backend.faults.replies import (
     Noise,
     TruncatedReplies,
 )
-from sim_backend.faults.servos import BrownOut, DeadEncoder, FalsePosition, Hot, Overcurrent, Silent, StuckEncoder
-from sim_backend.faults.settings import EepromGone, WrongId, WrongMode, WrongRate
+from sim_backend.faults.servos import BrownOut, DeadEncoder, Hot, LoosePlug, Overcurrent, Silent, StuckEncoder
+from sim_backend.faults.settings import EepromGone, WrongId, WrongMode, WrongRate, WrongSetting
 from sim_backend.faults.stack import (
     ClientCancels,
     ClientDies,
@@ -29,10 +30,10 @@ from sim_backend.faults.stack import (
 )
 
 FaultEvent = Annotated[
-    Silent | BrownOut | CableCut | WeakSupply
+    Silent | BrownOut | LoosePlug | CableCut | WeakSupply
     | LostReplies | LateReplies | TruncatedReplies | FlippedReplies | Noise | Echo | Collision | MissedInstructions
-    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | FalsePosition | Hot | Overcurrent
-    | WrongId | WrongRate | WrongMode | EepromGone
+    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | FalsePosition | FalseValue | Hot | Overcurrent
+    | WrongId | WrongRate | WrongMode | WrongSetting | EepromGone
     | AdapterUnplugged | ForeignPackets
     | Stall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,
     Field(discriminator="kind"),

@@ -12,6 +12,7 @@ from drivers.servos.register import ServoModel
 from hal.plausible import Duration, Ohms, ServoId, Volts
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, OfBus, OfServo, any_servo
+from sim_backend.faults.tails import about, log_uniform
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.power import feed, restart, watch_supply
 from sim_backend.wire.line import ServoLine
@@ -95,9 +96,11 @@ class WeakSupply(OfBus, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        voltage_v, resistance_ohm = round(random.uniform(0.0, 12.0), 1), round(random.uniform(0.1, 5.0), 1)
-        drawn = random.choice([{"voltage_v": voltage_v}, {"resistance_ohm": resistance_ohm}])
-        return {**super().draw_parameters(random, there), **drawn}
+        parameters = super().draw_parameters(random, there)
+        fed = [model for bus in there.buses(parameters["bus"]) for model in there.servos[bus].values()]
+        voltage_v = about(random, min(model.rated_voltage_v for model in fed), 4.0)
+        drawn = random.choice([{"voltage_v": voltage_v}, {"resistance_ohm": log_uniform(random, 0.01, 20.0)}])
+        return {**parameters, **drawn}
 
 
 @contextmanager
@@ -204,5 +207,5 @@ class ForeignPackets(OfServo, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        every_s, does = round(random.uniform(0.01, 0.5), 3), random.choice(["reads", "lets_go"])
+        every_s, does = log_uniform(random, 0.001, 1.0), random.choice(["reads", "lets_go"])
         return {**super().draw_parameters(random, there), "every_s": every_s, "does": does}

@@ -11,7 +11,8 @@ from pydantic import field_validator
 from drivers.servos.register import ServoModel
 from hal.plausible import Counts, Torque
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.event import Lasting, Momentary, OfServo
+from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
+from sim_backend.faults.tails import about, either_way, log_uniform
 from sim_backend.faults.targets import Inventory, Mechanics, Targets
 
 
@@ -56,7 +57,9 @@ class Overload(OfServo, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "torque_nm": round(random.uniform(-4.0, 4.0), 2)}
+        parameters = super().draw_parameters(random, there)
+        stall_nm = model_of(parameters, there).stall_torque_nm
+        return {**parameters, "torque_nm": either_way(random, about(random, stall_nm, 10.0))}
 
 
 class SlippedHorn(Momentary, OfServo):
@@ -80,7 +83,7 @@ class SlippedHorn(Momentary, OfServo):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        counts = random.choice([-1, 1]) * random.randint(1, 200)
+        counts = either_way(random, round(log_uniform(random, 1.0, 2048.0)))
         return {**super().draw_parameters(random, there), "counts": counts}
 
 

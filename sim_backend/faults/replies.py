@@ -8,6 +8,7 @@ from typing import Any, Literal
 from hal.plausible import Delay, ServoId
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies
+from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.faults.wire import LONGEST_NOISE
 from sim_backend.wire.line import overlaid
@@ -132,7 +133,7 @@ class LateReplies(Replies):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "by_s": round(random.uniform(0.001, 0.05), 4)}
+        return {**super().draw_parameters(random, there), "by_s": log_uniform(random, 0.0002, 1.0)}
 
 
 class MissedInstructions(Replies):

@@ -1,18 +1,22 @@
-"""Faults of one servo: its data line, its power, its motor, its encoder, its replies."""
+"""Faults of one servo: its data line, its power, its motor, its encoder."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from random import Random
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
-from hal.plausible import Celsius, Chance, Counts, Number
+from hal.plausible import Celsius, Chance, Duration
 from sim_backend.faults.event import Lasting, Momentary, OfServo
+from sim_backend.faults.tails import about, log_uniform
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.power import restart
+
+BEARABLE_C: Final = 70.0
+"""The highest temperature at which a servo drives its motor, as it comes from the factory."""
 
 
 class Silent(OfServo, Lasting):
@@ -43,6 +47,30 @@ class BrownOut(Momentary, OfServo):
         yield
 
 
+class LoosePlug(OfServo, Lasting):
+    """A servo's plug has a loose contact: its power fails for a moment, again and again."""
+
+    kind: Literal["loose_plug"] = "loose_plug"
+    every_s: Duration = 1.0
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo, next_s = self.place(targets).servo, -1.0
+
+        def shake(time_s: float) -> None:
+            nonlocal next_s
+            if time_s >= next_s:
+                restart(servo)
+                next_s = time_s + self.every_s
+
+        with targets.each_step(shake):
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "every_s": log_uniform(random, 0.01, 5.0)}
+
+
 class Hot(OfServo, Lasting):
     """A servo's motor is kept at least at this temperature, as in a closed box; afterwards it cools down by itself."""
 
@@ -62,7 +90,7 @@ class Hot(OfServo, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "temperature_c": round(random.uniform(50.0, 110.0), 1)}
+        return {**super().draw_parameters(random, there), "temperature_c": about(random, BEARABLE_C, 2.5)}
 
 
 class Overcurrent(OfServo, Lasting):
@@ -87,7 +115,7 @@ class Overcurrent(OfServo, Lasting):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "turns_left": round(random.uniform(0.02, 0.5), 3)}
+        return {**super().draw_parameters(random, there), "turns_left": log_uniform(random, 0.005, 0.99)}
 
 
 class DeadEncoder(OfServo, Lasting):
@@ -124,55 +152,3 @@ class StuckEncoder(OfServo, Lasting):
 
         with targets.holds.hold(("encoder_sticks", servo), stick, True, False):
             yield
-
-
-class FalsePosition(OfServo, Lasting):
-    """A servo reports a false position in a reply whose checksum is right; its own control loop has the true one."""
-
-    kind: Literal["false_position"] = "false_position"
-    counts: Counts = 1000
-    """Added to the true position."""
-    every: Annotated[Number, Field(ge=1)] = 1
-    """Of the replies that report the position, every n-th is false, the first one included."""
-    replies: Annotated[Number, Field(ge=1)] | None = None
-    """Number of false replies. None: as many as there are until the fault ends."""
-
-    @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
-        servo = self.place(targets).servo
-        asked = 0
-
-        def falsify(address: int, size: int, data: bytes) -> bytes:
-            nonlocal asked
-            false = _with_position(servo, self.counts, address, size)
-            if false == data:  # the position is not in this reply
-                return data
-            number, due = divmod(asked, self.every)
-            asked += 1
-            return data if due or (self.replies is not None and number >= self.replies) else false
-
-        servo.on_read.append(falsify)
-        try:
-            yield
-        finally:
-            servo.on_read.remove(falsify)
-
-    @classmethod
-    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {
-            **super().draw_parameters(random, there),
-            "counts": random.choice((-1, 1)) * random.choice((random.randint(20, 400), random.randint(400, 4096))),
-            "every": random.choice((1, 1, 2, 3, random.randint(4, 30))),
-            "replies": random.choice((1, 1, 2, None)),
-        }
-
-
-def _with_position(servo: Any, counts: int, address: int, size: int) -> bytes:
-    """A part of the servo's table, if its shaft were ``counts`` further; the other way where that is no position."""
-    memory, register = servo.memory, servo.PRESENT_POSITION
-    true = memory.get(register)
-    further = true + counts
-    memory.put(register, further if register.smallest <= further <= register.largest else true - counts)
-    data: bytes = memory.read(address, size)
-    memory.put(register, true)
-    return data

@@ -10,17 +10,21 @@ from pydantic import Field
 from drivers.servos import sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel1 import AX_MX
-from drivers.servos.register import Register, ServoModel
-from hal.plausible import Baud, Number, ServoId
+from drivers.servos.register import Access, Register, ServoModel
+from hal.plausible import Baud, Number, RegisterValue, ServoId
 from sim_backend.box import FACTORY_ID
 from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
-from sim_backend.faults.event import Lasting, Momentary, OfServo
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
+from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.power import restart
 from sim_backend.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
 """The values of ``operating_mode`` by series; the others have no such register."""
+OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
+"""The kind of fault by the register that it concerns."""
 
 
 class _WrongSetting(OfServo, Lasting):
@@ -34,7 +38,7 @@ class _WrongSetting(OfServo, Lasting):
     def acting(self, targets: Targets) -> Iterator[None]:
         servo = self.place(targets).servo
         name, value = self._setting(servo.model)
-        register = _register(servo.model, name)
+        register = register_of(servo.model, name)
         usual = servo.memory.get(register)
 
         def put(number: int) -> None:
@@ -97,6 +101,33 @@ class WrongMode(_WrongSetting):
         return {**super().draw_parameters(random, there), "mode": random.choice([0, 1, 3])}
 
 
+class WrongSetting(_WrongSetting):
+    """A register of a servo's EEPROM has another value: a gain, a limit, the homing offset."""
+
+    kind: Literal["wrong_setting"] = "wrong_setting"
+    register_name: str
+    """As `servoloop register list` names it."""
+    value: RegisterValue
+    """As the register has it, without a unit."""
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        register = register_of(model, self.register_name)
+        if register.name in OWN_KINDS:
+            raise FaultError(f"{register.name}: {OWN_KINDS[register.name]} is the fault for this register")
+        if register not in _settings(model):
+            raise FaultError(f"{register.name} is no setting that a {model.name} keeps without power")
+        require_value(register, self.value)
+
+    def _setting(self, model: ServoModel) -> tuple[str, int]:
+        return self.register_name, self.value
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        parameters = super().draw_parameters(random, there)
+        register = random.choice(_settings(model_of(parameters, there)))
+        return {**parameters, "register_name": register.name, "value": any_value(random, register)}
+
+
 class EepromGone(Momentary, OfServo):
     """A servo has lost its settings and starts anew with those of the factory: ID 1, the factory's rate and limits."""
 
@@ -111,9 +142,10 @@ class EepromGone(Momentary, OfServo):
         yield
 
 
-def _register(model: ServoModel, name: str) -> Register:
-    table = x.registers(model) if isinstance(model, x.Model) else series_of(model).registers
-    return next(register for register in table if register.name == name)
+def _settings(model: ServoModel) -> list[Register]:
+    """The registers of the EEPROM that may be set, except for those whose wrong values are kinds of their own."""
+    kept = (one for one in registers_of(model) if one.persistent and one.access is Access.READ_WRITE)
+    return [register for register in kept if register.name not in OWN_KINDS]
 
 
 def _put(servo: Any, register: Register, value: int) -> None:

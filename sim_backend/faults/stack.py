@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 from hal.plausible import Duration, Position, Seed
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event, Lasting, Momentary
+from sim_backend.faults.tails import either_way, log_uniform
 from sim_backend.faults.targets import Inventory, Misdeed, StackTarget, Targets, Upset
 
 
@@ -37,7 +38,7 @@ class Stall(_OfStack):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {"for_s": round(random.uniform(0.01, 1.0), 3)}
+        return {"for_s": log_uniform(random, 0.001, 5.0)}
 
 
 class _OfController(_OfStack, Lasting):
@@ -49,8 +50,19 @@ class _OfController(_OfStack, Lasting):
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
-        if self.controller is not None and there.controllers and self.controller not in there.controllers:
+        if self.controller is None or not there.controllers:
+            return
+        if self.controller not in there.controllers:
             raise FaultError(f"there is no controller {self.controller!r}: known are {', '.join(there.controllers)}")
+        able = self._able(there)
+        if self.controller not in able:
+            which = f"name one of {', '.join(able)}" if able else "no controller here does"
+            raise FaultError(f"{self.controller} commands no joints: {which}")
+
+    @classmethod
+    def _able(cls, there: Inventory) -> list[str]:
+        """The controllers that can have this fault: all that are known, or those that command joints."""
+        return [name for name, commands in there.controllers.items() if commands or cls.HOW == "raises"]
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -60,6 +72,10 @@ class _OfController(_OfStack, Lasting):
     @property
     def _jump(self) -> float:
         return 0.0
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "controller": random.choice(cls._able(there) or [None])}
 
 
 class ControllerRaises(_OfController):
@@ -89,7 +105,10 @@ class ControllerJumps(_OfController):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        return {**super().draw_parameters(random, there), "by_rad": round(random.uniform(-3.0, 3.0), 2)}
+        return {
+            **super().draw_parameters(random, there),
+            "by_rad": either_way(random, log_uniform(random, 0.001, 100.0)),
+        }
 
 
 class _OfClient(Momentary, _OfStack):

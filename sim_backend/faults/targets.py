@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from random import Random
-from typing import Any, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 from drivers.servos.register import ServoModel
 from sim_backend.faults.errors import FaultError
@@ -15,6 +15,13 @@ Upset = Literal["raises", "nan", "jumps"]
 """What a controller does when it is upset."""
 Misdeed = Literal["nonsense", "cancels", "dies"]
 """What a client of the stack does."""
+Since = Literal["start", "up", "end"]
+"""The moment from which a fault's time counts: before the hardware is configured, when the arm is up, or when the
+program begins to end."""
+START_S: Final = 0.1
+"""Time in which the shipped arms are configured and activated: 0.04 s on STS servos, 0.1 s on Dynamixels."""
+HOLD_S: Final = 0.2
+"""Time in which an arm that is held at the program's end has come to rest."""
 
 
 class Adapter(Protocol):
@@ -44,8 +51,8 @@ class StackTarget(Protocol):
     """The stack with its controllers and its clients, on simulated time."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Of the controllers."""
+    def controllers(self) -> Mapping[str, bool]:
+        """The names of the controllers, and whether each commands joints."""
 
     def stall(self, seconds: float) -> None:
         """Let the machine stand still for so long once; the servos and the world go on."""
@@ -67,8 +74,22 @@ class Inventory:
     world: bool = True
     adapters: bool = True
     stack: bool = True
-    controllers: tuple[str, ...] = ()
-    """Those of the stack, as far as they are known."""
+    controllers: Mapping[str, bool] = field(default_factory=dict)
+    """The controllers of the stack as far as they are known, and whether each commands joints."""
+    start_s: float | None = START_S
+    """Time that the stack takes to come up. None: it is up already."""
+    end_s: float | None = HOLD_S
+    """Time that the program takes to end. None: it is not ended here."""
+
+    @property
+    def moments(self) -> tuple[Since, ...]:
+        """The moments from which faults can count here, in their order."""
+        there: dict[Since, bool] = {
+            "start": self.stack and self.start_s is not None,
+            "up": True,
+            "end": self.stack and self.end_s is not None,
+        }
+        return tuple(moment for moment, known in there.items() if known)
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
         """The name of the line that has this servo. Raises FaultError where there is none, or one on several lines."""
@@ -140,7 +161,7 @@ class Targets:
             }
             for name, line in self.lines.items()
         }
-        controllers = self.stack.names if self.stack is not None else ()
+        controllers = self.stack.controllers if self.stack is not None else {}
         return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None, controllers)
 
     def place(self, servo_id: int, bus: str | None) -> Place:

@@ -11,14 +11,16 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import EVENT, KINDS
 
-_WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as"}
+_WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as", "register_name": "register"}
 _UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")
+_TIMES: Final = ("at_s", "since", "for_s")
+"""Parameters that all kinds have, which are named last."""
 
 
 def words(kind: type[Event]) -> dict[str, str]:
     """The parameters of a kind: the field by the word that stands for it."""
     fields = [name for name in kind.model_fields if name != "kind" and not _never(kind, name)]
-    fields.sort(key=lambda name: (name in ("at_s", "for_s"), not kind.model_fields[name].is_required()))
+    fields.sort(key=lambda name: (name in _TIMES, not kind.model_fields[name].is_required()))
     return {word_of(name): name for name in fields}
 
 

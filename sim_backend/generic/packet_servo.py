@@ -64,6 +64,8 @@ class WiredServo(ABC):
         self.gears = gears
         self.on_read: list[Callable[[int, int, bytes], bytes]] = []
         """Faults of a reply's data: address, size and the true bytes in, the bytes of the reply out."""
+        self.on_status: list[Callable[[int], int]] = []
+        """Faults of the error byte: the true alarms in, those of the reply out."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
@@ -140,4 +142,7 @@ class PacketServo(WiredServo):
         return self._status(self.servo_id, self.read(address, size))
 
     def _status(self, servo_id: int, data: bytes = b"") -> bytes:
-        return status_packet(servo_id, self.firmware.status, data)
+        status = self.firmware.status
+        for falsify in self.on_status:
+            status = falsify(status)
+        return status_packet(servo_id, status, data)

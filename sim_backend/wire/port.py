@@ -102,6 +102,11 @@ class VirtualAdapter:
         self._ports = [*(port for port in self._ports if port.is_open), port]
         return port
 
+    @property
+    def reachable(self) -> bool:
+        """Whether it can be opened under its own name."""
+        return self._there == self.name
+
     def unplug(self) -> None:
         """Pull it: all open ports are lost."""
         self._there = None

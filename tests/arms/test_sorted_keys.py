@@ -58,7 +58,7 @@ def test_an_arm_is_the_same(resaved: Path, name: str) -> None:
 
 def test_a_seed_draws_the_same_faults(resaved: Path) -> None:
     name = "robot_arm_two_buses.yaml"
-    there = [inventory_of(read_files(robot=folder / name).robot) for folder in (CONFIG, resaved)]
+    there = [inventory_of(read_files(robot=folder / name)) for folder in (CONFIG, resaved)]
     assert draw(3, there[0], 10.0, 20) == draw(3, there[1], 10.0, 20)
 
 

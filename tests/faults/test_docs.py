@@ -1,6 +1,7 @@
 """docs/faults.md: its commands, its file and its program, run."""
 
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -14,8 +15,9 @@ from typer.testing import CliRunner, Result
 from servoloop.cli import app
 from sim_backend.control import ask, control_path
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.text import words
 from tests.faults.rig import FaultRig
-from tests.pages import code, commands
+from tests.pages import DOCS, code, commands
 from tests.servoloop.served import eventually
 
 PAGE = "faults.md"
@@ -102,7 +104,7 @@ def test_the_program_does_what_it_shows() -> None:
 def test_all_kinds_are_listed_for_programs_too() -> None:
     listed = json.loads(fault("--list", "--json").output)
     assert list(listed) == list(KINDS)
-    assert listed["silent"] == {"does": listed["silent"]["does"], "parameters": ["id", "bus", "at", "for"]}
+    assert listed["silent"] == {"does": listed["silent"]["does"], "parameters": ["id", "bus", "at", "since", "for"]}
 
 
 def test_without_an_emulator_the_sentence_says_so(tmp_path: Path) -> None:
@@ -115,3 +117,16 @@ def test_without_an_emulator_the_sentence_says_so(tmp_path: Path) -> None:
     broken.write_text("- {kind: silent, servo_id: 9}\n- {kind: stall, for_s: 1}\n")
     result = CliRunner().invoke(app, ["emulate", str(tmp_path / "bus"), "--faults", str(broken)])
     assert "there is no servo 9" in str(result.exception) and "there is no stack" in str(result.exception)
+
+
+def test_the_table_of_problems_names_kinds_that_there_are() -> None:
+    section = (DOCS / PAGE).read_text().partition("## Problems of owners")[2].partition("\n\n## ")[0]
+    named = [
+        text
+        for text in re.findall(r"`([a-z_]+(?: [a-z_]+=\S*)?)`", section)
+        if text not in ("after", "as=", "since=start")
+    ]
+    assert len(named) > 25
+    for text in named:
+        kind, _, parameter = text.partition(" ")
+        assert parameter.partition("=")[0] in ("", *words(KINDS[kind])), text

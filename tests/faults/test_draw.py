@@ -1,6 +1,8 @@
 """Schedules are drawn up front, each kind from its own numbers."""
 
+from collections import Counter
 from contextlib import ExitStack
+from math import log10
 from random import Random
 from typing import Any
 
@@ -10,6 +12,7 @@ from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.false_replies import FalsePosition
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.replies import FlippedReplies, LostReplies
 from sim_backend.faults.servos import Hot
@@ -25,7 +28,8 @@ def test_a_seed_gives_one_schedule_that_is_possible() -> None:
     assert len(set(schedules)) == 10
     for schedule in schedules:
         assert len(schedule) == 30
-        assert [event.at_s for event in schedule] == sorted(event.at_s for event in schedule)
+        times = [(TWO_LINES.moments.index(event.since), event.at_s) for event in schedule]
+        assert times == sorted(times)
         assert all(0.0 <= event.at_s <= 20.0 for event in schedule)
         require_possible(schedule, TWO_LINES)
     assert {event.kind for schedule in schedules for event in schedule} == set(KINDS)
@@ -88,3 +92,65 @@ def test_what_is_left_of_a_reply_changes_nothing_of_what_happens_to_the_next() -
     assert beside.count(b"") > 100
     assert all(one in (b"", other) for one, other in zip(beside, alone, strict=True))
     assert 100 < sum(reply != number.to_bytes(2, "big") for number, reply in enumerate(alone)) < 200
+
+
+def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float]:
+    """A parameter of many faults of one kind, ascending; those that have none are left out."""
+    events = [event for seed in range(100) for event in draw(seed, there, 10.0, 10, [kind])]
+    return sorted(value for event in events if (value := getattr(event, parameter)) is not None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameter", "lowest", "highest"),
+    [
+        ("stall", "for_s", 0.001, 5.0),
+        ("late_replies", "by_s", 0.0002, 1.0),
+        ("lost_replies", "chance", 0.01, 1.0),
+        ("missed_instructions", "chance", 0.01, 1.0),
+        ("weak_supply", "resistance_ohm", 0.01, 20.0),
+        ("overcurrent", "turns_left", 0.005, 0.99),
+        ("foreign_packets", "every_s", 0.001, 1.0),
+    ],
+)
+def test_each_factor_of_ten_is_drawn_as_often(kind: str, parameter: str, lowest: float, highest: float) -> None:
+    values = drawn(kind, parameter)
+    decades = log10(highest / lowest)
+    assert lowest <= values[0] < lowest * 10 ** (0.1 * decades)
+    assert highest >= values[-1] > highest / 10 ** (0.1 * decades)
+    assert 0.4 * decades < log10(values[len(values) // 2] / lowest) < 0.6 * decades
+
+
+def test_faults_last_from_a_packet_to_a_run_and_half_of_them_about_as_long_as_time_outs() -> None:
+    lengths_s = drawn("silent", "for_s")
+    assert lengths_s[0] < 0.003 and lengths_s[-1] > 10.0
+    usual = sum(0.05 <= length_s <= 2.0 for length_s in lengths_s) / len(lengths_s)
+    assert 0.6 < usual < 0.75  # the half, and of the others what is between the two times
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameter", "usual"),
+    [("weak_supply", "voltage_v", 12.0), ("hot", "temperature_c", 70.0), ("overload", "torque_nm", 3.0)],
+)
+def test_what_an_arm_bears_is_undercut_and_exceeded(kind: str, parameter: str, usual: float) -> None:
+    servos = Inventory({"": TWO_LINES.servos["arm"]})
+    sizes = sorted(abs(value) for value in drawn(kind, parameter, servos))
+    assert sizes[0] < 0.5 * usual < 2.0 * usual < sizes[-1]
+
+
+@pytest.mark.parametrize("kind", ["overload", "slipped_horn", "false_position", "controller_jumps"])
+def test_what_has_a_sign_is_drawn_with_both(kind: str) -> None:
+    name = {"overload": "torque_nm", "controller_jumps": "by_rad"}.get(kind, "counts")
+    values = drawn(kind, name)
+    sizes = sorted(abs(value) for value in values)
+    assert 0.4 < sum(value < 0.0 for value in values) / len(values) < 0.6
+    assert sizes[-1] > 50.0 * sizes[0]
+
+
+def test_false_positions_are_single_repeated_and_lasting() -> None:
+    events = [event for seed in range(100) for event in draw(seed, TWO_LINES, 10.0, 3, ["false_position"])]
+    forms = Counter(
+        "single" if event.replies == 1 else "each n-th" if event.every > 1 else "lasting"
+        for event in events
+        if isinstance(event, FalsePosition)
+    )
+    assert all(forms[form] > 0.15 * len(events) for form in ("single", "each n-th", "lasting"))

@@ -10,9 +10,11 @@ from servoloop.simulation.digest import Digest
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.simulation.stack_faults import NONSENSE
+from servoloop.simulation.stack_faults import NONSENSE, inventory_of
+from sim_backend.faults.draw import draw
+from sim_backend.faults.errors import FaultError
 from sim_backend.faults.text import parse
-from tests.faults.rig import files_of
+from tests.faults.rig import FaultRig, files_of, told
 from tests.stack.rig import PICK, READY
 
 
@@ -78,3 +80,34 @@ def test_all_nonsense_is_refused_with_its_reason() -> None:
     answers = stack.stack_faults.answers
     assert len(answers) == 60 and all(answers)
     assert len({str(answer).split()[0] for answer in answers}) >= len(NONSENSE) - 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "controllers"),
+    [
+        ("controller_raises", {"arm_controller", "hand_controller", "joint_state_broadcaster"}),
+        ("controller_nan", {"arm_controller", "hand_controller"}),
+        ("controller_jumps", {"arm_controller", "hand_controller"}),
+    ],
+)
+def test_faults_of_controllers_are_drawn_for_all_that_can_have_them(kind: str, controllers: set[str]) -> None:
+    there = inventory_of(files_of("robot_arm"))
+    assert there.controllers == FaultRig().player.targets.inventory.controllers
+    assert {getattr(event, "controller", "") for event in draw(1, there, 10.0, 30, [kind])} == controllers
+
+
+def test_a_controller_that_commands_no_joints_cannot_command_nan() -> None:
+    with pytest.raises(
+        FaultError, match="joint_state_broadcaster commands no joints: name one of arm_controller, hand"
+    ):
+        FaultRig().play(parse("controller_nan controller=joint_state_broadcaster"))
+
+
+def test_a_broadcaster_that_raises_ends_no_goal() -> None:
+    rig = told("robot_arm", parse("controller_raises controller=joint_state_broadcaster at=300ms"))
+    assert rig.says("joint_state_broadcaster failed") and rig.says("goal: SUCCEEDED")
+
+
+def test_a_hand_whose_controller_commands_nan_holds_and_the_arm_goes_on() -> None:
+    rig = told("robot_arm", parse("controller_nan controller=hand_controller at=300ms"))
+    assert rig.says("safety gate: hand_right_joint: the command is nan: holding") and rig.says("goal: SUCCEEDED")

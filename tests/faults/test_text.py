@@ -53,7 +53,7 @@ def test_a_text_is_read(text: str, event: Event) -> None:
         ("", ["there is no fault ''"]),
         ("sillent id=3", ["did you mean silent?"]),
         ("silent", ["id: Field required", "silent id=ID"]),
-        ("silent 3", ["3: silent takes id=, bus=, at=, for="]),
+        ("silent 3", ["3: silent takes id=, bus=, at=, since=, for="]),
         ("silent id=three fr=2 at=-1s", ["id: Input should be a valid integer", "fr=2: silent takes", "at: Input"]),
         ("silent id=3 id=4", ["id=4: id stands here for the second time"]),
         ("silent id=3 for=0s", ["for: Input should be greater than 0"]),

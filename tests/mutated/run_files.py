@@ -31,11 +31,11 @@ SCHEDULES: Final = sorted((HOME / "tests" / "schedules").glob("*.yaml"))
 
 
 def read_faults(path: Path) -> None:
-    require_possible_in(path, read_script(path), inventory_of(read_arm_servos(find_arm()).robot), ())
+    require_possible_in(path, read_script(path), inventory_of(read_arm_servos(find_arm())), ())
 
 
 def good_faults() -> list[bytes]:
-    there = inventory_of(files_of(OWN).robot)
+    there = inventory_of(files_of(OWN))
     return [script_text(draw(0, there, 10.0, 2, [kind])).encode() for kind in KINDS_OF_FAULTS]
 
 
@@ -43,7 +43,7 @@ def read_whole_schedule(path: Path) -> None:
     schedule = read_schedule(path)
     arm = find_arm(schedule.arm)
     load_pick_place(arm.pick_place)
-    require_possible_in(path, schedule.faults, inventory_of(read_arm_servos(arm).robot))
+    require_possible_in(path, schedule.faults, inventory_of(read_arm_servos(arm)))
 
 
 def read_campaign(path: Path) -> None:

@@ -1,0 +1,135 @@
+"""False values in replies whose checksum is right: of 256 corrupted replies one passes it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from random import Random
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field
+
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from hal.plausible import Counts, Number, RegisterValue
+from sim_backend.faults.event import Lasting, OfServo, model_of
+from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
+from sim_backend.faults.tails import either_way, log_uniform
+from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.generic.packet_servo import PacketServo
+
+READ_IN_CYCLES: Final = (
+    *("present_velocity", "present_speed", "present_load", "present_pwm", "present_current"),
+    *("present_voltage", "present_temperature", "torque_enable", "status", "hardware_error_status"),
+)
+"""Registers, except for the position, that the stack reads in its cycle; no model has all of them."""
+
+
+class _FalseReplies(OfServo, Lasting):
+    """A servo reports something false: once, in every n-th reply that has it, or in each."""
+
+    every: Annotated[Number, Field(ge=1)] = 1
+    """Of the replies that report the value, every n-th is false, the first one included."""
+    replies: Annotated[Number, Field(ge=1)] | None = None
+    """Number of false replies. None: as many as there are until the fault ends."""
+
+    def _turns(self) -> Callable[[], bool]:
+        """Whether the next reply that has the value is a false one; asked once for each."""
+        asked = 0
+
+        def due() -> bool:
+            nonlocal asked
+            number, rest = divmod(asked, self.every)
+            asked += 1
+            return not rest and (self.replies is None or number < self.replies)
+
+        return due
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {
+            **super().draw_parameters(random, there),
+            "every": random.choice((1, round(log_uniform(random, 1.0, 100.0)))),
+            "replies": random.choice((1, round(log_uniform(random, 1.0, 100.0)), None)),
+        }
+
+
+class FalsePosition(_FalseReplies):
+    """A servo reports a false position in a reply whose checksum is right; its own control loop has the true one."""
+
+    kind: Literal["false_position"] = "false_position"
+    counts: Counts = 1000
+    """Added to the true position."""
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo = self.place(targets).servo
+        register, due = servo.PRESENT_POSITION, self._turns()
+
+        def falsify(address: int, size: int, data: bytes) -> bytes:
+            true = servo.memory.get(register)
+            further = true + self.counts
+            value = further if register.smallest <= further <= register.largest else true - self.counts
+            false = _with(servo, register, value, (address, size))
+            return false if false != data and due() else data  # the same: the position is not in this reply
+
+        with _reporting(servo.on_read, falsify):
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        counts = either_way(random, round(log_uniform(random, 1.0, 4096.0)))
+        return {**super().draw_parameters(random, there), "counts": counts}
+
+
+class FalseValue(_FalseReplies):
+    """A servo reports a false value of one register, its `status` for instance, in a reply whose checksum is right."""
+
+    kind: Literal["false_value"] = "false_value"
+    register_name: str
+    """As `servoloop register list` names it. What `status` says also stands in the error byte of each reply."""
+    value: RegisterValue
+    """As the register has it, without a unit."""
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        register = register_of(model, self.register_name)
+        require_value(register, self.value)
+
+    @contextmanager
+    def acting(self, targets: Targets) -> Iterator[None]:
+        servo, due = self.place(targets).servo, self._turns()
+        register = register_of(servo.model, self.register_name)
+
+        def falsify(address: int, size: int, data: bytes) -> bytes:
+            false = _with(servo, register, self.value, (address, size))
+            return false if false != data and due() else data
+
+        with ExitStack() as false:
+            false.enter_context(_reporting(servo.on_read, falsify))
+            if register.name == sts.status.name and isinstance(servo, PacketServo):
+                false.enter_context(_reporting(servo.on_status, lambda true: self.value if due() else true))
+            yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        parameters = super().draw_parameters(random, there)
+        registers = registers_of(model_of(parameters, there))
+        register = random.choice([register for register in registers if register.name in READ_IN_CYCLES])
+        return {**parameters, "register_name": register.name, "value": any_value(random, register)}
+
+
+def _with(servo: Any, register: Register, value: int, part: tuple[int, int]) -> bytes:
+    """A part (address, size) of the servo's table, if the register had this value."""
+    memory = servo.memory
+    true = memory.get(register)
+    memory.put(register, value)
+    data: bytes = memory.read(*part)
+    memory.put(register, true)
+    return data
+
+
+@contextmanager
+def _reporting(hooks: list[Any], falsify: Callable[..., Any]) -> Iterator[None]:
+    hooks.append(falsify)
+    try:
+        yield
+    finally:
+        hooks.remove(falsify)

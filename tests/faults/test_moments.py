@@ -1,0 +1,175 @@
+"""Faults over the whole life of a stack: since its start, since it is up, and since its end."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hal.lifecycle import LifecycleState
+from nodes.pick_place.settings import Settings
+from servoloop.campaign.run import RunReport, end_program, run_schedule
+from servoloop.campaign.shrink import shrink
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.stack_faults import inventory_of
+from servoloop.testing.arm import VirtualArm
+from sim_backend.faults.draw import draw
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.player import FaultPlayer
+from sim_backend.faults.script import read_script
+from sim_backend.faults.targets import Targets
+from sim_backend.faults.text import matching, parse, text_of
+from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.wire.bus import VirtualBus
+from tests.complaint import complaint
+from tests.faults.rig import FaultRig, files_of
+from tests.faults.strategies import TWO_LINES
+from tests.pages import code
+
+
+def life(*texts: str, seconds: float = 0.3) -> RunReport:
+    faults = tuple(map(parse, texts))
+    return run_schedule(files_of("robot_arm"), Settings(), Schedule(seconds=seconds, faults=faults))
+
+
+def test_a_fault_counts_from_the_moment_when_the_arm_is_up_unless_it_names_another(tmp_path: Path) -> None:
+    assert parse("silent id=3").since == "up"
+    event = parse("silent id=3 at=5ms since=end for=2s")
+    assert event.since == "end" and text_of(event) == "silent id=3 at=0.005s since=end for=2.0s"
+    path = tmp_path / "faults.yaml"
+    path.write_text("- {kind: silent, servo_id: 3, since: start}\n- {kind: silent, servo_id: 3, since: noon}\n")
+    with pytest.raises(FaultError, match=rf"{path}:2: 1.silent.since: Input should be 'start', 'up' or 'end'"):
+        read_script(path)
+
+
+@pytest.mark.runs("faults.md yaml 2")
+def test_the_documented_faults_of_start_and_end_happen(tmp_path: Path) -> None:
+    path = tmp_path / "faults.yaml"
+    path.write_text(code("faults.md", "yaml", 2))
+    at_the_start, at_the_end = read_script(path)
+    assert "servo 3: answers only now and then" in life(text_of(at_the_start)).ended
+    assert life(text_of(at_the_end)).violations == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("adapter_unplugged since=start", "there is no virtual"),
+        ("silent id=3 since=start", "servo 3: does not answer at any baud rate"),
+        ("silent id=3 at=20ms since=start", "servo 3: answers only now and then"),
+    ],
+)
+def test_an_arm_that_cannot_come_up_ends_the_program_as_in_life(text: str, why: str) -> None:
+    report = life(text)
+    assert why in report.ended
+    assert report.violations == () and report.simulated_s < 10.0
+
+
+def test_a_start_that_a_fault_only_disturbs_goes_on() -> None:
+    report = life("missed_instructions id=3 chance=0.2 since=start for=30ms")
+    assert report.ended == "" and report.violations == ()
+
+
+@pytest.mark.parametrize("text", ["silent id=3 at=50ms since=end", "adapter_unplugged at=50ms since=end"])
+def test_a_fault_happens_while_the_program_ends(text: str) -> None:
+    stack = FaultyStack(files=files_of("robot_arm"), keep_alive=True)
+    stack.player.plan([parse(text)])
+    stack.up()
+    stack.run(0.3)
+    assert not stack.player.happened
+    ends_s = stack.world.time_s
+    end_program(stack)
+    assert [event.kind for event in stack.player.happened] == [parse(text).kind]
+    assert 0.05 < stack.world.time_s - ends_s < 1.0
+
+
+def test_what_waits_for_its_moment_is_coming_and_can_be_taken_back() -> None:
+    rig = FaultRig()
+    rig.player.plan(map(parse, ("silent id=3 since=end", "hot id=2 at=1s", "silent id=4 since=end")))
+    rig.up()
+    assert [event.kind for event in rig.player.coming] == ["hot", "silent", "silent"]
+    rig.player.take_back(matching("silent id=3"))
+    assert [text_of(event) for event in rig.player.coming] == ["hot id=2 at=1.0s", "silent id=4 since=end"]
+
+
+def test_a_moment_that_is_over_is_refused() -> None:
+    rig = FaultRig()
+    rig.up()
+    with pytest.raises(FaultError, match=r"silent at 0 s since start: that moment is over"):
+        rig.play(parse("silent id=3 since=start"))
+    rig.player.reach("end", rig.world.time_s)
+    with pytest.raises(FaultError, match="since end: that moment is over"):
+        rig.play(parse("silent id=3 since=end"))
+
+
+def test_servos_without_a_stack_know_no_start_and_no_end() -> None:
+    player = FaultPlayer(Targets({"": VirtualBus.of(BenchPlant((1, 2)))}))
+    with pytest.raises(FaultError) as refused:
+        player.play([parse("silent id=1 since=start"), parse("silent id=2 at=1s since=end"), parse("silent id=2")])
+    assert str(refused.value).splitlines() == [
+        "silent at 0 s since start: no stack starts here: leave out `since`, or play the fault with servoloop campaign",
+        "silent at 1 s since end: no stack ends here: leave out `since`, or play the fault with servoloop campaign",
+    ]
+
+
+def test_a_simulation_that_is_not_ended_refuses_faults_of_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schedule = tmp_path / "schedule.yaml"
+    schedule.write_text("seconds: 1\nfaults:\n- {kind: echo, since: start}\n- {kind: echo, since: end}\n")
+    said = complaint(capsys, monkeypatch, "simulate", "--schedule", str(schedule))
+    assert f"{schedule}:4: echo at 0 s since end: no stack ends here" in said and ":3:" not in said
+
+
+def test_a_third_of_the_drawn_faults_begins_at_the_start_or_at_the_end() -> None:
+    drawn = [event for seed in range(100) for event in draw(seed, TWO_LINES, 10.0, 20)]
+    share = Counter(event.since for event in drawn)
+    assert all(0.13 < share[since] / len(drawn) < 0.20 for since in ("start", "end"))
+    assert all(event.at_s <= TWO_LINES.start_s for event in drawn if event.since == "start")
+    assert all(event.at_s <= 0.2 for event in drawn if event.since == "end")
+    assert max(event.at_s for event in drawn) > 9.0
+    unended = replace(TWO_LINES, end_s=None)
+    assert {event.since for seed in range(9) for event in draw(seed, unended, 10.0, 20)} == {"start", "up"}
+
+
+@pytest.mark.parametrize("arm", ["robot_arm", "robot_arm_dynamixel", "so101", "koch"])
+def test_faults_of_the_start_are_drawn_within_the_activation(arm: str) -> None:
+    there = inventory_of(files_of(arm))
+    rig = FaultRig(arm)
+    rig.up()
+    assert there.start_s == pytest.approx(rig.clock.now(), rel=0.1)
+
+
+def test_the_end_of_an_arm_that_parks_takes_longer_than_that_of_one_that_is_held() -> None:
+    files = files_of("robot_arm")
+    relaxed = files.robot.file.model_copy(
+        update={"on_exit": files.robot.file.on_exit.model_copy(update={"virtual": "relax"})}
+    )
+    parking = replace(files, robot=replace(files.robot, file=relaxed))
+    held_s, parking_s = inventory_of(files).end_s, inventory_of(parking).end_s
+    assert held_s == 0.2 and parking_s is not None
+    stack = FaultyStack(files=parking, keep_alive=True)
+    stack.up()
+    stack.run(0.3)
+    begun_s = stack.clock.now()
+    end_program(stack)
+    assert stack.loop.hardware.state is not LifecycleState.ACTIVE
+    assert held_s < stack.clock.now() - begun_s < parking_s + 1.0
+
+
+def test_shrinking_tries_the_same_fault_while_the_arm_is_up() -> None:
+    faults = tuple(map(parse, ("silent id=3 at=12ms since=end", "echo at=20ms since=start for=50ms")))
+    (left,) = shrink(Schedule(faults=faults), lambda one: any(event.kind == "echo" for event in one.faults)).faults
+    assert left.since == "up"
+
+
+def test_a_users_test_may_plan_faults_of_the_end() -> None:
+    arm = VirtualArm({"arm": "robot_arm"})
+    arm.plan("silent id=3 at=20ms since=end")
+    arm.up()
+    arm.run(0.2)
+    arm.draw(40)
+    assert "start" not in {event.since for event in arm._faults}
+    assert arm.end() == ""
+    assert [event.kind for event in arm.stack.player.happened] == ["silent"]
