@@ -1,18 +1,25 @@
 """A campaign: one scenario with many seeds, on several processes, with the same result however many there are."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import cast
+from random import Random
+from typing import Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.trajectory.parameters import TrajectoryParameters
 from drivers.errors import DriverError
 from hal.plausible import Backlash, Duration, FaultCount, Time
+from hal.robot_file.robot_file import ExitPolicy
+from hal.types import JointLimits
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 from servoloop.arms.folder import OWN, arm_in, find_arm, read_arm_files
+from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.invariants import Violation
+from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
@@ -21,7 +28,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import job_settings, require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
-from sim_backend.faults.draw import draw
+from sim_backend.faults.draw import draw, impossible
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
 
@@ -30,23 +37,53 @@ class ScenarioError(DriverError):
     """A scenario that cannot be read; all its mistakes, each with its line."""
 
 
+Item = TypeVar("Item")
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+OneOrMore = Annotated[tuple[Item, ...], Field(min_length=1), BeforeValidator(_listed)]
+ClientKind = Literal["job", "moves", "plans", "streams", "switches"]
+
+
 class Scenario(BaseModel):
     """What all runs of a campaign have in common; the rest is drawn from each run's seed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    arm: str = OWN
+    arm: OneOrMore[str] = (OWN,)
+    """The arms; the seed of each run draws one, and one of each of the next two as well."""
+    clients: OneOrMore[ClientKind] = ("job",)
+    """Kinds of clients. ``job`` does the jobs, the others move the arm as long as it is up."""
+    on_exit: OneOrMore[ExitPolicy] | None = None
+    """How the arm is left at the end. None: as its robot file leaves virtual servos."""
     job: tuple[str, ...] = ()
     """Grades, one job each."""
     seconds: Time = 0.0
-    """So long the arm stays up behind its jobs."""
+    """Time that the arm stays up after its jobs."""
     backlash_deg: Backlash = 1.0
     faults: FaultCount = 3
     """So many in each run."""
     within_s: Duration = 10.0
-    """Since the arm is up: by then all have begun."""
+    """Since the arm is up: by then all have begun that happen while it is up; without jobs within ``seconds``."""
     kinds: tuple[str, ...] | None = None
     """Of faults; None: all that the arm can have."""
+    promises: Promises = Promises()
+    """What the campaign must have looked at; it fails if it did not."""
+
+    @field_validator("within_s")
+    @classmethod
+    def _within_the_run(cls, within_s: float, info: ValidationInfo) -> float:
+        said = info.data
+        alone = not said.get("job") and said.get("clients", ("job",)) == ("job",)
+        if alone and said.get("faults") and within_s > said.get("seconds", within_s):
+            raise ValueError(
+                f"a fault after {said['seconds']:g} s would not happen, as the run without jobs ends then: write at "
+                "most `seconds`, or make `seconds` longer"
+            )
+        return within_s
 
     @field_validator("kinds")
     @classmethod
@@ -57,60 +94,69 @@ class Scenario(BaseModel):
 
 
 def read_scenario(path: Path, arm: str | None = None) -> Scenario:
-    """The scenario in this YAML file, or the same with another arm.
+    """Read the scenario in this YAML file, or the same with another arm.
 
-    Raises ScenarioError, and ArmFileError where there is no such arm.
+    Raises ScenarioError for its mistakes and for kinds of faults that the arm cannot have, ArmFileError for an unknown
+    arm.
     """
     scenario = load(path, Scenario, ScenarioError)
     if arm is not None:
         find_arm(arm)
-        return scenario.model_copy(update={"arm": arm})
-    arm_in(path, scenario.arm)
+        scenario = scenario.model_copy(update={"arm": (arm,)})
+    else:
+        for name in scenario.arm:
+            arm_in(path, name)
+    _require_possible_kinds(path, scenario)
     return scenario
+
+
+def _require_possible_kinds(path: Path, scenario: Scenario) -> None:
+    """Check that every arm can have each kind of fault that the scenario names. Raises ScenarioError."""
+    texts: list[str] = []
+    for arm in scenario.arm:
+        there = inventory_of(files_of(arm))
+        for n, kind in enumerate(scenario.kinds or ()):
+            if why := impossible(kind, there):
+                texts.append(f"{compose(path, ScenarioError).place(('kinds', n))}: {arm} cannot have {kind!r}: {why}")
+    if texts:
+        raise ScenarioError("\n".join(texts))
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     """Everything that happens in the run of this seed, drawn before it begins. Raises FaultError for unknown kinds."""
-    there = inventory_of(files_of(scenario.arm).robot)
+    random = Random(f"{seed}/scenario")
+    arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
+    on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
+    files = files_of(arm)
+    jobs = scenario.job if client == "job" else ()
+    acts = draw_client(client, seed, *_arm_of(files), scenario.within_s)
+    seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
+    within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
+    faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
     return Schedule(
-        arm=scenario.arm,
+        arm=arm,
         seed=seed,
         backlash_deg=scenario.backlash_deg,
-        job=scenario.job,
-        seconds=scenario.seconds,
-        faults=cast(tuple[FaultEvent, ...], draw(seed, there, scenario.within_s, scenario.faults, scenario.kinds)),
+        job=jobs,
+        seconds=seconds,
+        faults=cast(tuple[FaultEvent, ...], faults),
+        clients=acts,
+        on_exit=on_exit,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class SeedReport:
-    """One run of a campaign."""
-
-    seed: int
-    schedule: Schedule
-    violations: tuple[Violation, ...]
-    succeeded: int
-    """Jobs whose cube is in its bin."""
-    ended: str
-    """Why the program ended early; empty where it did not."""
-    simulated_s: float
-    largest_following_rad: float | None
-    """The largest following error of any joint of the arm; None where the arm was never told to move."""
+def _arm_of(files: Files) -> tuple[dict[str, JointLimits], bool]:
+    """The joints of the arm's trajectory controller with their limits, and whether there is a hand."""
+    parameters = (spec.parameters for spec in files.controllers.controllers)
+    arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
+    joints = arms[0].joints if arms else ()
+    hand = any(spec.kind == ForwardCommandController.kind for spec in files.controllers.controllers)
+    return {joint: files.limits[joint] for joint in joints}, hand
 
 
-def run_seed(scenario: Scenario, seed: int) -> SeedReport:
-    """One run: the schedule is drawn, and carried out."""
-    schedule = schedule_of(scenario, seed)
-    report = run_schedule_of(schedule)
-    return SeedReport(
-        seed,
-        schedule,
-        report.violations,
-        report.succeeded,
-        report.ended,
-        report.simulated_s,
-        report.largest_following_rad,
-    )
+def run_seed(scenario: Scenario, seed: int) -> RunReport:
+    """Draw the schedule of a seed and run it."""
+    return run_schedule_of(schedule_of(scenario, seed))
 
 
 def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
@@ -144,7 +190,7 @@ def files_of(arm: str) -> Files:
 
 def campaign(
     scenario: Scenario, seeds: range, processes: int, stop: Stop = lambda: False, ray: str | None = None
-) -> Iterator[SeedReport]:
+) -> Iterator[RunReport]:
     """Run all seeds; their reports come one by one, in the order of the seeds, until ``stop`` says so.
 
     ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this machine. Raises FaultError for a

@@ -7,14 +7,19 @@ from typing import Final
 
 import numpy as np
 
+from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariant import Invariant
 from servoloop.campaign.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9
+TAKEN_OVER_S: Final = 0.05
+"""A joint that moves is taken over where it was measured: by now it may be further by its way in this time."""
 OFF_CYCLES: Final = 6
-"""A servo that lost its power is deaf for longer; whoever switched itself off is found in fewer."""
+"""A servo that lost its power is deaf for longer; one that switched itself off is found in fewer."""
+FOUND_CYCLES: Final = 12
+"""The same for servos that a goal does not switch on: their torque is asked for less often on a bad line."""
 
 
 class SafeWire(Invariant):
@@ -31,15 +36,22 @@ class SafeWire(Invariant):
         super().__init__(stack, say)
         self._cycles_off = Counter[str]()
         self._limp: set[str] = set()
+        self._off_cycles = {
+            joint.name: OFF_CYCLES if series_of(joint.model).torque_by_goal else FOUND_CYCLES for joint in self.joints
+        }
         self._monitors = {
-            name: WireMonitor(tuple(j for j in self.joints if j.bus == name), line, stack.loop.period_s, self._limp)
+            name: WireMonitor(
+                *(tuple(j for j in self.joints if j.bus == name), line, stack.loop.period_s, self._limp),
+                lambda: not self.active,
+            )
             for name, line in stack.lines.items()
         }
 
     def on_write(self, bus: str, data: bytes) -> None:
         monitor = self._monitors[bus]
-        told = len(monitor.broken)
+        told, seen = len(monitor.broken), monitor.goals_seen + monitor.torque_on_seen
         monitor.see(data)
+        self.examined += monitor.goals_seen + monitor.torque_on_seen - seen
         for text in monitor.broken[told:]:
             self.say(text)
 
@@ -47,13 +59,14 @@ class SafeWire(Invariant):
         off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []
         self._cycles_off = Counter({name: self._cycles_off[name] + 1 for name in off})
         self._limp.clear()
-        self._limp.update(name for name, cycles in self._cycles_off.items() if cycles > OFF_CYCLES)
+        self._limp.update(name for name, cycles in self._cycles_off.items() if cycles > self._off_cycles[name])
 
 
 class SafeCommands(Invariant):
     """What passed the gate is finite, within the limits, and no further from the last than velocity times period.
 
-    The layers below hold some of this as well: they must not be needed. No NaN is reported either.
+    The layers below hold some of this as well: they must not be needed. Where joints are taken over, after an
+    activation, the last command is where the simulated world has them. No NaN is reported of a joint once measured.
     """
 
     name = "safe commands"
@@ -62,23 +75,38 @@ class SafeCommands(Invariant):
         super().__init__(stack, say)
         self._last: FloatArray | None = None
         limits = stack.loop.limits
+        self._names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
-        self._reach = np.array([one.velocity for one in limits]) * stack.loop.period_s
+        self._velocity = np.array([one.velocity for one in limits])
 
     def on_state(self, state: JointState) -> None:
         if not all(map(math.isfinite, (*state.position, *state.velocity))):
             self.say("a position or a velocity that is reported is no number")
-        command = self.stack.loop.command
-        last, self._last = self._last, command.copy() if self.active else None
+
+    def on_command(self, values: FloatArray) -> None:
+        command, last, before = values.copy(), self._last, self.stack.loop.previous_command
+        self._last = command if self.active else None
         if not self.active:
             return
+        self.examined += 1
         if not np.isfinite(command).all():
             self.say("the loop commands what is no number")
+        if last is None or not np.array_equal(before, last):
+            self._taken_over(before, last)
         # A joint that stood outside its limits when it was switched on may be on its way back.
-        before = command if last is None else last
         outside = np.maximum(self._lower - command, command - self._upper)
         was_outside = np.maximum(self._lower - before, before - self._upper)
         if (outside > np.maximum(was_outside, 0.0) + ROUNDING).any():
             self.say(f"commands beyond the limits: {command.round(4).tolist()}")
-        if last is not None and (np.abs(command - last) > self._reach + ROUNDING).any():
-            self.say(f"commands leap within a cycle from {last.round(4).tolist()} to {command.round(4).tolist()}")
+        reach = self._velocity * self.stack.loop.period_s
+        if (np.abs(command - before) > reach + ROUNDING).any():
+            self.say(f"commands leap within a cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
+
+    def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
+        true = self.true_positions()
+        for place, name in enumerate(self._names):
+            unchanged = last is not None and taken[place] == last[place]
+            if unchanged or name not in true or self.deceived(name) or not math.isfinite(taken[place]):
+                continue
+            if abs(taken[place] - true[name]) > TAKEN_OVER_S * self._velocity[place]:
+                self.say(f"{name} is taken over at {taken[place]:.4f}, and stands at {true[name]:.4f}")

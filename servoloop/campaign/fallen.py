@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from servoloop.campaign.campaign import SeedReport, files_of, run_schedule_of
+from servoloop.campaign.campaign import files_of, run_schedule_of
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import RunReport
 from servoloop.campaign.shrink import shrink
@@ -15,6 +15,7 @@ from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
+from sim_backend.faults.errors import FaultError
 
 BEFORE_S: Final = 2.0
 CYCLES_BEHIND: Final = 4
@@ -49,17 +50,22 @@ def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
     return report, recorders[-1].recording if recorders else Recording((), (), ())
 
 
-def smallest(report: SeedReport, invariant: str, stop: Stop) -> Schedule:
+def smallest(report: RunReport, invariant: str, stop: Stop) -> Schedule:
     """The smallest schedule found that breaks the invariant as this run did; ``stop``: no smaller one is looked for."""
 
-    def breaks(schedule: Schedule) -> bool:
-        return any(violation.invariant == invariant for violation in run_schedule_of(schedule).violations)
-
     with quiet():
-        return shrink(report.schedule, breaks, stop)
+        return shrink(report.schedule, lambda schedule: violates(schedule, invariant), stop)
 
 
-def keep(report: SeedReport, invariant: str, out: Path, stop: Stop) -> Fallen:
+def violates(schedule: Schedule, invariant: str) -> bool:
+    """Whether a run of the schedule violates the invariant; one whose arm cannot have its faults does not."""
+    try:
+        return any(violation.invariant == invariant for violation in run_schedule_of(schedule).violations)
+    except FaultError:
+        return False
+
+
+def keep(report: RunReport, invariant: str, out: Path, stop: Stop) -> Fallen:
     """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError."""
     schedule = smallest(report, invariant, stop)
     again, recording = recorded(schedule)

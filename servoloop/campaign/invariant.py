@@ -2,13 +2,31 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
-from hal.types import JointState
+from hal.types import FloatArray, JointState
 from servoloop.simulation.faulty_stack import FaultyStack
+
+DECEIVING: Final = frozenset(
+    {
+        "slipped_horn",
+        "stuck_encoder",
+        "dead_encoder",
+        "false_position",
+        "false_value",
+        "wrong_mode",
+        "wrong_setting",
+        "eeprom_gone",
+        "collision",
+    }
+)
+"""Faults with which a servo's position and its joint's are two things, for a time or from then on."""
+
+COMPLAINTS: Final = ("status", "hardware_error_status")
+"""Registers that are 0 as long as a servo has nothing to complain of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +46,8 @@ class Invariant:
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         self.stack = stack
         self.say = say
+        self.examined = 0
+        """How often the condition was really looked at: an invariant that examined nothing has shown nothing."""
         self.joints = stack.files.robot.joints
         place = stack.player.targets.place
         self.servos: dict[str, Any] = {joint.name: place(joint.servo_id, joint.bus).servo for joint in self.joints}
@@ -35,8 +55,17 @@ class Invariant:
 
     @property
     def active(self) -> bool:
-        """Whether the hardware drives its joints."""
-        return self.stack.loop.hardware.state is LifecycleState.ACTIVE
+        """Whether the hardware drives its joints, and no component is being switched."""
+        hardware = self.stack.loop.hardware
+        return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
+
+    def true_positions(self) -> dict[str, float]:
+        """Where the joints of the simulated world are, rad or m, by name: no servo and no conversion is asked."""
+        return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
+
+    def deceived(self, joint: str) -> bool:
+        """Whether the joint's servo has ever reported another position than its joint had."""
+        return bool(DECEIVING & self.stack.touches.kinds(joint))
 
     @property
     def shared_id(self) -> bool:
@@ -52,6 +81,9 @@ class Invariant:
     def on_write(self, bus: str, data: bytes) -> None:
         """Called with every packet, before the servos of this line hear it."""
 
+    def on_command(self, values: FloatArray) -> None:
+        """Called with each command that leaves the safety gate, shape (m,), while the program ends too."""
+
     def on_step(self, time_s: float) -> None:
         """Called after each step of the physics, a millisecond."""
 
@@ -60,3 +92,8 @@ class Invariant:
 
     def at_end(self) -> None:
         """Called when the program has ended and the hardware is released."""
+
+
+def complains(joint: Joint, servo: Any) -> bool:
+    """Whether a virtual servo reports that it has protected itself."""
+    return any(servo.memory.get(one) for one in series_of(joint.model).registers if one.name in COMPLAINTS)

@@ -1,14 +1,28 @@
 """What must hold whatever happens to an arm: all invariants, and what has them look on at a stack."""
 
 from collections.abc import Callable
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
-from hal.types import JointState
+from hal.types import FloatArray, JointState
+from servoloop.campaign.activation_invariants import ActivatedAsConfigured
 from servoloop.campaign.command_invariants import SafeCommands, SafeWire
-from servoloop.campaign.end_invariants import EndsAsChosen, GoalsEnd
+from servoloop.campaign.end_invariants import EndsAsChosen
+from servoloop.campaign.goal_invariants import (
+    AbortsAreTrue,
+    CancelsAreFollowed,
+    DeviationEnds,
+    FeedbackIsTrue,
+    GoalsAreJudged,
+    GoalsEnd,
+)
 from servoloop.campaign.invariant import Invariant, Violation
 from servoloop.campaign.motion_invariants import NoFasterThanAllowed
-from servoloop.campaign.report_invariants import LimpIsFound, MeasuredNow, NamedAlone
+from servoloop.campaign.report_invariants import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
+from servoloop.campaign.rest_invariants import NothingPresses, NothingTravels
+from servoloop.campaign.smoothness_invariants import NanHolds, SmoothEnd, SmoothReference
+from servoloop.campaign.truth_invariants import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
+from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
 
 __all__ = ["ALL", "Invariant", "Violation", "Watch"]
@@ -17,10 +31,25 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     SafeWire,
     SafeCommands,
     NoFasterThanAllowed,
+    GoalsMeanCommands,
+    ReportedTruly,
+    SuccessIsTrue,
     MeasuredNow,
     NamedAlone,
+    TakenBack,
     LimpIsFound,
     GoalsEnd,
+    DeviationEnds,
+    AbortsAreTrue,
+    CancelsAreFollowed,
+    FeedbackIsTrue,
+    GoalsAreJudged,
+    NothingTravels,
+    NothingPresses,
+    SmoothReference,
+    SmoothEnd,
+    NanHolds,
+    ActivatedAsConfigured,
     EndsAsChosen,
 )
 
@@ -31,35 +60,60 @@ class Watch:
     def __init__(self, stack: FaultyStack, kinds: tuple[type[Invariant], ...] = ALL) -> None:
         self.violations: dict[str, Violation] = {}
         self._stack = stack
+        self._error: Exception | None = None
+        """Raised by an invariant. ``end`` raises it again."""
         self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
-        former, former_step = stack.on_state, stack.on_step
-        on_steps = [one.on_step for one in self._invariants if type(one).on_step is not Invariant.on_step]
-        for name, port in stack.ports.items():
-            port.on_write = self._reader(name)
+        self.visits = Visits(stack)
+        former_state, former_step = stack.on_state, stack.on_step
+        on_step, on_command = self._guarded("on_step"), self._guarded("on_command")
+        on_write, on_state = self._guarded("on_write"), self._guarded("on_state")
+        write = stack.loop.hardware.write
 
-        def on_state(state: JointState) -> None:
-            former(state)
-            for one in self._invariants:
-                one.on_state(state)
+        def commanded(values: FloatArray, period_s: float) -> None:
+            on_command(values)
+            write(values, period_s)
 
-        def on_step(time_s: float) -> None:
+        def stepped(time_s: float) -> None:
             former_step(time_s)
-            for look in on_steps:
-                look(time_s)
+            on_step(time_s)
 
-        stack.on_state, stack.on_step = on_state, on_step
+        def measured(state: JointState) -> None:
+            former_state(state)
+            self.visits.update(state)
+            on_state(state)
+
+        stack.loop.hardware.write = commanded  # type: ignore[method-assign]
+        stack.on_state, stack.on_step = measured, stepped
+        for name, port in stack.ports.items():
+            port.on_write = partial(on_write, name)
+
+    @property
+    def examined(self) -> dict[str, int]:
+        """How often each invariant looked at its condition, by name."""
+        return {one.name: one.examined for one in self._invariants}
 
     def end(self) -> None:
-        """The program has ended."""
+        """The program has ended. Raises what an invariant has raised."""
+        if self._error is not None:
+            raise self._error
+        self.visits.end()
         for one in self._invariants:
             one.at_end()
 
-    def _reader(self, bus: str) -> Callable[[bytes], None]:
-        def see(data: bytes) -> None:
-            for one in self._invariants:
-                one.on_write(bus, data)
+    def _guarded(self, hook: str) -> Callable[..., None]:
+        """Call this hook of the invariants that have it; the stack never meets what one of them raises."""
+        kept = [one for one in self._invariants if getattr(type(one), hook) is not getattr(Invariant, hook)]
+        hooks = [getattr(one, hook) for one in kept]
 
-        return see
+        def call(*arguments: Any) -> None:
+            if self._error is None:
+                try:
+                    for one in hooks:
+                        one(*arguments)
+                except Exception as error:
+                    self._error = error
+
+        return call
 
     def _sayer(self, name: str) -> Callable[[str], None]:
         def say(text: str) -> None:

@@ -34,13 +34,13 @@ class NoFasterThanAllowed(Invariant):
         self._mine = {joint.name: joint for joint in self.joints}
         within_s = OVER_STEPS * 0.001 + stack.loop.period_s  # of the goals that fall into it
         self._furthest = [
-            _furthest(self._mine[name], within_s) if name in self._mine else math.inf for name in stack.arm.joints
+            _furthest(self._mine[name], within_s) if name in self._mine else math.inf for name in stack.world.joints
         ]
         self._excused = 0
         self._ways = deque[list[float]](maxlen=OVER_STEPS + 1)
 
     def on_step(self, time_s: float) -> None:
-        now: list[float] = self.stack.trace.actual[-1].tolist()
+        now: list[float] = self.stack.world.position().tolist()
         self._ways.append(now)
         self._excused -= 1
         active = self.stack.player.active
@@ -49,7 +49,9 @@ class NoFasterThanAllowed(Invariant):
         # Six numbers every millisecond: NumPy would take longer, and so would a loop.
         if self._excused > 0 or not any(map(gt, map(abs, map(sub, now, self._ways[0])), self._furthest)):
             return
-        for joint, here, there, furthest in zip(self.stack.arm.joints, now, self._ways[0], self._furthest, strict=True):
+        for joint, here, there, furthest in zip(
+            self.stack.world.joints, now, self._ways[0], self._furthest, strict=True
+        ):
             if abs(here - there) > furthest and self.active and self.torque(self._mine[joint]):
                 limit = f"its limit is {self._mine[joint].limits.velocity:g} rad/s"
                 self.say(f"{joint} turned by {abs(here - there):.3f} rad in {OVER_STEPS} ms; {limit}")
@@ -57,6 +59,7 @@ class NoFasterThanAllowed(Invariant):
     def on_state(self, state: JointState) -> None:
         if not self.active:  # what falls or is carried is not driven
             self._ways.clear()
+        self.examined += len(self._ways) > OVER_STEPS and self._excused <= 0
 
 
 def _furthest(joint: Joint, within_s: float) -> float:

@@ -1,6 +1,6 @@
 """What must hold of what the stack reports of its joints."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from drivers.printable import counted
 from drivers.servos import sts
+from hal.joint import Joint
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant
+from servoloop.campaign.invariant import Invariant, complains
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.touches import touched_joints
+from sim_backend.faults.event import Event
 from sim_backend.sts.servo import VirtualServo
 
 _POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
@@ -20,14 +23,23 @@ CYCLES_TO_NAME: Final = 2
 """In so many cycles a servo that is not heard is named."""
 FOUND_S: Final = 0.5
 """Torque that a servo lost without a word is found within this time at 20 Hz."""
-UNHEARD: Final = ("silent", "brown_out")
-"""Faults of one servo, which then does not answer; the others have nothing to do with them."""
+UNHEARD: Final = ("silent", "cable_cut", "wrong_rate")
+"""Faults with which a servo does not answer as long as they last."""
+PASSING: Final = frozenset(
+    {"silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies", "noise", "echo", "wrong_rate"}
+)
+"""Faults after which a servo is as it was before."""
+TAKEN_BACK_S: Final = 2.0
+"""Time in which a servo that answers again is asked and taken back."""
 SAMPLED_COUNTS: Final = 3.0
 """A servo that turns passes so many counts between two of our looks at it."""
 
 
 class NamedAlone(Invariant):
-    """A servo that is not heard is named within two cycles, and as long as nothing else is wrong it alone."""
+    """A servo that is not heard is named within two cycles, and no joint is named whose servo and line are well.
+
+    What is wrong with another servo is no excuse. Two servos with one ID are left out: either may have answered.
+    """
 
     name = "named, and it alone"
 
@@ -36,20 +48,53 @@ class NamedAlone(Invariant):
         self._unnamed, self._misnamed = Counter[str](), Counter[str]()
 
     def on_state(self, state: JointState) -> None:
-        begun = self.stack.player.happened
-        if not self.active or any(event.kind not in UNHEARD for event in begun):
+        if not self.active or self.shared_id:
+            self._unnamed.clear()
+            self._misnamed.clear()
             return
-        silent = {self._joint(one) for one in self.stack.player.active.values()}
-        concerned = {self._joint(event) for event in begun}
+        active = self.stack.player.active.values()
+        silent = {name for event in active if self._unheard(event) for name in touched_joints(event, self.joints)}
+        well = {joint.name for joint in self.joints if not self.stack.touches.kinds(joint.name) and self._works(joint)}
+        self.examined += len(silent) + len(well) * bool(active)
         self._unnamed = Counter({joint: self._unnamed[joint] + 1 for joint in silent - state.faults.keys()})
-        self._misnamed = Counter({joint: self._misnamed[joint] + 1 for joint in state.faults.keys() - concerned})
+        self._misnamed = Counter({joint: self._misnamed[joint] + 1 for joint in state.faults.keys() & well})
         for wrong, what in ((self._unnamed, "is silent, and nothing says so"), (self._misnamed, "is named, and well")):
             for joint, cycles in wrong.items():
                 if cycles > CYCLES_TO_NAME:
                     self.say(f"{joint} {what}, for {counted(cycles, 'cycle')}")
 
-    def _joint(self, event: Any) -> str:
-        return next(j.name for j in self.joints if j.servo_id == event.servo_id and event.bus in (None, j.bus))
+    def _unheard(self, event: Event) -> bool:
+        """Whether a servo with this fault does not answer."""
+        rates = {port.baud for port in self.stack.ports.values()}
+        return event.kind in UNHEARD and getattr(event, "baud", None) not in rates
+
+    def _works(self, joint: Joint) -> bool:
+        """Whether the joint's servo drives its motor and has not protected itself from the load on its joint."""
+        return self.torque(joint) and not complains(joint, self.servos[joint.name])
+
+
+class TakenBack(Invariant):
+    """A joint whose servo answers again, under torque, is taken back into the cycle."""
+
+    name = "taken back"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._named_s = defaultdict[str, float](float)
+
+    def on_state(self, state: JointState) -> None:
+        for joint in self.joints:
+            touches = self.stack.touches
+            passing = touches.kinds(joint.name) <= PASSING and touches.since_s(joint.name) > 0.0
+            if not self.active or self.shared_id or not passing or not self.torque(joint):
+                self._named_s[joint.name] = 0.0
+                continue
+            self.examined += touches.since_s(joint.name) < TAKEN_BACK_S
+            named = joint.name in state.faults
+            self._named_s[joint.name] = self._named_s[joint.name] + self.stack.loop.period_s if named else 0.0
+            if self._named_s[joint.name] > TAKEN_BACK_S:
+                text = state.faults[joint.name].text
+                self.say(f"{joint.name} answers again and is not taken back for {TAKEN_BACK_S:g} s: {text}")
 
 
 class MeasuredNow(Invariant):
@@ -86,6 +131,7 @@ class MeasuredNow(Invariant):
             deceived = bool(self.servos[joint.name].on_read)  # its replies are false, not the report of them
             if joint.name in state.faults or shared or self._shared_before or deceived:
                 continue
+            self.examined += 1
             counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts
             lowest, highest = lowest_of[place], highest_of[place]
             if not lowest - SAMPLED_COUNTS <= counts <= highest + SAMPLED_COUNTS:
@@ -120,7 +166,8 @@ class LimpIsFound(Invariant):
 
     def on_state(self, state: JointState) -> None:
         for joint in self.joints:
-            known = not self.active or joint.name in state.faults or self.stack.player.active
+            known = not self.active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
+            self.examined += not known and bool(self.stack.touches.kinds(joint.name))
             if known or self.torque(joint):
                 self._limp_since_s.pop(joint.name, None)
                 continue

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from servoloop.campaign.campaign import Scenario, SeedReport
+from servoloop.campaign.campaign import Scenario
 from servoloop.campaign.invariants import ALL, Violation
+from servoloop.campaign.run import RunReport
+from servoloop.campaign.visits import PHASES, Visit
 
 INVARIANTS = (*(kind.name for kind in ALL), "no crash")
 """All that can fall, by name."""
@@ -40,8 +42,10 @@ class Tally:
     rows: list[Row] = field(default_factory=list)
     violations: list[tuple[int, Violation]] = field(default_factory=list)
     """With their seeds."""
-    first: dict[str, SeedReport] = field(default_factory=dict)
+    first: dict[str, RunReport] = field(default_factory=dict)
     """The first run that broke it, by invariant."""
+    jobs: int = 0
+    """Jobs of all runs."""
     succeeded: int = 0
     """Jobs whose cube is in its bin."""
     ended: int = 0
@@ -51,15 +55,23 @@ class Tally:
     begun: Counter[tuple[int, Outcome]] = field(default_factory=Counter)
     """Faults by the second in which they began, since the arm is up, and outcome of their run."""
 
-    def add(self, report: SeedReport) -> None:
+    examined: Counter[str] = field(default_factory=Counter)
+    """How often each invariant looked at its condition, by name."""
+    visits: Counter[Visit] = field(default_factory=Counter)
+    """Cycles, by what was wrong in which phase."""
+
+    def add(self, report: RunReport) -> None:
         """Count one more run."""
         outcome = outcome_of(report)
         self.rows.append(Row(report.seed, outcome, report.simulated_s, report.largest_following_rad))
+        self.jobs += len(report.schedule.job)
         self.succeeded += report.succeeded
         self.ended += bool(report.ended)
         for event in report.schedule.faults:
             self.drawn[event.kind, outcome] += 1
             self.begun[int(event.at_s), outcome] += 1
+        self.examined.update(report.examined)
+        self.visits.update(report.visits)
         for violation in report.violations:
             self.violations.append((report.seed, violation))
             self.first.setdefault(violation.invariant, report)
@@ -74,6 +86,32 @@ class Tally:
         """Of all runs."""
         return sum(row.simulated_s for row in self.rows)
 
+    @property
+    def broken_promises(self) -> list[str]:
+        """What the scenario promises to look at and the campaign did not, in sentences; none if it was interrupted."""
+        if self.interrupted:
+            return []
+        return list(self.scenario.promises.broken(len(self.rows), self.examined, self.visits))
+
+    @property
+    def marks(self) -> list[tuple[str, int, int]]:
+        """Each invariant with how often it examined its condition, and how many runs violate it."""
+        runs = Counter(one.invariant for _, one in self.violations)
+        return [(name, self.examined[name], runs[name]) for name in INVARIANTS[:-1]]
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """The phases of a run."""
+        return PHASES
+
+    @property
+    def visits_by_phase(self) -> list[tuple[str, list[int]]]:
+        """Each fault that was there, with the cycles in each phase."""
+        cycles = Counter[tuple[str, str]]()
+        for visit, count in self.visits.items():
+            cycles[visit.fault, visit.phase] += count
+        return [(fault, [cycles[fault, phase] for phase in PHASES]) for fault in sorted({fault for fault, _ in cycles})]
+
     def plain(self) -> dict[str, Any]:
         """The tally for programs."""
         return {
@@ -82,6 +120,9 @@ class Tally:
             "simulated_s": round(self.simulated_s, 1),
             "jobs_succeeded": self.succeeded,
             "ended_early": self.ended,
+            "examined": {name: self.examined[name] for name in INVARIANTS[:-1]},
+            "visits": [{**cell._asdict(), "cycles": cycles} for cell, cycles in sorted(self.visits.items())],
+            "broken_promises": self.broken_promises,
             "violations": [
                 {"seed": seed, "invariant": one.invariant, "time_s": one.time_s, "text": one.text}
                 for seed, one in self.violations
@@ -89,7 +130,7 @@ class Tally:
         }
 
 
-def outcome_of(report: SeedReport) -> Outcome:
+def outcome_of(report: RunReport) -> Outcome:
     """The worst that came of a run."""
     if report.violations:
         return Outcome.FELL

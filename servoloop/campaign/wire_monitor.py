@@ -1,10 +1,12 @@
 """Reads along on the wire and holds every byte against what an arm must never be told."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
+from math import inf, pi
 from typing import Any, Final
 
 from drivers.servos.catalog import series_of
-from drivers.servos.register import Register
+from drivers.servos.register import ByteOrder, Register
+from drivers.servos.series import Series
 from hal.joint import Joint
 from sim_backend.wire import dynamixel_wire, sts_wire
 from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
@@ -14,23 +16,37 @@ from sim_backend.wire.line import ServoLine
 
 MEASURED_WITHIN_COUNTS: Final = 3
 """Free joints sag between the measurement and the torque."""
+SWITCHED_ON_S: Final = 0.02
+"""Time in which the servos of an arm are measured, told their goals and switched on: no stack knows what happens in it,
+to a joint in motion for instance."""
 
 
 class WireMonitor:
     """``see`` is called with every packet before the servos hear it; ``broken`` lists what was wrong."""
 
     def __init__(
-        self, joints: tuple[Joint, ...], line: ServoLine[Any], period_s: float, limp: Collection[str] = ()
+        self,
+        joints: tuple[Joint, ...],
+        line: ServoLine[Any],
+        period_s: float,
+        limp: Collection[str] = (),
+        activating: Callable[[], bool] = lambda: False,
     ) -> None:
-        """``limp``: the joints that have had no torque for longer than may stay unknown, as they are at each packet."""
+        """``limp``: the joints that have had no torque for longer than may stay unknown, as they are at each packet.
+
+        ``activating``: whether the hardware is about to take servos over where they stand, with or without torque.
+        """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
+        self._line = line
         self._period_s = period_s
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
         self._writes = _writes_2 if second else _writes_1
         self._goals: dict[int, int] = {}
+        self._placed_s: dict[int, float] = {}
+        """When the servo was told the goal that it has, where it was at that goal then."""
         self._driven: set[int] = set()
-        self._limp = limp
+        self._limp, self._activating = limp, activating
         self.broken: list[str] = []
         self.goals_seen = 0
         self.torque_on_seen = 0
@@ -44,35 +60,29 @@ class WireMonitor:
 
     def _written(self, joint: Joint, servo: Any, address: int, content: bytes) -> None:
         series = series_of(joint.model)
-        memory = servo.memory
-        # Dynamixels have cells that stand for bytes elsewhere.
-        meant = memory.resolved(address, len(content)) if hasattr(memory, "resolved") else range(address, 1 << 16)
-        told = dict(zip(meant, content, strict=False))
-
-        def value(register: Register) -> int | None:
-            places = range(register.address, register.address + register.size)
-            if not all(place in told for place in places):
-                return None
-            return register.decode(bytes(told[place] for place in places), series.protocol.byte_order)
-
+        order = series.protocol.byte_order
         position = round(servo.firmware.position)
-        if (goal := value(series.goal_position)) is not None:
-            self._goal(joint, goal, position)
-        if (torque := value(series.torque_enable)) is not None:
+        if (goal := _value(series.goal_position, order, servo.memory, address, content)) is not None:
+            self._goal(joint, goal, position, limp=servo.memory.get(series.torque_enable) == 0)
+        if (torque := _value(series.torque_enable, order, servo.memory, address, content)) is not None:
             self._torque(joint, torque, position)
 
-    def _goal(self, joint: Joint, goal: int, position: int) -> None:
+    def _goal(self, joint: Joint, goal: int, position: int, limp: bool) -> None:
         self.goals_seen += 1
         lower, upper = joint.counts_range()
         before = self._goals.get(joint.servo_id)
-        begins = joint.servo_id not in self._driven and abs(goal - position) <= MEASURED_WITHIN_COUNTS
+        taken_over = limp or joint.servo_id not in self._driven or self._activating()
+        begins = taken_over and abs(goal - position) <= self._within_counts(joint)
+        self._placed_s.pop(joint.servo_id, None)
+        if begins:
+            self._placed_s[joint.servo_id] = self._line.reached_s
         returns = before is not None and (before <= goal < lower or upper < goal <= before)
         if not (lower <= goal <= upper or begins or returns):
             self.broken.append(f"{joint.name}: goal {goal} is outside {lower} to {upper}")
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
-        if before is not None and abs(goal - before) > reach:
+        if before is not None and abs(goal - before) > reach and not begins:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
-        if joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS:
+        if limp and joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS:
             self.broken.append(f"{joint.name}: is limp at {position}, and told to go to {goal}")
         self._goals[joint.servo_id] = goal
 
@@ -82,9 +92,55 @@ class WireMonitor:
             return
         self.torque_on_seen += 1
         goal = self._goals.get(joint.servo_id)
-        if joint.servo_id not in self._driven and (goal is None or abs(goal - position) > MEASURED_WITHIN_COUNTS):
+        at_goal = goal is not None and abs(goal - position) <= self._within_counts(joint)
+        placed_s = self._line.reached_s - self._placed_s.get(joint.servo_id, -inf)
+        if joint.servo_id not in self._driven and not at_goal and placed_s > SWITCHED_ON_S:
             self.broken.append(f"{joint.name}: torque on at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
+
+    def _within_counts(self, joint: Joint) -> float:
+        """How far a free joint may be from where it was measured."""
+        servo = self._joints[joint.servo_id][1]
+        velocity_rad_s = self._line.rig.plant.velocities()[self._line.servos.index(servo)]
+        turns = abs(velocity_rad_s) * SWITCHED_ON_S / (2.0 * pi)
+        return MEASURED_WITHIN_COUNTS + turns * joint.model.counts_per_turn
+
+
+class GoalReader:
+    """Reads the goal positions off a line's instructions, in counts."""
+
+    def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
+        """``series``: of the servos whose goals are read, by ID."""
+        second = isinstance(line, VirtualDynamixelBus)
+        self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
+        self._writes = _writes_2 if second else _writes_1
+        self._series = series
+        self._memories = {servo_id: line.servo(servo_id).memory for servo_id in series}
+
+    def read(self, data: bytes) -> dict[int, int]:
+        """The goals of one write of the master, by servo."""
+        goals: dict[int, int] = {}
+        for instruction in self._parser.feed(data):
+            for servo_id, address, content in self._writes(instruction):
+                series = self._series.get(servo_id)
+                if series is None:
+                    continue
+                memory, order = self._memories[servo_id], series.protocol.byte_order
+                value = _value(series.goal_position, order, memory, address, content)
+                if value is not None:
+                    goals[servo_id] = value
+        return goals
+
+
+def _value(register: Register, order: ByteOrder, memory: Any, address: int, content: bytes) -> int | None:
+    """The value that a write gives to a register; None where it does not write all of it."""
+    # Dynamixels have cells that stand for bytes elsewhere.
+    meant = memory.resolved(address, len(content)) if hasattr(memory, "resolved") else range(address, 1 << 16)
+    told = dict(zip(meant, content, strict=False))
+    places = range(register.address, register.address + register.size)
+    if not all(place in told for place in places):
+        return None
+    return register.decode(bytes(told[place] for place in places), order)
 
 
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:

@@ -6,8 +6,11 @@ from controller.interface import Controller
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
 from hal.types import JointState
+from servoloop.simulation.clients import SimulatedClients
+from servoloop.simulation.goal_log import GoalLog, LoggedGoal
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
+from servoloop.simulation.touches import Touches
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.wire.port import VirtualAdapter
@@ -21,11 +24,19 @@ class FaultyStack(SimulatedStack):
         """All of them, by name, as the loop runs them."""
 
         def wrap(controller: Controller) -> Controller:
-            upsettable = Upsettable(controller)
+            upsettable = Upsettable(controller, self.goals)
             self.controllers[controller.name] = upsettable
             return cast(Controller, upsettable)
 
         self._playing = False
+        self.clients: SimulatedClients | None = None
+        self.relaxes = False
+        """Whether the arm is parked and released at the end of the program."""
+        self.ending = False
+        """Whether the program ends."""
+        self.goals = GoalLog(lambda: self.clock.now())
+        self.ended_goals: list[LoggedGoal] = []
+        """The goals that ended in the newest cycle."""
         super().__init__(wrap=wrap, **options)
         self.arm = cast(JointTrajectoryController, self.controllers[self.arm.name])
         self.adapters = {
@@ -33,11 +44,21 @@ class FaultyStack(SimulatedStack):
         }
         self.stack_faults = StackFaults(self.clock, self.controllers, self.arm.name, self._client_dies)
         self.player = FaultPlayer(Targets(self.lines, self.world, self.adapters, self.stack_faults))
+        self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
+
+    def up(self) -> "FaultyStack":
+        """Configure and activate; what the player plans may happen from the beginning on."""
+        self.player.reach("start", self.world.time_s)
+        super().up()
+        self.player.reach("up", self.world.time_s)
+        return self
 
     def _client_dies(self) -> None:
         """Nobody reacts to what the stack does any more, until another client comes."""
         self.after_cycle = lambda: None
+        if self.clients is not None:
+            self.clients.die()
 
     def _open_buses(self) -> dict[str, Bus]:
         for name, adapter in self.adapters.items():
@@ -52,4 +73,8 @@ class FaultyStack(SimulatedStack):
     def _on_cycle(self, state: JointState) -> None:
         for line in self.lines.values():  # where nobody asks the servos the world goes on
             line.advance(self.clock.now())
+        self.touches.update()
+        self.ended_goals = self.goals.end_cycle()
         super()._on_cycle(state)
+        if self.clients is not None:
+            self.clients.cycle()

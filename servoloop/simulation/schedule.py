@@ -7,8 +7,11 @@ from pydantic import BaseModel, ConfigDict
 
 from drivers.errors import DriverError
 from hal.plausible import Backlash, Seed, Time
+from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
+from hal.yaml_nodes import compose
 from servoloop.arms.folder import OWN, arm_in
+from servoloop.simulation.clients import Act
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 
@@ -18,7 +21,7 @@ class ScheduleError(DriverError):
 
 
 class Schedule(BaseModel):
-    """One run: which arm, which jobs, and what goes wrong when. ``faults`` count from when the arm is up, s."""
+    """One run: which arm, which jobs, and what goes wrong when. ``faults`` count from their moments, s."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -31,18 +34,46 @@ class Schedule(BaseModel):
     seconds: Time = 0.0
     """So long the arm stays up behind its jobs."""
     faults: tuple[FaultEvent, ...] = ()
+    clients: tuple[Act, ...] = ()
+    """What clients do beside the jobs, since the arm is up."""
+    on_exit: ExitPolicy | None = None
+    """How the arm is left at the end; None: as the robot file leaves virtual servos."""
 
 
 def read_schedule(path: Path) -> Schedule:
-    """The schedule in this YAML file. Raises ScheduleError, and ArmFileError where there is no such arm."""
+    """Read the schedule in this YAML file.
+
+    Raises ScheduleError for its mistakes and for faults that begin after the run, ArmFileError for an unknown arm.
+    """
     schedule = load(path, Schedule, ScheduleError)
     arm_in(path, schedule.arm)
+    if late := faults_behind_the_end(schedule):
+        file = compose(path, ScheduleError)
+        raise ScheduleError("\n".join(_late(file.place(("faults", n, "at_s")), schedule, n) for n in late))
     return schedule
+
+
+def faults_behind_the_end(schedule: Schedule) -> list[int]:
+    """The places of faults that begin only when the run is over; the length of a run with jobs is not known."""
+    if schedule.job:
+        return []
+    return [n for n, one in enumerate(schedule.faults) if one.since == "up" and one.at_s > schedule.seconds]
+
+
+def _late(place: str, schedule: Schedule, number: int) -> str:
+    fault = schedule.faults[number]
+    return (
+        f"{place}: {fault.kind} begins at {fault.at_s:g} s, and the run ends after {schedule.seconds:g} s: let it "
+        "begin earlier, make `seconds` longer, or write `since: end`"
+    )
 
 
 def schedule_text(schedule: Schedule) -> str:
     """What ``read_schedule`` reads; what is as by default is left out."""
-    content = schedule.model_dump(exclude={"faults"}, exclude_defaults=True)
+    content = schedule.model_dump(exclude={"faults", "clients"}, exclude_defaults=True)
     content = {name: list(value) if isinstance(value, tuple) else value for name, value in content.items()}
-    faults = {"faults": [plain(event) for event in schedule.faults]} if schedule.faults else {}
-    return yaml.safe_dump({**content, **faults}, sort_keys=False)
+    if schedule.faults:
+        content["faults"] = [plain(event) for event in schedule.faults]
+    if schedule.clients:
+        content["clients"] = [act.model_dump() for act in schedule.clients]
+    return yaml.safe_dump(content, sort_keys=False)

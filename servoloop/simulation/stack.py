@@ -108,9 +108,9 @@ class SimulatedStack:
         self.manager.registry.add(self._wrap(controller))
 
     def up(self) -> "SimulatedStack":
-        """Configure and activate."""
+        """Configure and activate. Raises DriverError or HalError if a component cannot be, as ``servoloop up`` does."""
         configure_all(self.loop.hardware)
-        self.loop.activate()
+        self.loop.activate(keep_alive=False)
         return self
 
     @property

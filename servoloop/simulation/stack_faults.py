@@ -4,29 +4,51 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from controller.interface import Controller
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.clock import Clock
+from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
-from hal.robot_file.robot import Robot
 from hal.types import FloatArray, JointState
 from hal.yaml_nodes import compose
+from servoloop.files import Files, ServoFiles
+from servoloop.simulation.goal_log import GoalLog
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import require_possible
-from sim_backend.faults.targets import Inventory, Misdeed, Upset
+from sim_backend.faults.targets import HOLD_S, Inventory, Misdeed, Upset
+
+ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.014}
+"""Time that it takes to configure and activate one servo, by make."""
 
 
-def inventory_of(robot: Robot) -> Inventory:
-    """The servos of a robot file, by bus in alphabetical order: a seed draws the same however the file is sorted."""
+def inventory_of(files: ServoFiles) -> Inventory:
+    """The servos and the controllers of an arm.
+
+    Buses and controllers are in alphabetical order: a seed draws the same however the files are sorted.
+    """
+    robot = files.robot
     servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
     for joint in robot.joints:
         servos[joint.bus][joint.servo_id] = joint.model
-    return Inventory(servos)
+    specs = files.controllers.controllers if isinstance(files, Files) else ()
+    controllers = {spec.name: bool(spec.parameters.claims()) for spec in sorted(specs, key=lambda spec: spec.name)}
+    start_s = sum(ACTIVATED_S[series_of(joint.model).make] for joint in robot.joints)
+    return Inventory(servos, controllers=controllers, start_s=start_s, end_s=HOLD_S + _parking_s(files))
+
+
+def _parking_s(files: ServoFiles) -> float:
+    """Longest time that the arm may take to its park pose; 0 where the robot file has it held."""
+    park = files.robot.file.park
+    if park is None or files.robot.file.on_exit.virtual != "relax":
+        return 0.0
+    limits = {name: files.limits[name] for name in park.pose if name in files.limits}
+    ways_s = ((one.upper - one.lower) / (one.velocity * park.velocity_scale) for one in limits.values())
+    return max(ways_s, default=0.0)
 
 
 def require_possible_in(
@@ -43,12 +65,13 @@ def require_possible_in(
 class Upsettable:
     """A controller that can be made to go wrong; all else is the controller's own."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[Upset, float]] = []
         """What is wrong with it now: how, and how far its commands jump."""
         self.newest: GoalHandle | None = None
         """The newest goal, of a controller that has goals with an end."""
         self._controller: Any = controller
+        self._goals = goals
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._controller, name)
@@ -58,11 +81,25 @@ class Upsettable:
             raise RuntimeError("a fault was injected into this controller")
         self._controller.update(state, now_s, period_s)
 
+    def check(self, goal: Any) -> str | None:
+        """The controller's own answer to a goal."""
+        reason: str | None = self._controller.check(goal)
+        if reason is not None:
+            self._goals.refused.append((goal, reason))
+        return reason
+
     def submit(self, goal: Any) -> Any:
         """Hand a goal over, as the controller itself takes it."""
         answer = self._controller.submit(goal)
         self.newest = answer if isinstance(answer, GoalHandle) else None
+        if self.newest is not None:
+            self._goals.sent(self._controller.name, goal, self.newest)
         return answer
+
+    def cancel(self, handle: GoalHandle) -> None:
+        """Ask the controller to cancel a goal."""
+        self._goals.canceled(handle)
+        self._controller.cancel(handle)
 
     @property
     def command(self) -> FloatArray:
@@ -88,9 +125,9 @@ class StackFaults:
         self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Of the controllers."""
-        return tuple(self._controllers)
+    def controllers(self) -> Mapping[str, bool]:
+        """The names of the controllers, sorted, and whether each commands joints."""
+        return {name: bool(one.command_interfaces) for name, one in sorted(self._controllers.items())}
 
     def stall(self, seconds: float) -> None:
         """The stack's thread does not run for so long."""

@@ -1,6 +1,7 @@
 """A virtual arm for tests: the whole stack on simulated time in the test's own thread, no ROS, no waiting."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +78,13 @@ class VirtualArm:
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
 
     def up(self) -> "VirtualArm":
-        """Configure and activate the hardware, then the controllers; the planned faults begin to count."""
+        """Configure and activate the hardware, then the controllers; the planned faults begin to count.
+
+        Raises DriverError or HalError where a fault keeps the arm from coming up.
+        """
+        self.stack.player.plan(self._faults)
         self.stack.up()
         self._up = True
-        self.stack.player.play(self._faults, self.stack.world.time_s)
         self.run(self.stack.loop.period_s)
         return self
 
@@ -120,12 +124,12 @@ class VirtualArm:
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
-        """Have faults happen at their times since ``up``; later ones with ``fault``."""
+        """Have faults happen at their times since ``up``, or since the start or the end; later ones with ``fault``."""
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:
-        """Draw faults from the arm's seed, as ``servoloop campaign`` does."""
-        there = self.stack.player.targets.inventory
+        """Draw faults from the arm's seed as ``servoloop campaign`` does, except at the start: the arm must come up."""
+        there = replace(self.stack.player.targets.inventory, start_s=None)
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 
     def fault(self, text: str) -> None:

@@ -17,6 +17,7 @@ from servoloop.verbs.output import JsonOption, print_json
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from servoloop.campaign.campaign import Scenario
     from servoloop.campaign.fallen import Fallen
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from servoloop.campaign.workers import Stop
 
 REPORT = "report.html"
-NOTHING_FELL = "no invariant fell"
+NOTHING_FELL = "no invariant was violated"
+NOT_LOOKED_AT = "Run more seeds, or name under `promises` in the scenario what it is to look at."
 
 
 def campaign(
@@ -82,7 +84,7 @@ def campaign(
         raise unwritten
     if interrupted:
         raise Interrupted(f"interrupted: {len(tally.rows)} of {tally.planned} runs were done, and are reported")
-    raise typer.Exit(1 if fallen else 0)
+    raise typer.Exit(1 if fallen or tally.broken_promises else 0)
 
 
 def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop") -> "Tally":
@@ -129,7 +131,7 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 
     schedule = read_schedule(path)
-    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm).robot))
+    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm)))
     make_folder(out)
     report, recording = recorded(schedule)
     fallen: list[Fallen] = []
@@ -182,16 +184,31 @@ def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
     console.print(
         f"{counted(len(tally.rows), 'run')}, {simulated_h:.2f} h of simulated time, {tally.ended} ended by a lost line"
     )
-    console.print(f"{tally.succeeded} cubes in their bins")
+    console.print(f"{tally.succeeded} of {tally.jobs} cubes in their bins")
+    console.print(_marks(tally))
     if tally.violations:
         table = Table("seed", "at", "invariant", "what")
         for seed, one in tally.violations:
             table.add_row(str(seed), f"{one.time_s:.3f} s", one.invariant, one.text)
         console.print(table)
     _print_fallen([one.violation for one in fallen], fallen, console)
+    for promise in tally.broken_promises:
+        console.print(f"not looked at: {promise}", style="red", soft_wrap=True, markup=False, highlight=False)
+    if tally.broken_promises:
+        console.print(NOT_LOOKED_AT, soft_wrap=True, markup=False, highlight=False)
     if not tally.violations:
         console.print(NOTHING_FELL, style="green")
     _print_page(page, console)
+
+
+def _marks(tally: "Tally") -> "Table":
+    """The table of what each invariant examined."""
+    from rich.table import Table
+
+    table = Table("invariant", "examined", "runs that violate it")
+    for name, examined, runs in tally.marks:
+        table.add_row(name, str(examined), str(runs))
+    return table
 
 
 def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", console: "Console") -> None:

@@ -11,10 +11,17 @@ from typer.testing import CliRunner
 from hal.gate import Gated, SafetyGate
 from hal.types import FloatArray
 from servoloop import cli
-from servoloop.campaign.campaign import Scenario, campaign, read_scenario, run_schedule_of, schedule_of
+from servoloop.campaign.campaign import (
+    Scenario,
+    ScenarioError,
+    campaign,
+    read_scenario,
+    run_schedule_of,
+    schedule_of,
+)
 from servoloop.campaign.invariants import ALL
 from servoloop.campaign.shrink import shrink
-from servoloop.simulation.schedule import Schedule, read_schedule
+from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 from tests.drivers.fault_lines import CYCLES
@@ -63,30 +70,76 @@ def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch,
 
 def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
-    scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
+    scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3, promises: {examined: [safe wire]}}")
     arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "1", "--out", str(tmp_path / "out")]
     ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
-    assert ran.exit_code == 0 and "no invariant fell" in ran.output
+    assert ran.exit_code == 0 and "no invariant was violated" in ran.output
 
 
 def test_a_page_that_cannot_be_written_takes_no_result_with_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario, out = tmp_path / "scenario.yaml", tmp_path / "out"
-    scenario.write_text("{seconds: 0.1, faults: 0}")
+    scenario.write_text("{seconds: 0.1, faults: 0, promises: {examined: []}}")
     (out / "report.html").mkdir(parents=True)
     arguments = ("--scenario", str(scenario), "--seeds", "1", "--jobs", "1", "--out", str(out))
     said = complaint(capsys, monkeypatch, "campaign", *arguments)
     assert f"cannot write {out / 'report.html'}: Is a directory" in said
     with pytest.raises(SystemExit):
         cli.main()
-    assert "no invariant fell" in capsys.readouterr().out
+    assert "no invariant was violated" in capsys.readouterr().out
 
 
 def test_the_page_names_every_invariant_and_every_key() -> None:
     page = (ROOT / "docs" / "campaigns.md").read_text()
-    assert all(f"| {invariant.name} |" in page for invariant in ALL)
-    assert all(f"| `{key}` |" in page for key in Scenario.model_fields)
+    assert [invariant.name for invariant in ALL if f"| {invariant.name} |" not in page] == []
+    assert [key for key in Scenario.model_fields if f"| `{key}` |" not in page] == []
+
+
+def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(
+        "seconds: 0.5\nfaults: 1\nwithin_s: 0.3\nkinds: [noise]\n"
+        "promises: {examined: [nan holds], visits: [{phase: canceling, fault: silent}, {fault: noise}]}\n"
+    )
+    arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "1", "--out", str(tmp_path / "out"), "--json"]
+    ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
+    assert ran.exit_code == 1
+    assert json.loads(ran.stdout)["broken_promises"] == [
+        "the invariant 'nan holds' examined nothing in 2 runs",
+        "no run visited phase canceling, fault silent, in 2 runs",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("promise", "text"),
+    [
+        ("{examined: [nan hold]}", "there is no invariant 'nan hold'"),
+        ("{visits: [{phase: resting}]}", "there is no phase 'resting'"),
+        ("{visits: [{fault: silence}]}", "there is no fault 'silence'"),
+    ],
+)
+def test_a_promise_that_cannot_be_kept_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(f"faults: 1\npromises: {promise}\n")
+    with pytest.raises(ScenarioError, match=f"scenario.yaml:2: .*{text}"):
+        read_scenario(scenario)
+
+
+def test_each_seed_draws_an_arm_a_client_and_an_end() -> None:
+    scenario = Scenario(arm=("robot_arm", "koch"), clients=("moves", "plans"), on_exit=("hold", "relax"), within_s=4.0)
+    drawn = [schedule_of(scenario, seed) for seed in range(20)]
+    assert {one.arm for one in drawn} == {"robot_arm", "koch"} and {one.on_exit for one in drawn} == {"hold", "relax"}
+    assert {act.kind for one in drawn for act in one.clients} == {"move", "plan", "cancel", "hand"}
+    assert drawn == [schedule_of(scenario, seed) for seed in range(20)]
+
+
+def test_what_clients_do_is_kept_in_a_schedule(tmp_path: Path) -> None:
+    scenario = Scenario(clients=("moves", "switches", "streams"), on_exit=("relax",), within_s=4.0)
+    for seed in range(10):
+        schedule = schedule_of(scenario, seed)
+        (tmp_path / "kept.yaml").write_text(schedule_text(schedule))
+        assert read_schedule(tmp_path / "kept.yaml") == schedule
 
 
 def test_mistakes_in_a_scenario_are_told_before_anything_runs(
@@ -121,7 +174,7 @@ def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, 
 
 def test_the_arm_on_the_command_line_takes_the_place_of_the_scenarios(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
-    scenario.write_text("{arm: nowhere, seconds: 0.3, faults: 0}")
+    scenario.write_text("{arm: nowhere, seconds: 0.3, faults: 0, promises: {examined: []}}")
     arguments = ["--scenario", str(scenario), "--arm", "so101", "--seeds", "1", "--jobs", "1"]
     ran = CliRunner().invoke(cli.app, ["campaign", *arguments, "--out", str(tmp_path / "out"), "--json"])
     assert ran.exit_code == 0, ran.output

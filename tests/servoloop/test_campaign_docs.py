@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from servoloop.campaign.campaign import files_of
+from servoloop.campaign.campaign import files_of, read_scenario
 from servoloop.campaign.fallen import recorded
 from servoloop.cli import app
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.trace_file import trace_text
-from tests.pages import DOCS, commands
+from tests.pages import DOCS, code, commands
 
 PAGE = "campaigns.md"
 TEXT = (DOCS / PAGE).read_text()
@@ -33,8 +33,8 @@ def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: p
     words = shlex.split(command.replace("--seeds 1000", "--seeds 2 --jobs 2"))
     assert words[:2] == ["servoloop", "campaign"]
     ran = CliRunner().invoke(app, words[1:])
-    assert ran.exit_code == 0, ran.output
-    assert "no invariant fell" in ran.output and list((tmp_path / "out" / "campaign").glob("*.html"))
+    assert ran.exit_code == 0 or "not looked at: " in ran.output, ran.output  # in two runs
+    assert "no invariant was violated" in ran.output and list((tmp_path / "out" / "campaign").glob("*.html"))
 
 
 def test_the_table_has_every_column_of_a_trace() -> None:
@@ -45,3 +45,13 @@ def test_the_table_has_every_column_of_a_trace() -> None:
     for name in header:
         shown = re.sub(r"(hand_right_)?joint\d?", "joint1", name)
         assert f"`{shown}`" in TEXT, f"docs/campaigns.md says nothing of the column {name}"
+
+
+@pytest.mark.runs(f"{PAGE} yaml 1")
+def test_the_promises_of_the_page_are_those_of_a_scenario(tmp_path: Path) -> None:
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(code(PAGE, "yaml"))
+    promises = read_scenario(scenario).promises
+    assert promises.examined == ("safe wire", "cancels are followed")
+    visits = [str(visit) for visit in promises.visits]
+    assert visits == ["phase canceling, fault silent", "fault brown_out, make dynamixel"]

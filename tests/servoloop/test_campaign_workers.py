@@ -18,8 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servoloop.campaign import workers
-from servoloop.campaign.campaign import Scenario, SeedReport, campaign, run_seed
+from servoloop.campaign.campaign import Scenario, campaign, run_seed
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
+from servoloop.campaign.run import RunReport
 from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, WorkerError, in_order, in_processes
 from tests.complaint import complaint
 
@@ -106,7 +107,7 @@ def test_a_process_that_is_killed_is_told_of_in_words() -> None:
         list(in_processes(kill_at_7, range(20), 1, never))
 
 
-def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> SeedReport:
+def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> RunReport:
     """The run of a seed, but the victim's worker is killed the first time."""
     if seed == victim and not marker.exists():
         marker.touch()

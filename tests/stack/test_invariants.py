@@ -12,13 +12,16 @@ from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.end_invariants import EndsAsChosen, GoalsEnd
+from servoloop.campaign.end_invariants import EndsAsChosen
+from servoloop.campaign.goal_invariants import GoalsEnd
 from servoloop.campaign.invariants import Watch
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.files import read_files
+from servoloop.simulation.clients import Act, Cancel, Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from sim_backend.faults.text import parse
+from tests.servoloop.planted_bugs import BUGS
 from tests.stack.rig import PICK
 
 FILES = read_files()
@@ -136,19 +139,53 @@ def test_a_driver_that_sends_another_goal(monkeypatch: pytest.MonkeyPatch, off: 
         write_goals(buses, goals)
 
     monkeypatch.setattr(JointBuses, "write_goals", wrong)
-    (violation,) = run(prepare=stacks.append).violations
-    assert violation.invariant == "safe wire" and "joint2: goal" in violation.text and text in violation.text
+    violations = {violation.invariant: violation.text for violation in run(prepare=stacks.append).violations}
+    assert "joint2: goal" in violations["safe wire"] and text in violations["safe wire"]
+    assert "joint2: goal" in violations["goals mean commands"]
 
 
 def test_a_goal_without_an_end_and_torque_behind_the_end() -> None:
-    robot = FILES.robot
-    on_exit = robot.file.on_exit.model_copy(update={"virtual": "relax"})
-    relaxing = replace(FILES, robot=replace(robot, file=robot.file.model_copy(update={"on_exit": on_exit})))
-    stack = FaultyStack(files=relaxing)
+    stack = FaultyStack(files=FILES)
+    stack.relaxes = True
     watch = Watch(stack, (GoalsEnd, EndsAsChosen))
     stack.up()
     stack.go(PICK)
     stack.run(0.2)
     watch.end()
     assert set(watch.violations) == {GoalsEnd.name, EndsAsChosen.name}
-    assert watch.violations[GoalsEnd.name].text == "of 1 goals these have no end: 1"
+    assert watch.violations[GoalsEnd.name].text == "1 of 1 goals have no end"
+
+
+MOVES = (
+    Move(at_s=0.1, positions={"joint1": 0.4, "joint2": -0.3}, seconds=1.0),
+    Cancel(at_s=0.6),
+    Move(at_s=1.6, positions={"joint1": -0.2, "joint2": 0.2}, seconds=0.8),
+)
+JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
+
+
+@pytest.mark.parametrize(
+    ("bug", "invariant", "clients", "faults"),
+    [
+        ("sign_left_out_of_goals", "goals mean commands", MOVES, ()),
+        ("sign_left_out_of_positions", "reported truly", MOVES, ()),
+        ("cancels_are_ignored", "cancels are followed", MOVES, ()),
+        ("stops_are_dead", "smooth reference", (Move(positions={"joint1": 1.5}, seconds=0.5), Cancel(at_s=0.4)), ()),
+        ("feedback_is_a_cycle_old", "feedback is true", MOVES, ()),
+        ("arm_goes_back_after_an_abort", "nothing travels after the end", MOVES, ()),
+        ("limits_of_goals_are_not_looked_at", "goals are judged", (Move(positions={"joint1": 9.0}),), ()),
+        ("goal_tolerance_is_not_looked_at", "success is true", JAMMED, ("jammed id=1 at=2.8s",)),
+        ("path_tolerance_is_not_looked_at", "deviation ends a goal", JAMMED, ("jammed id=1",)),
+        ("abort_blames_the_joint_before", "aborts are true", JAMMED, ("jammed id=1",)),
+        ("no_joint_is_relieved", "nothing presses after the end", JAMMED, ("jammed id=1",)),
+        ("silent_servo_is_never_taken_back", "taken back", (), ("silent id=3 for=0.3s",)),
+        ("gate_takes_zero_for_nan", "nan holds", MOVES, ("controller_nan at=0.5s for=0.3s",)),
+    ],
+)
+def test_a_planted_bug_is_named_and_its_schedule_is_well_without_it(
+    monkeypatch: pytest.MonkeyPatch, bug: str, invariant: str, clients: tuple[Act, ...], faults: tuple[str, ...]
+) -> None:
+    schedule = Schedule(seconds=6.0, clients=clients, faults=tuple(map(parse, faults)))
+    assert run_schedule(FILES, Settings(), schedule).violations == ()
+    BUGS[bug][0](monkeypatch)
+    assert invariant in fallen(run_schedule(FILES, Settings(), schedule))

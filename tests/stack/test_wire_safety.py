@@ -16,12 +16,15 @@ from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError, PortLost
+from drivers.protocol import v1
 from drivers.servos import sts
+from drivers.servos.register import Register
 from hal.errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
 from servoloop.campaign.wire_monitor import WireMonitor
 from servoloop.simulation.stack import SimulatedStack
+from sim_backend.faults.lines import WRITE
 from tests.drivers.fault_lines import CYCLES
 from tests.stack.rig import ARM, BINS, PICK, READY
 
@@ -242,3 +245,22 @@ def test_corrupt_replies_while_starting_leave_the_arm_holding_or_off(servo_id: i
         rig.run(0.2)
         assert np.isfinite(rig.loop.command).all()
     assert monitor.broken == []
+
+
+@pytest.mark.parametrize(("late_s", "found"), [(0.01, False), (0.05, True)])
+def test_torque_that_goes_on_long_after_the_measurement_is_found(late_s: float, found: bool) -> None:
+    """Within a moment a horn may slip, and no stack can know."""
+    rig = SimulatedStack()
+    monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
+    servo = rig.bus.servo(1)
+
+    def told(register: Register, value: int) -> None:
+        content = v1.place(register.address) + register.encode(value, "little")
+        monitor.see(bytes(v1.packet(1, WRITE, content)))
+
+    told(sts.goal_position, round(servo.firmware.position))
+    rig.bus.rig.plant.slip(0, 0.1)
+    rig.bus.advance(rig.clock.now() + late_s)
+    told(sts.torque_enable, 1)
+    assert monitor.torque_on_seen == 1
+    assert bool(monitor.broken) == found

@@ -1,0 +1,105 @@
+"""Random clients of a campaign: what they do is drawn from the seed before anything happens."""
+
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import Any, Final
+
+from hal.types import JointLimits
+from servoloop.simulation.clients import Act, Cancel, Hand, Move, Plan, Reactivate, Stream, Switch
+
+BEYOND: Final = 0.08
+"""Share of the goals with a position beyond a limit: such a goal is refused."""
+ANYWHERE: Final = 0.3
+"""Share of the goals whose joints may go anywhere: many of these press the arm against the table or itself."""
+AT_LIMIT: Final = 0.3
+"""Share of the positions of such goals that are a limit."""
+NEAR: Final = 0.3
+"""Share of the way from zero to a limit that the other goals go at most."""
+LARGEST: Final = 7.0
+"""rad: a joint without ends is sent no further."""
+KINDS: Final = ("job", "moves", "plans", "streams", "switches")
+
+
+def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:
+    """What one client of this kind does within ``seconds``, by time; ``joints``: those of the arm's controller.
+
+    A client of kind ``job`` does nothing beside its jobs.
+    """
+    if kind == "job":
+        return ()
+    random = Random(f"{seed}/client/{kind}")
+    acts: list[Act] = []
+    at_s = random.uniform(0.0, 0.3)
+    while at_s < seconds:
+        acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
+        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0)])
+    return tuple(acts)
+
+
+def _positions(random: Random, joints: Mapping[str, JointLimits]) -> dict[str, float]:
+    """Draw positions of some or all joints: mostly near zero, or anywhere, at a limit, now and then beyond one."""
+    chosen = [name for name in joints if random.random() < 0.6] or [random.choice(list(joints))]
+    draw = random.random()
+    beyond = random.choice(chosen) if draw < BEYOND else None
+    positions = {name: _position(random, joints[name], draw > 1.0 - ANYWHERE) for name in chosen}
+    return positions if beyond is None else {**positions, beyond: _beyond(random, joints[beyond])}
+
+
+def _position(random: Random, limit: JointLimits, anywhere: bool) -> float:
+    lower, upper = max(limit.lower, -LARGEST), min(limit.upper, LARGEST)
+    if anywhere and random.random() < AT_LIMIT:
+        return random.choice([lower, upper])
+    if anywhere:
+        return round(random.uniform(lower, upper), 4)
+    return round(_near(random, lower, upper), 4)
+
+
+def _near(random: Random, lower: float, upper: float) -> float:
+    middle = min(max(0.0, lower), upper)
+    return middle + (random.choice([lower, upper]) - middle) * random.uniform(0.0, NEAR)
+
+
+def _beyond(random: Random, limit: JointLimits) -> float:
+    lower, upper = max(limit.lower, -LARGEST), min(limit.upper, LARGEST)
+    way = random.uniform(0.05, 0.5) * (upper - lower)
+    return round(random.choice([lower - way, upper + way]), 4)
+
+
+def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    draw = random.random()
+    if draw < 0.25:
+        return Cancel(at_s=at_s)
+    if draw < 0.35 and hand:
+        return Hand(at_s=at_s, share=round(random.random(), 3))
+    return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+
+
+def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.2:
+        return Cancel(at_s=at_s)
+    scale = random.choice([1.0, round(random.uniform(0.1, 1.0), 2)])
+    return Plan(at_s=at_s, positions=_positions(random, joints), scale=scale)
+
+
+def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.3 and hand:
+        return Hand(at_s=at_s, share=round(random.random(), 3))
+    near = {name: limit for name, limit in joints.items() if random.random() < 0.5} or dict(joints)
+    return Stream(at_s=at_s, positions=_positions(random, near), for_s=round(random.uniform(0.2, 2.0), 2))
+
+
+def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    draw, for_s = random.random(), round(random.uniform(0.05, 1.0), 2)
+    if draw < 0.3:
+        return Switch(at_s=at_s, for_s=for_s)
+    if draw < 0.5:
+        return Reactivate(at_s=at_s, for_s=for_s)
+    return _move(random, joints, hand, at_s)
+
+
+DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
+    "moves": _move,
+    "plans": _plan,
+    "streams": _stream,
+    "switches": _switch,
+}

@@ -1,0 +1,74 @@
+"""What a campaign promises to look at: a green result says nothing of what was never examined or never visited."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+from pydantic import BaseModel, ConfigDict, field_validator
+
+from drivers.printable import counted
+from servoloop.campaign.invariants import ALL
+from servoloop.campaign.visits import PHASES, Visit
+from sim_backend.faults.events import KINDS
+
+NAMES = tuple(kind.name for kind in ALL)
+
+
+class PromisedVisit(BaseModel):
+    """A cell that must be visited; what is left out may be anything."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    phase: str | None = None
+    fault: str | None = None
+    make: str | None = None
+    client: str | None = None
+
+    @field_validator("phase")
+    @classmethod
+    def _known_phase(cls, phase: str | None) -> str | None:
+        if phase is not None and phase not in PHASES:
+            raise ValueError(f"there is no phase {phase!r}: known are {', '.join(PHASES)}")
+        return phase
+
+    @field_validator("fault")
+    @classmethod
+    def _known_fault(cls, fault: str | None) -> str | None:
+        if fault is not None and fault not in KINDS:
+            raise ValueError(f"there is no fault {fault!r}: known are {', '.join(KINDS)}")
+        return fault
+
+    def covers(self, visit: Visit) -> bool:
+        """Whether a visited cell is one of those meant."""
+        wanted = (self.phase, self.fault, self.make, self.client)
+        return all(name in (None, found) for name, found in zip(wanted, visit, strict=True))
+
+    def __str__(self) -> str:
+        said = [f"phase {self.phase}" if self.phase else "", f"fault {self.fault}" if self.fault else ""]
+        said += [f"make {self.make}" if self.make else "", f"client {self.client}" if self.client else ""]
+        return ", ".join(filter(None, said)) or "any"
+
+
+class Promises(BaseModel):
+    """Invariants that must have examined something, and cells that must have been visited."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    examined: tuple[str, ...] = NAMES
+    """Names of invariants; by default all."""
+    visits: tuple[PromisedVisit, ...] = ()
+
+    @field_validator("examined")
+    @classmethod
+    def _known_invariants(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if unknown := [name for name in names if name not in NAMES]:
+            raise ValueError(f"there is no invariant {unknown[0]!r}: known are {', '.join(NAMES)}")
+        return names
+
+    def broken(self, runs: int, examined: Mapping[str, int], visits: Counter[Visit]) -> Iterator[str]:
+        """Each promise that a campaign of so many runs did not keep, as a sentence."""
+        for name in self.examined:
+            if not examined.get(name):
+                yield f"the invariant {name!r} examined nothing in {counted(runs, 'run')}"
+        for promised in self.visits:
+            if not any(promised.covers(visit) for visit in visits):
+                yield f"no run visited {promised}, in {counted(runs, 'run')}"

@@ -1,0 +1,129 @@
+"""What must hold against the simulated world itself, and against a second reading of the arm's files."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from controller.action_goals import GoalStatus
+from drivers.servos.catalog import series_of
+from hal.types import FloatArray, JointState
+from servoloop.campaign.invariant import Invariant
+from servoloop.campaign.reference import ReferenceJoint, read_reference
+from servoloop.campaign.wire_monitor import GoalReader
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.goal_log import LoggedGoal
+
+READING_COUNTS: Final = 4.0
+"""Difference between a servo's reading and its joint: resolution and noise."""
+READING_AGE_S: Final = 0.004
+"""Age of a position in a servo's register, by which the joint has moved on."""
+OFFSET_SHARE: Final = 0.03
+"""Largest share of its range by which a joint's goal may differ from its command, to make up for what it gives way."""
+ARRIVED: Final = 0.02
+"""rad or m by which a joint may be further off than its goal tolerance: the tolerance is compared with a reading."""
+
+
+class ReportedTruly(Invariant):
+    """A joint that is reported without a fault is where the simulated world has it, with its sign and its scale."""
+
+    name = "reported truly"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        reference = read_reference(stack.files)
+        names = stack.loop.hardware.joints
+        self._judged = [joint for joint in names if joint in reference]
+        self._reference = [reference[joint] for joint in self._judged]
+        self._reported = [names.index(joint) for joint in self._judged]
+        self._world = [stack.world.joints.index(joint) for joint in self._judged]
+        self._slack = [
+            READING_COUNTS * abs(joint.units_per_count) + READING_AGE_S * joint.velocity for joint in self._reference
+        ]
+        self._steps: list[FloatArray] = []
+
+    def on_step(self, time_s: float) -> None:
+        self._steps.append(self.stack.world.position())
+
+    def on_state(self, state: JointState) -> None:
+        steps, self._steps = self._steps, self._steps[-1:]
+        if not steps or self.shared_id:
+            return
+        true = np.array(steps)[:, self._world]
+        lowest, highest = true.min(axis=0).tolist(), true.max(axis=0).tolist()
+        reported = state.position[self._reported].tolist()
+        for place, name in enumerate(self._judged):
+            if name in state.faults or self.deceived(name) or self.servos[name].on_read:
+                continue
+            self.examined += 1
+            low, high = lowest[place] - self._slack[place], highest[place] + self._slack[place]
+            if not low <= reported[place] <= high and self._wrong(self._reference[place], reported[place], low, high):
+                self.say(f"{name} is reported at {reported[place]:.4f}; it was between {low:.4f} and {high:.4f}")
+
+    @staticmethod
+    def _wrong(joint: ReferenceJoint, reported: float, low: float, high: float) -> bool:
+        middle, half = (low + high) / 2.0, (high - low) / 2.0
+        return joint.apart(reported, middle) > half
+
+
+class GoalsMeanCommands(Invariant):
+    """A goal on the wire, read with a second conversion, is the joint's command, or lies between it and the joint.
+
+    It may differ by what the servo gives way under load, within narrow bounds.
+    """
+
+    name = "goals mean commands"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        reference = read_reference(stack.files)
+        self._joints = {
+            bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
+        }
+        self._commands = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
+        self._readers = {
+            name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
+            for name, line in stack.lines.items()
+        }
+
+    def on_write(self, bus: str, data: bytes) -> None:
+        goals = self._readers[bus].read(data)
+        if not goals or not self.active:
+            return
+        commands = dict(zip(self._commands, self.stack.loop.command.tolist(), strict=True))
+        before = dict(zip(self._commands, self.stack.loop.previous_command.tolist(), strict=True))
+        true = self.true_positions()
+        for servo_id, counts in goals.items():
+            joint = self._joints[bus].get(servo_id)
+            if joint is None or self.deceived(joint.name):
+                continue
+            self.examined += 1
+            meant = joint.position(counts)
+            ends = (commands[joint.name], before[joint.name], true[joint.name])
+            slack = OFFSET_SHARE * (joint.upper - joint.lower)
+            if not min(ends) - slack <= meant <= max(ends) + slack:
+                self.say(f"{joint.name}: goal {counts} is {meant:.4f}, and the command is {commands[joint.name]:.4f}")
+
+
+class SuccessIsTrue(Invariant):
+    """When a goal succeeds the joints of the simulated world are where its client sent them."""
+
+    name = "success is true"
+
+    def on_state(self, state: JointState) -> None:
+        for logged in self.stack.ended_goals:
+            if logged.handle.status is GoalStatus.SUCCEEDED:
+                self._arrived(logged)
+
+    def _arrived(self, logged: LoggedGoal) -> None:
+        tolerances = self.stack.controllers[logged.controller].parameters.tolerances().goal
+        asked = logged.goal.tolerances.goal
+        true, last = self.true_positions(), logged.goal.points[-1]
+        for joint, wanted in zip(logged.goal.joints, last.positions, strict=False):
+            allowed = asked.get(joint) or tolerances.get(joint, 0.0)
+            if allowed <= 0.0 or joint not in true or self.deceived(joint):
+                continue
+            self.examined += 1
+            off = abs(true[joint] - wanted)
+            if off > allowed + ARRIVED:
+                self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}; its client sent it to {wanted:.4f}")

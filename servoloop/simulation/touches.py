@@ -1,0 +1,67 @@
+"""The joints that an injected fault touches, and when it last did: an invariant may excuse these and no others."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from drivers.clock import Clock
+from hal.joint import Joint
+from sim_backend.faults.event import Event
+from sim_backend.faults.player import FaultPlayer
+
+FACTORY_ID = 1
+"""The ID of a servo that has lost its settings."""
+
+
+class Touches:
+    """Which joint was touched when, by which kinds of faults. ``update`` is called once a cycle at least."""
+
+    def __init__(self, joints: Sequence[Joint], player: FaultPlayer, clock: Clock) -> None:
+        self._joints, self._player, self._clock = tuple(joints), player, clock
+        self._seen = 0
+        self._last_s: dict[tuple[str, str], float] = {}
+
+    def update(self) -> None:
+        """Take in what began, lasted or ended since the last time."""
+        happened = self._player.happened
+        recent = happened[self._seen :]
+        self._seen = len(happened)
+        if not recent and not self._player.active:
+            return
+        now_s = self._clock.now()
+        for event in (*self._player.active.values(), *recent):
+            for joint in touched_joints(event, self._joints):
+                self._last_s[joint, event.kind] = now_s
+
+    def since_s(self, joint: str, kinds: Iterable[str] | None = None) -> float:
+        """Seconds since a fault last touched the joint, of all kinds or of ``kinds``; infinity: none ever did."""
+        self.update()
+        wanted = None if kinds is None else set(kinds)
+        times = [
+            at for (name, kind), at in self._last_s.items() if name == joint and (wanted is None or kind in wanted)
+        ]
+        return self._clock.now() - max(times, default=-math.inf)
+
+    def kinds(self, joint: str) -> set[str]:
+        """The kinds of faults that have touched the joint so far."""
+        self.update()
+        return {kind for name, kind in self._last_s if name == joint}
+
+
+def touched_joints(event: Event, joints: Sequence[Joint]) -> set[str]:
+    """The joints whose servo, line or replies an event touches; none for those of the machine and its programs."""
+    servo_id, bus = getattr(event, "servo_id", None), getattr(event, "bus", None)
+    if servo_id is None and not hasattr(event, "bus"):
+        return set()
+    on_line = [joint for joint in joints if bus in (None, joint.bus)]
+    if servo_id is None:
+        return {joint.name for joint in _behind(getattr(event, "after", None), on_line)}
+    also = {getattr(event, "to", None), getattr(event, "other", None)}
+    if event.kind == "eeprom_gone":
+        also.add(FACTORY_ID)
+    return {joint.name for joint in on_line if joint.servo_id in {servo_id, *also}}
+
+
+def _behind(after: int | None, joints: Sequence[Joint]) -> Sequence[Joint]:
+    """The joints whose servos hang behind one in the chain; all of them where the cable breaks before the first."""
+    places = [place for place, joint in enumerate(joints) if joint.servo_id == after]
+    return joints[places[0] + 1 :] if places else joints

@@ -1,0 +1,245 @@
+"""Twenty-four bugs, each a change of one place of the stack, and the invariants that may name them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from controller import shutdown
+from controller.fault_timeout import FaultTimeout
+from controller.loop import ControlLoop
+from controller.motion import Kinematics, motion_to
+from controller.trajectory import active_goal, execution, goal_planner
+from controller.trajectory.active_goal import ActiveGoal
+from controller.trajectory.execution import Execution
+from controller.trajectory.goal_result import GoalResult
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.relief import Relief
+from controller.trajectory.sampler import TrajectorySampler
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal
+from hal.compensation.gravity_compensation import GravityCompensation
+from hal.gate import Gated, SafetyGate
+from hal.joint import Joint
+from hal.servos.activation import Activation
+from hal.servos.servo_setup import ServoSetup
+from hal.types import FloatArray, JointState
+
+Plant = Callable[[pytest.MonkeyPatch], None]
+BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
+
+
+def named_by(*invariants: str) -> Callable[[Plant], Plant]:
+    """Register a bug with the invariants that may name it."""
+
+    def register(plant: Plant) -> Plant:
+        BUGS[plant.__name__] = plant, frozenset(invariants)
+        return plant
+
+    return register
+
+
+@named_by("goals mean commands", "success is true", "safe wire", "deviation ends a goal")
+def sign_left_out_of_goals(patch: pytest.MonkeyPatch) -> None:
+    counts = Joint.counts
+    patch.setattr(Joint, "counts", lambda joint, position: counts(replace(joint, sign=1), position))
+
+
+@named_by("reported truly")
+def sign_left_out_of_positions(patch: pytest.MonkeyPatch) -> None:
+    def unit(joint: Joint) -> float:
+        return joint.transmission * 2.0 * np.pi / joint.model.counts_per_turn
+
+    patch.setattr(Joint, "units_per_count", property(unit))
+
+
+@named_by("safe commands")
+def gate_lets_a_tenth_more_pass(patch: pytest.MonkeyPatch) -> None:
+    limit = SafetyGate.limit
+
+    def wrong(gate: SafetyGate, wanted: FloatArray, last: FloatArray, period_s: float, *more: Any) -> Gated:
+        return limit(gate, wanted, last, 1.1 * period_s, *more)
+
+    patch.setattr(SafetyGate, "limit", wrong)
+
+
+@named_by("nan holds", "safe commands")
+def gate_takes_zero_for_nan(patch: pytest.MonkeyPatch) -> None:
+    limit = SafetyGate.limit
+
+    def wrong(gate: SafetyGate, wanted: FloatArray, last: FloatArray, period_s: float, *more: Any) -> Gated:
+        return limit(gate, np.nan_to_num(wanted), last, period_s, *more)
+
+    patch.setattr(SafetyGate, "limit", wrong)
+
+
+@named_by("success is true")
+def goal_tolerance_is_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+    found = execution.result_at_end
+
+    def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
+        return found(joints, tolerances, path, after_end_s, np.zeros_like(error))
+
+    patch.setattr(execution, "result_at_end", wrong)
+
+
+@named_by("deviation ends a goal")
+def path_tolerance_is_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ActiveGoal, "off_path", lambda active, joints, now: None)
+
+
+@named_by("every goal ends")
+def goal_time_never_runs_out(patch: pytest.MonkeyPatch) -> None:
+    found = execution.result_at_end
+
+    def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
+        return found(joints, tolerances, path, min(after_end_s, 1e-9), error)
+
+    patch.setattr(execution, "result_at_end", wrong)
+
+
+@named_by("every goal ends")
+def fault_timeout_never_comes(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(FaultTimeout, "lasting", lambda timeout, faults, period_s: None)
+
+
+@named_by("cancels are followed")
+def cancels_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Execution, "cancel", lambda execution, handle: None)
+
+
+@named_by("aborts are true")
+def abort_blames_the_joint_before(patch: pytest.MonkeyPatch) -> None:
+    excess = active_goal.excess
+
+    def wrong(joints: Sequence[str], *more: Any) -> str:
+        text = excess(joints, *more)
+        for name, before in zip(joints, (joints[-1], *joints[:-1]), strict=True):
+            if text.startswith(f"{name} "):
+                return text.replace(name, before, 1)
+        return text
+
+    patch.setattr(active_goal, "excess", wrong)
+
+
+@named_by("smooth reference")
+def stops_are_dead(patch: pytest.MonkeyPatch) -> None:
+    def wrong(sampler: TrajectorySampler, reference: Any, parameters: Any, along: bool = False) -> None:
+        sampler.hold(reference.position)
+
+    patch.setattr(TrajectorySampler, "stop", wrong)
+
+
+@named_by("nothing travels after the end", "every goal ends", "cancels are followed")
+def arm_goes_back_after_an_abort(patch: pytest.MonkeyPatch) -> None:
+    def wrong(relief: Relief) -> None:
+        relief.due = False
+        sampler = relief._sampler
+        here = sampler.reference()
+        back = Kinematics.at_rest(sampler.inside(here.position - 0.15))
+        sampler.follow(motion_to(here, back, sampler.limits, 0.0), here, on_goal=False)
+
+    patch.setattr(Relief, "begin", wrong)
+
+
+@named_by("nothing presses after the end", "deviation ends a goal")
+def no_joint_is_relieved(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Relief, "_relieve", lambda relief, held, now: None)
+
+
+@named_by("activated as configured")
+def torque_is_not_limited(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ServoSetup, "limit_torque", lambda setup, joint: None)
+
+
+@named_by("safe wire")
+def torque_before_the_goal(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Activation, "_hold_goals", lambda activation: None)
+    patch.setattr(Activation, "_confirm_goal", lambda activation, joint: None)
+
+
+@named_by("taken back", "every goal ends")
+def silent_servo_is_never_taken_back(patch: pytest.MonkeyPatch) -> None:
+    receive = Bus.receive
+    silent: dict[int, dict[int, Any]] = {}
+
+    def wrong(bus: Bus) -> Mapping[int, Any]:
+        readings = receive(bus)
+        lost = silent.setdefault(id(bus), {})
+        lost.update({i: one for i, one in readings.items() if isinstance(one, ServoFault) and one.kind == "silent"})
+        return {**readings, **{i: fault for i, fault in lost.items() if i in readings}}
+
+    patch.setattr(Bus, "receive", wrong)
+
+
+@named_by("limp joints are found", "safe wire")
+def lost_torque_is_not_looked_for(patch: pytest.MonkeyPatch) -> None:
+    def wrong(bus: Bus, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
+        return dict.fromkeys(servo_ids, True)
+
+    patch.setattr(Bus, "torque_states", wrong)
+
+
+@named_by("goals mean commands", "safe wire")
+def offsets_are_eight_times_too_large(patch: pytest.MonkeyPatch) -> None:
+    sag = GravityCompensation._sag
+    patch.setattr(GravityCompensation, "_sag", lambda compensation, position: 8.0 * sag(compensation, position))
+
+
+@named_by("safe wire", "goals mean commands")
+def goals_go_to_the_next_servo(patch: pytest.MonkeyPatch) -> None:
+    write_goals = Bus.write_goals
+
+    def wrong(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
+        ids = list(goals)
+        write_goals(bus, dict(zip(ids[1:] + ids[:1], goals.values(), strict=True)))
+
+    patch.setattr(Bus, "write_goals", wrong)
+
+
+@named_by("feedback is true")
+def feedback_is_a_cycle_old(patch: pytest.MonkeyPatch) -> None:
+    update = JointTrajectoryController.update
+
+    def wrong(controller: JointTrajectoryController, state: JointState, now_s: float, period_s: float) -> None:
+        before = controller.tracking
+        update(controller, state, now_s, period_s)
+        if before is not None and controller.tracking is not None:
+            old = before.feedback_position
+            controller.tracking = replace(controller.tracking, feedback_position=old)
+
+    patch.setattr(JointTrajectoryController, "update", wrong)
+
+
+@named_by("goals are judged")
+def limits_of_goals_are_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(goal_planner, "limits_reason", lambda *_: None)
+
+
+@named_by("ends as chosen")
+def arm_is_not_parked(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(shutdown, "_park", lambda *_: True)
+
+
+@named_by("ends as chosen")
+def arm_is_not_released(patch: pytest.MonkeyPatch) -> None:
+    switch_off = shutdown.deactivate_all
+    patch.setattr(shutdown, "deactivate_all", lambda hardware, relax: switch_off(hardware, False))
+
+
+@named_by("smooth end")
+def arm_stops_dead_at_the_end(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(shutdown, "_stop", lambda loop: None)
+
+
+@named_by("safe commands", "safe wire", "goals mean commands")
+def arm_is_taken_over_at_zero(patch: pytest.MonkeyPatch) -> None:
+    take_over = ControlLoop.take_over
+
+    def wrong(loop: ControlLoop, *more: Any) -> None:
+        take_over(loop, *more)
+        loop.command = np.zeros_like(loop.command)
+
+    patch.setattr(ControlLoop, "take_over", wrong)

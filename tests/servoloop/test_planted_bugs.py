@@ -1,0 +1,37 @@
+"""Bugs that are planted in the stack are found by a campaign of the default scenario, minimized, and named rightly."""
+
+from pathlib import Path
+
+import pytest
+
+from servoloop.campaign.campaign import read_scenario, run_schedule_of, run_seed
+from servoloop.campaign.fallen import violates
+from servoloop.campaign.run import RunReport
+from servoloop.campaign.shrink import shrink
+from tests.servoloop.planted_bugs import BUGS
+
+SCENARIO = read_scenario(Path(__file__).parents[2] / "docs" / "campaign.yaml")
+SEEDS = 300
+
+
+def first_that_finds(invariants: frozenset[str], first: int) -> tuple[RunReport, str]:
+    """The first run that violates one of these invariants, and which."""
+    for seed in range(first, first + SEEDS):
+        report = run_seed(SCENARIO, seed)
+        found = sorted(invariants & {violation.invariant for violation in report.violations})
+        if found:
+            return report, found[0]
+    raise AssertionError(f"{SEEDS} seeds from {first} on violate none of {sorted(invariants)}")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", BUGS)
+def test_a_campaign_finds_it_names_it_and_minimizes_it(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    plant, invariants = BUGS[name]
+    plant(monkeypatch)
+    report, invariant = first_that_finds(invariants, 0)
+    smallest = shrink(report.schedule, lambda schedule: violates(schedule, invariant))
+    assert len(smallest.faults) <= 2 and len(smallest.clients) <= 3
+    monkeypatch.undo()
+    assert run_schedule_of(smallest).violations == (), "the invariant is violated without the bug too"

@@ -1,0 +1,61 @@
+"""At the end an arm whose adapter was lost is parked and released, if it can be reached and still holds."""
+
+import pytest
+
+from drivers.servos import sts
+from servoloop.campaign.run import end_program
+from servoloop.simulation.faulty_stack import FaultyStack
+from sim_backend.faults.text import parse
+
+SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
+"""The instruction WRITE, the register and its value."""
+
+
+def up(*faults: str) -> FaultyStack:
+    """A stack 1.5 s after it was up, with these faults."""
+    stack = FaultyStack(keep_alive=True)
+    stack.player.plan(map(parse, faults))
+    stack.up()
+    stack.run(1.5)
+    return stack
+
+
+def ended(*faults: str) -> FaultyStack:
+    """The same after it has ended with ``on_exit: relax``."""
+    stack = up(*faults)
+    end_program(stack, "relax")
+    return stack
+
+
+def torque(stack: FaultyStack) -> set[int]:
+    return {servo.memory.get(sts.torque_enable) for servo in stack.bus.servos}
+
+
+def parked(stack: FaultyStack) -> dict[str, float]:
+    """How far each joint of the park pose is from it, rad or m."""
+    park = stack.files.robot.file.park
+    assert park is not None
+    true = dict(zip(stack.world.joints, stack.world.position().tolist(), strict=True))
+    return {name: abs(true[name] - position) for name, position in park.pose.items()}
+
+
+@pytest.mark.parametrize("fault", ["adapter_unplugged at=0.5s for=0.2s", "adapter_unplugged at=0.5s for=0.8s"])
+def test_an_arm_that_is_back_is_parked_and_released(fault: str) -> None:
+    stack = ended(fault)
+    assert torque(stack) == {0}
+    assert max(parked(stack).values()) < 0.1
+
+
+@pytest.mark.parametrize("fault", ["adapter_unplugged at=0.5s", "adapter_unplugged as=another at=0.5s for=0.2s"])
+def test_an_arm_that_cannot_be_reached_holds(fault: str) -> None:
+    assert torque(ended(fault)) == {1}
+
+
+def test_an_arm_that_has_fallen_meanwhile_lies_where_it_is() -> None:
+    """A hand may be at it: nobody has asked for a motion."""
+    stack = up("adapter_unplugged at=0.5s for=0.5s", "cable_cut at=0.6s for=0.2s")
+    before = len(stack.port.sent)
+    end_program(stack, "relax")
+    assert torque(stack) == {0}
+    sent = [data for _, data in stack.port.sent[before:]]
+    assert sent and not any(data[4:7] == SWITCHES_ON for data in sent)
