@@ -37,8 +37,6 @@ class ComponentSet:
         self._clock = clock
         self._cycle = 0
         self._parts: dict[str, JointState] = {}
-        self._unread: set[str] = set()
-        """Components whose last values are from before a transition: they are read in the coming cycle."""
         self._filters: dict[str, LeapFilter] = {}
 
     @property
@@ -103,8 +101,7 @@ class ComponentSet:
             for one in self.components
             if not one.switching and one.error is None and one.hardware.state in CONFIGURED
         ]
-        unread = self._unread.union(one.name for one in sound if one.name not in parts)
-        due = [one for one in sound if cycle % one.cycles_per_update == 0 or one.name in unread]
+        due = [one for one in sound if cycle % one.cycles_per_update == 0 or one.hardware.name not in parts]
         for component in due:
             self._request(component, deadline_s)
         for component in due:
@@ -155,7 +152,6 @@ class ComponentSet:
                 believed = self._filters[name].believed(part, component.hardware.state is LifecycleState.ACTIVE)
                 part = part if confirmed else believed
             self._parts[name] = part
-            self._unread.discard(name)
         except Exception as error:  # a defect of one component loses this one: the others go on
             self.lose(component, error)
 
@@ -199,7 +195,7 @@ class ComponentSet:
         component.switching = False
         component.out_of_reach = False
         component.driven = False
-        self._unread.add(component.name)
+        self._parts.pop(component.name, None)
         if component.name in self._filters:
             self._filters[component.name].forget()
         if component.hardware.state in CONFIGURED:

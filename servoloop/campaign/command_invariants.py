@@ -66,7 +66,7 @@ class SafeCommands(Invariant):
     """What passed the gate is finite, within the limits, and no further from the last than velocity times period.
 
     The layers below hold some of this as well: they must not be needed. Where joints are taken over, after an
-    activation, the last command is where the simulated world has them. No NaN is reported of a joint once measured.
+    activation, the last command is where the simulated world has them. A joint without a fault has finite values.
     """
 
     name = "safe commands"
@@ -80,8 +80,13 @@ class SafeCommands(Invariant):
         self._velocity = np.array([one.velocity for one in limits])
 
     def on_state(self, state: JointState) -> None:
-        if not all(map(math.isfinite, (*state.position, *state.velocity))):
-            self.say("a position or a velocity that is reported is no number")
+        if math.isfinite(state.position.sum() + state.velocity.sum()):
+            return
+        for name, position, velocity in zip(
+            self.stack.loop.hardware.joints, state.position.tolist(), state.velocity.tolist(), strict=True
+        ):
+            if name not in state.faults and not (math.isfinite(position) and math.isfinite(velocity)):
+                self.say(f"{name} is measured, and its position or its velocity is no number")
 
     def on_command(self, values: FloatArray) -> None:
         command, last, before = values.copy(), self._last, self.stack.loop.previous_command

@@ -69,7 +69,8 @@ class Tally:
         self.ended += bool(report.ended)
         for event in report.schedule.faults:
             self.drawn[event.kind, outcome] += 1
-            self.begun[int(event.at_s), outcome] += 1
+            if event.since == "up":
+                self.begun[int(event.at_s), outcome] += 1
         self.examined.update(report.examined)
         self.visits.update(report.visits)
         for violation in report.violations:

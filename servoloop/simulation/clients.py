@@ -13,7 +13,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
-from hal.plausible import Duration, Time, VelocityScale
+from hal.plausible import Chance, Duration, Position, Time, VelocityScale
 from hal.types import JointLimits
 from servoloop.simulation.stack import SimulatedStack
 
@@ -39,7 +39,7 @@ class Move(_Act):
     """A goal with one point for all joints, as the pick-and-place node sends it."""
 
     kind: Literal["move"] = "move"
-    positions: dict[str, float]
+    positions: dict[str, Position]
     seconds: Duration = 2.0
 
 
@@ -47,7 +47,7 @@ class Plan(_Act):
     """A goal as planners send it: a table of positions, velocities and accelerations from where the arm is."""
 
     kind: Literal["plan"] = "plan"
-    positions: dict[str, float]
+    positions: dict[str, Position]
     scale: VelocityScale = 1.0
     """Share of the velocity limits that the planner uses."""
 
@@ -56,7 +56,7 @@ class Stream(_Act):
     """Points on the controller's topic, one in each second cycle, on the straight way to ``positions``."""
 
     kind: Literal["stream"] = "stream"
-    positions: dict[str, float]
+    positions: dict[str, Position]
     for_s: Duration = 1.0
 
 
@@ -70,7 +70,7 @@ class Hand(_Act):
     """A command for the hand; ``share`` 0 is its lower limit and 1 its upper limit."""
 
     kind: Literal["hand"] = "hand"
-    share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
+    share: Chance = 0.5
 
 
 class Switch(_Act):

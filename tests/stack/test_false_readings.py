@@ -12,7 +12,7 @@ from controller.manager.switch import SwitchRequest
 from controller.shutdown import shut_down
 from hal.lifecycle import LifecycleState
 from servoloop.simulation.faulty_stack import FaultyStack
-from sim_backend.faults.servos import FalsePosition
+from sim_backend.faults.false_replies import FalsePosition
 from sim_backend.faults.text import parse
 from tests.faults.rig import files_of
 from tests.stack.rig import READY
