@@ -35,5 +35,6 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 
 
 def first_of_each_file(items: list[pytest.Item]) -> list[pytest.Item]:
-    """The first test of each file, in order."""
-    return list({item.path: item for item in reversed(items)}.values())[::-1]
+    """The first test of each file, in order; without long tests, of which `make test` has a case."""
+    slow = [item for item in items if item.nodeid.partition("[")[0] not in long_tests()]
+    return list({item.path: item for item in reversed(slow)}.values())[::-1]

@@ -65,8 +65,16 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("package")
     for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("conftest", "distribution", "marked", "pages", "ros_domain"):
-        shutil.copy(ROOT / "tests" / f"{name}.py", copy / "tests")
+    for name in (
+        "conftest.py",
+        "distribution.py",
+        "marked.py",
+        "pages.py",
+        "ros_domain.py",
+        "tiers.py",
+        "long_tests.txt",
+    ):
+        shutil.copy(ROOT / "tests" / name, copy / "tests")
     shutil.copy(ROOT / "pyproject.toml", copy)
     for block in PLACED:
         placed(block, copy)
