@@ -158,7 +158,7 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _complete(self, component: Component, transition: ComponentTransition) -> None:
-        """Activate joints of an active component again that have no torque, also where nobody has noticed it yet."""
+        """Activate the joints of an active component that have no torque, even if no cycle has noticed it yet."""
         try:
             unanswered = self._hardware.ask_for_torque(component)
         except Exception as error:

@@ -82,7 +82,7 @@ class ControlLoop:
         )
 
     def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
-        """Activate the hardware where it stands, but for the components named; then the controllers. Raises errors.
+        """Activate the hardware where it stands, except the components named; then the controllers. Raises errors.
 
         ``keep_alive``: whether a component that cannot be activated stays inactive, instead; None: as the loop's own.
         """

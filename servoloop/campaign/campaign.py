@@ -54,7 +54,7 @@ class Scenario(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: OneOrMore[str] = (OWN,)
-    """The arms; the seed of each run draws one, and one of each of the next two as well."""
+    """The arms; each run draws one."""
     clients: OneOrMore[ClientKind] = ("job",)
     """Kinds of clients. ``job`` does the jobs, the others move the arm as long as it is up."""
     on_exit: OneOrMore[ExitPolicy] | None = None

@@ -75,7 +75,6 @@ class SafeCommands(Invariant):
         super().__init__(stack, say)
         self._last: FloatArray | None = None
         limits = stack.loop.limits
-        self._names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
         self._velocity = np.array([one.velocity for one in limits])
 
@@ -109,7 +108,7 @@ class SafeCommands(Invariant):
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true = self.true_positions()
-        for place, name in enumerate(self._names):
+        for place, name in enumerate(self.commanded):
             unchanged = last is not None and taken[place] == last[place]
             if unchanged or name not in true or self.deceived(name) or not math.isfinite(taken[place]):
                 continue

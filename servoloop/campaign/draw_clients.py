@@ -17,7 +17,6 @@ NEAR: Final = 0.3
 """Share of the way from zero to a limit that the other goals go at most."""
 LARGEST: Final = 7.0
 """rad: a joint without ends is sent no further."""
-KINDS: Final = ("job", "moves", "plans", "streams", "switches")
 
 
 def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:

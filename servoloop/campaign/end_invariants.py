@@ -11,7 +11,6 @@ from servoloop.campaign.invariant import Invariant, complains
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
-STALLS: Final = ("stall",)
 LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode", "wrong_setting", "collision"})
 """Faults after which a component may not be activated again: it is left as it is."""
 
@@ -63,15 +62,13 @@ class EndsAsChosen(Invariant):
     def _touched_at_the_end(self) -> set[str]:
         """The joints that faults touch now, or have touched since the last cycle."""
         events = (*self.stack.player.happened[self._happened :], *self.stack.player.active.values())
-        if any(event.kind in STALLS for event in events):
+        if any(event.kind == "stall" for event in events):
             return {joint.name for joint in self.joints}
         return {name for event in events for name in touched_joints(event, self.joints)}
 
     def _not_parked(self) -> set[str]:
         park = self.stack.files.robot.file.park
-        loop = self.stack.loop
-        names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
-        commands = dict(zip(names, loop.command, strict=True))
+        commands = dict(zip(self.commanded, self.stack.loop.command, strict=True))
         pose = park.pose if park else {}
         return {name for name, position in pose.items() if not np.isclose(commands[name], position, atol=1e-6)}
 

@@ -85,8 +85,7 @@ class GoalsEnd(Invariant):
         goal_time_s = max(logged.goal.tolerances.goal_time_s, self.stack.arm.parameters.constraints.goal_time)
         if goal_time_s <= 0.0:
             return math.inf
-        names = [name.rpartition("/")[0] for name in self.stack.loop.hardware.command_interfaces]
-        limits = dict(zip(names, self.stack.loop.limits, strict=True))
+        limits = dict(zip(self.commanded, self.stack.loop.limits, strict=True))
         return min(longest_s(logged.goal, limits), tracking.path.duration_s) + goal_time_s + REST_S
 
     def _waits_s(self) -> float:
@@ -252,6 +251,8 @@ class GoalsAreJudged(Invariant):
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)
+                if known is None and joint in self.stack.arm.joints and share > 0.0:
+                    continue  # its limits are no plain numbers
                 if known is None or not math.isfinite(position):
                     return f"{joint} to {position}"
                 slack = share * (known.upper - known.lower)

@@ -49,6 +49,8 @@ class Invariant:
         self.examined = 0
         """How often the condition was really looked at: an invariant that examined nothing has shown nothing."""
         self.joints = stack.files.robot.joints
+        self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
+        """The joint of each command interface."""
         place = stack.player.targets.place
         self.servos: dict[str, Any] = {joint.name: place(joint.servo_id, joint.bus).servo for joint in self.joints}
         """The virtual servo of each joint."""

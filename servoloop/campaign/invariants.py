@@ -1,4 +1,4 @@
-"""What must hold whatever happens to an arm: all invariants, and what has them look on at a stack."""
+"""All invariants, and the watch that calls them during a run."""
 
 from collections.abc import Callable
 from functools import partial

@@ -1,4 +1,4 @@
-"""What a campaign promises to look at: a green result says nothing of what was never examined or never visited."""
+"""The promises of a campaign: a green result means nothing for conditions that were never examined or visited."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ NAMES = tuple(kind.name for kind in ALL)
 
 
 class PromisedVisit(BaseModel):
-    """A cell that must be visited; what is left out may be anything."""
+    """A cell that must be visited. A key that is left out matches everything."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

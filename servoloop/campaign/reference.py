@@ -102,5 +102,5 @@ def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
 
 
 def _yaml(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content: dict[str, Any] = yaml.safe_load(path.read_bytes())
     return content

@@ -19,7 +19,7 @@ RESTS: Final = 0.1
 CREEPS: Final = 0.01
 """Speed (rad/s or m/s) above which a joint moves, and nothing holds it."""
 BRAKES: Final = 1.3
-"""So many times its shortest braking distance a joint may need: the others brake with it along the path."""
+"""Factor on a joint's shortest braking distance: the other joints brake with it along the path."""
 PRESSES_SHARE: Final = 0.02
 """Share of a joint's range by which its command may stay away from it: servos give way, and relief leaves a rest."""
 RELIEVED_S: Final = 0.3
@@ -53,11 +53,9 @@ class NothingTravels(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
-        names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
-        self._places = [names.index(joint) for joint in stack.arm.joints]
+        self._places = [self.commanded.index(joint) for joint in stack.arm.joints]
         limits = [stack.loop.limits[place] for place in self._places]
         self._range = np.array([min(limit.upper - limit.lower, 7.0) for limit in limits])
-        self._velocity = np.array([limit.velocity for limit in limits])
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
         self._end: _End | None = None
@@ -109,8 +107,7 @@ class NothingPresses(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
-        names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
-        self._places = {joint: names.index(joint) for joint in stack.arm.joints}
+        self._places = {joint: self.commanded.index(joint) for joint in stack.arm.joints}
         self._allowed = {
             joint: PRESSES_SHARE * (stack.loop.limits[place].upper - stack.loop.limits[place].lower)
             for joint, place in self._places.items()

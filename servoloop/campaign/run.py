@@ -50,7 +50,7 @@ def run_schedule(
     kinds: tuple[type[Invariant], ...] = ALL,
     prepare: Callable[[FaultyStack], None] = lambda stack: None,
 ) -> RunReport:
-    """Run a schedule and the end of the program behind it. Raises FaultError where a fault cannot happen to this arm.
+    """Run a schedule, and end the program after it. Raises FaultError where a fault cannot happen to this arm.
 
     ``prepare`` may change the stack before it comes up: a test plants there what an invariant is to find.
     """

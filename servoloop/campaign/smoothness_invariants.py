@@ -33,8 +33,7 @@ class SmoothReference(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
-        names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
-        limits = [stack.loop.limits[names.index(joint)] for joint in stack.arm.joints]
+        limits = [stack.loop.limits[self.commanded.index(joint)] for joint in stack.arm.joints]
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
         self._references = deque[FloatArray](maxlen=4)
@@ -89,7 +88,6 @@ class SmoothEnd(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
-        self._names = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         self._commands = deque[FloatArray](maxlen=3)
 
     def on_command(self, values: FloatArray) -> None:
@@ -104,7 +102,7 @@ class SmoothEnd(Invariant):
             share = COMMANDS_SHARE if self.stack.relaxes else RELIEF_SHARE
             if change[worst] > share * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, its limit is {self._acceleration[worst]:.1f}"
-                self.say(f"{self._names[worst]} is stopped or parked with an acceleration of {found}")
+                self.say(f"{self.commanded[worst]} is stopped or parked with an acceleration of {found}")
 
 
 class NanHolds(Invariant):

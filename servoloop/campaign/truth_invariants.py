@@ -80,7 +80,6 @@ class GoalsMeanCommands(Invariant):
         self._joints = {
             bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
         }
-        self._commands = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         self._readers = {
             name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
             for name, line in stack.lines.items()
@@ -90,8 +89,8 @@ class GoalsMeanCommands(Invariant):
         goals = self._readers[bus].read(data)
         if not goals or not self.active:
             return
-        commands = dict(zip(self._commands, self.stack.loop.command.tolist(), strict=True))
-        before = dict(zip(self._commands, self.stack.loop.previous_command.tolist(), strict=True))
+        commands = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
+        before = dict(zip(self.commanded, self.stack.loop.previous_command.tolist(), strict=True))
         true = self.true_positions()
         for servo_id, counts in goals.items():
             joint = self._joints[bus].get(servo_id)
