@@ -16,11 +16,11 @@ LOG = logging.getLogger("servoloop.controller")
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Shares of the acceleration and jerk limits that are tried for a stop on a path, which needs some for itself."""
-DELAYS_S: Final = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6)
+DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
 """Times after which such a stop may begin: a path that brakes a joint with all it has leaves nothing for the stop."""
-LONGEST_STOP: Final = 3.0
+LONGEST_STOP: Final = 2.0
 """A stop on a path may take so many times as long as one that has the limits for itself, and ``STOP_MARGIN_S`` more."""
-STOP_MARGIN_S: Final = 0.4
+STOP_MARGIN_S: Final = 0.2
 TRIES: Final = 12
 """Number of stops, the quickest first, whose accelerations are compared with the limits: the loop's thread waits."""
 LOOKS: Final = 40

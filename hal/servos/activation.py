@@ -6,6 +6,7 @@ from typing import Final
 
 from drivers.bus.retry import ATTEMPTS
 from drivers.bus.types import Reading, ServoGoal, ServoState
+from drivers.clock import Clock
 from drivers.errors import ServoCorrupt, ServoSilent
 from hal.errors import ActivationError
 from hal.joint import Joint
@@ -21,19 +22,26 @@ AGREE_S: Final = 0.01
 """Two readings agree if they differ by no more than the joint moves in this time at its velocity limit."""
 AGREE_COUNTS: Final = 3
 """Smallest difference at which two readings still agree: the noise of an encoder."""
+FRESH_S: Final = 0.1
+"""Age at which a measured goal is measured again before the torque goes on: limp joints sink meanwhile."""
 
 
 class Activation:
     """One activation of a component's servos; ``run`` raises where one of them must not have torque."""
 
     def __init__(
-        self, joints: Sequence[Joint], buses: JointBuses, measured: Callable[[Mapping[str, Reading]], object]
+        self,
+        joints: Sequence[Joint],
+        buses: JointBuses,
+        clock: Clock,
+        measured: Callable[[Mapping[str, Reading]], object],
     ) -> None:
         """``measured`` is given each measurement of all joints on the way."""
         self._joints = tuple(joints)
         self._buses = buses
         self._setup = ServoSetup(buses)
-        self._measured = measured
+        self._clock, self._measured = clock, measured
+        self._measured_s = 0.0
         self._goals: dict[str, int] = {}
         self._limp: list[Joint] = []
 
@@ -93,6 +101,7 @@ class Activation:
         )
 
     def _measure_all(self) -> dict[str, ServoState]:
+        self._measured_s = self._clock.now()
         readings = self._setup.measure()
         silent = [
             f"{self._buses.label(joint)}: {reading.text}"
@@ -142,13 +151,17 @@ class Activation:
             )
 
     def _hold_goals(self) -> None:
-        """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end."""
-        goals = {name: ServoGoal(counts) for name, counts in self._goals.items()}
+        """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end.
+
+        Most servos switch their torque on when they are told a goal: it must not be an old one.
+        """
         for _ in range(ATTEMPTS):
-            self._buses.write_goals(goals)
+            self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
             wrong = [joint for joint in self._joints if self._setup.goal(joint) != self._goals[joint.name]]
             if not wrong:
                 return
+            if self._old():
+                self._take_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
         self._confirm_goal(wrong[0])
 
     def _confirm_goal(self, joint: Joint) -> None:
@@ -161,20 +174,39 @@ class Activation:
     def _torque_on(self, joint: Joint) -> None:
         """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
 
-        That takes time, in which limp joints may move: they are measured once more. Of those that their goals have
-        switched on already the goals stay: what gives way a little must not give way again with every lost packet.
+        That takes time, in which limp joints may move: they are measured once more.
         """
-        later = self._joints[self._joints.index(joint) :]
         for _ in range(ATTEMPTS - 1):
+            self._renew_goals(joint)
             try:
                 self._setup.torque_on(joint)
                 return
             except (ServoSilent, ServoCorrupt):
                 self._confirm_goal(joint)
-                self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
-                self._setup.limit_torque(joint)
-                self._hold_goals()
+                self._retake_goals(joint)
+        self._renew_goals(joint)
         self._setup.torque_on(joint)
+
+    def _renew_goals(self, joint: Joint) -> None:
+        """Measure again where that was too long ago. A slow line may never be quick enough: the last goals hold."""
+        for _ in range(ATTEMPTS):
+            if not self._old():
+                return
+            self._retake_goals(joint)
+
+    def _old(self) -> bool:
+        return self._clock.now() - self._measured_s > FRESH_S
+
+    def _retake_goals(self, joint: Joint) -> None:
+        """Measure the joints that are limp still, from this one on, and hold them there.
+
+        The others keep the goals that they were switched on with: a joint that gives way a little must not give way
+        again with every lost packet.
+        """
+        later = self._joints[self._joints.index(joint) :]
+        self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
+        self._setup.limit_torque(joint)
+        self._hold_goals()
 
     def _called(self, joint: Joint) -> str:
         return f"{self._buses.label(joint)} (servo {joint.servo_id})"

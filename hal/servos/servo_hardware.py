@@ -74,7 +74,7 @@ class ServoHardware:
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
-        activation = Activation(self._joints, buses, lambda readings: self._states.update(readings, buses))
+        activation = Activation(self._joints, buses, self._clock, lambda readings: self._states.update(readings, buses))
         held = activation.run()
         try:
             self._goals.hold(held)
@@ -116,7 +116,7 @@ class ServoHardware:
         names = self.without_torque
         joints = [joint for joint in self._joints if joint.name in names]
         # No measurement on the way is taken for a servo that answers again: only success ends a fault.
-        held = Activation(joints, self._opened("reactivate"), lambda readings: None).run()
+        held = Activation(joints, self._opened("reactivate"), self._clock, lambda readings: None).run()
         self._goals.hold(held)
         self._states.faults.reactivated(names)
         if self.compensation is not None:

@@ -19,7 +19,7 @@ RESTS: Final = 0.1
 CREEPS: Final = 0.01
 """Speed (rad/s or m/s) above which a joint moves, and nothing holds it."""
 BRAKES: Final = 1.3
-"""Factor on a joint's shortest braking distance: the other joints brake with it along the path."""
+"""Factor on the shortest time in which the arm's slowest joint can brake: the others brake with it along the path."""
 PRESSES_SHARE: Final = 0.02
 """Share of a joint's range by which its command may stay away from it: servos give way, and relief leaves a rest."""
 RELIEVED_S: Final = 0.3
@@ -89,8 +89,8 @@ class NothingTravels(Invariant):
     def _begun(self, command: FloatArray, before: FloatArray) -> _End:
         velocity = (command - before) / self.stack.loop.period_s
         speed = np.abs(velocity)
-        way = BRAKES * (speed * speed / (2.0 * self._acceleration) + speed * self._acceleration / self._jerk)
-        rests = command + np.sign(velocity) * (way + speed * 2.0 * self.stack.loop.period_s)
+        brakes_s = float((speed / self._acceleration + self._acceleration / self._jerk).max())
+        rests = command + velocity * (BRAKES * brakes_s + 2.0 * self.stack.loop.period_s)
         here = self._true()
         ends = np.array([command, rests, here])
         return _End(ends.min(axis=0), ends.max(axis=0), self.stack.clock.now(), here)

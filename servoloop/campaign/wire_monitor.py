@@ -65,7 +65,7 @@ class WireMonitor:
         if (goal := _value(series.goal_position, order, servo.memory, address, content)) is not None:
             self._goal(joint, goal, position, limp=servo.memory.get(series.torque_enable) == 0)
         if (torque := _value(series.torque_enable, order, servo.memory, address, content)) is not None:
-            self._torque(joint, torque, position)
+            self._torque(joint, torque, position, limp=servo.memory.get(series.torque_enable) == 0)
 
     def _goal(self, joint: Joint, goal: int, position: int, limp: bool) -> None:
         self.goals_seen += 1
@@ -82,11 +82,13 @@ class WireMonitor:
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
         if before is not None and abs(goal - before) > reach and not begins:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
-        if limp and joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS:
+        known_limp = joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS
+        if limp and (known_limp or (self._activating() and not begins)):
             self.broken.append(f"{joint.name}: is limp at {position}, and told to go to {goal}")
         self._goals[joint.servo_id] = goal
 
-    def _torque(self, joint: Joint, value: int, position: int) -> None:
+    def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
+        """Some servos have torque since they were told their goal, and have given way to their load meanwhile."""
         if value != 1:
             self._driven.discard(joint.servo_id)
             return
@@ -94,7 +96,7 @@ class WireMonitor:
         goal = self._goals.get(joint.servo_id)
         at_goal = goal is not None and abs(goal - position) <= self._within_counts(joint)
         placed_s = self._line.reached_s - self._placed_s.get(joint.servo_id, -inf)
-        if joint.servo_id not in self._driven and not at_goal and placed_s > SWITCHED_ON_S:
+        if limp and joint.servo_id not in self._driven and not at_goal and placed_s > SWITCHED_ON_S:
             self.broken.append(f"{joint.name}: torque on at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
 

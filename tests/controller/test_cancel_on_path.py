@@ -141,4 +141,4 @@ def test_a_stop_on_a_path_is_not_much_longer_than_one_beside_it() -> None:
             beside = stop_path(path.sample(elapsed_s), FOUR, FOUR)
             if stop is not None:
                 took_s = path.duration_s - elapsed_s if stop is path else stop.duration_s
-                assert took_s < beside.duration_s + 1.3
+                assert took_s < beside.duration_s + 0.4

@@ -12,6 +12,7 @@ from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.sts.firmware import StsVariant
 from sim_backend.wire.instructions import Instruction
+from sim_backend.wire.sts_wire import Code
 from tests.hal.bench import IDS, JOINTS, Bench, switches_torque_on
 
 BEFORE = (2048, 2000, 1500)
@@ -114,6 +115,27 @@ def test_a_servo_that_was_reset_at_its_goal_of_zero_counts_has_its_torque_limit_
     bench.hardware.activate()
     assert bench.torque() == list(IDS)
     assert bench.held(7, sts.torque_limit) == 500
+
+
+@pytest.mark.parametrize("energises", [True, False])
+def test_joints_that_sink_while_a_line_is_slow_to_confirm_their_goals_are_measured_again(energises: bool) -> None:
+    """A servo that does not hear its goal has it written again: by then it may stand elsewhere."""
+    bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=energises)).configured()
+    lost_s: list[float] = []
+
+    def watch(number: int, instruction: Instruction) -> None:
+        if not lost_s and instruction.code == Code.SYNC_WRITE:
+            lost_s.append(bench.clock.now())
+            bench.servos.faults.silence(7)
+        elif lost_s and bench.clock.now() > lost_s[0] + 0.12:
+            bench.servos.faults.restore(7)
+            bench.place((2048, 2000, 1450))
+            bench.port.before_write = lambda number, instruction: None
+
+    bench.port.before_write = watch
+    bench.hardware.activate()
+    assert bench.torque() == list(IDS)
+    assert [bench.held(i, sts.goal_position) for i in IDS] == [2048, 2000, 1450]
 
 
 def lose_torque_switches_of(servo_id: int, bench: Bench, packets: int) -> list[Instruction]:
