@@ -10,6 +10,7 @@ from controller.interface import indices
 from controller.parameters import Parameters
 from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.compensation.servo_compliance import Compliance, lags
+from hal.joint import Joint
 from hal.types import FloatArray, JointLimits, JointState
 
 SMOOTHED_S: Final = 0.04
@@ -17,6 +18,10 @@ SMOOTHED_S: Final = 0.04
 LED_RAD_S: Final = 1.0
 """Of a servo's shaft: up to so fast it is helped along. A servo that lags less than is known of it must not take that
 for a push, and go on by itself."""
+
+
+SLACK: Final = 0.15
+"""Share of a servo's full drive with which a soft joint resists the hand, beside its gears' friction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +36,12 @@ class GuidedJoint:
     """How far its servo lags; None: it is taken to follow at once."""
     transmission: float = 1.0
     """Joint units per radian of the servo's shaft."""
+
+
+def guided_joint(joint: Joint) -> GuidedJoint:
+    """The joint as a hand may move it. Its servo pulls with ``SLACK`` of its full drive at most, as far as is known."""
+    slack = SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
+    return GuidedJoint(joint.name, joint.limits, slack, joint.compliance, joint.transmission)
 
 
 class FreedriveController:

@@ -45,7 +45,7 @@ def _listed(value: Any) -> Any:
 
 
 OneOrMore = Annotated[tuple[Item, ...], Field(min_length=1), BeforeValidator(_listed)]
-ClientKind = Literal["job", "moves", "plans", "streams", "switches"]
+ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides"]
 
 
 class Scenario(BaseModel):

@@ -5,7 +5,7 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
-from servoloop.simulation.clients import Act, Cancel, Hand, Move, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
 
 BEYOND: Final = 0.08
 """Share of the goals with a position beyond a limit: such a goal is refused."""
@@ -96,9 +96,29 @@ def _switch(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     return _move(random, joints, hand, at_s)
 
 
+def _share(random: Random) -> float:
+    return round(random.choice([-1.0, 1.0]) * random.uniform(0.2, 1.0), 2)
+
+
+def _jog(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.15:
+        return Cancel(at_s=at_s)
+    joint, for_s = random.choice(list(joints)), round(random.choice([0.1, random.uniform(0.1, 2.0)]), 2)
+    return Jog(at_s=at_s, joint=joint, share=_share(random), for_s=for_s)
+
+
+def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    if random.random() < 0.5:
+        return _move(random, joints, hand, at_s)
+    for_s = round(random.uniform(0.3, 2.0), 2)
+    return Guide(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
+
+
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
     "moves": _move,
     "plans": _plan,
     "streams": _stream,
     "switches": _switch,
+    "jogs": _jog,
+    "guides": _guide,
 }

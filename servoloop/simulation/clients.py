@@ -1,20 +1,21 @@
-"""Clients of a simulated stack: what they do is drawn or written down beforehand, and is done between two cycles."""
+"""Clients of a simulated stack: they carry out the actions of a schedule between two cycles."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from controller.manager.switch import ManagerError, SwitchRequest
 from controller.motion import Kinematics, MotionError, motion_to
+from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
-from hal.plausible import Chance, Duration, Position, Time, VelocityScale
-from hal.types import JointLimits
+from hal.types import FloatArray, JointLimits, JointState
+from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, Standing
+from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -23,71 +24,11 @@ TABLE_S: Final = 0.1
 """Time between two points of a planner's trajectory."""
 AHEAD_S: Final = 0.2
 """Time that a streaming client gives the arm to reach each point."""
-SHORTEST_WAY_S: Final = 0.3
-"""Shortest duration of a drawn move."""
-
-
-class _Act(BaseModel):
-    """One deed of a client, ``at_s`` seconds after the arm is up."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    at_s: Time = 0.0
-
-
-class Move(_Act):
-    """A goal with one point for all joints, as the pick-and-place node sends it."""
-
-    kind: Literal["move"] = "move"
-    positions: dict[str, Position]
-    seconds: Duration = 2.0
-
-
-class Plan(_Act):
-    """A goal as planners send it: a table of positions, velocities and accelerations from where the arm is."""
-
-    kind: Literal["plan"] = "plan"
-    positions: dict[str, Position]
-    scale: VelocityScale = 1.0
-    """Share of the velocity limits that the planner uses."""
-
-
-class Stream(_Act):
-    """Points on the controller's topic, one in each second cycle, on the straight way to ``positions``."""
-
-    kind: Literal["stream"] = "stream"
-    positions: dict[str, Position]
-    for_s: Duration = 1.0
-
-
-class Cancel(_Act):
-    """The newest goal is canceled."""
-
-    kind: Literal["cancel"] = "cancel"
-
-
-class Hand(_Act):
-    """A command for the hand; ``share`` 0 is its lower limit and 1 its upper limit."""
-
-    kind: Literal["hand"] = "hand"
-    share: Chance = 0.5
-
-
-class Switch(_Act):
-    """The arm's controller is deactivated, and activated again after ``for_s``."""
-
-    kind: Literal["switch"] = "switch"
-    for_s: Duration = 0.5
-
-
-class Reactivate(_Act):
-    """The hardware is deactivated with its torque on, and activated again after ``for_s``; then the controllers."""
-
-    kind: Literal["reactivate"] = "reactivate"
-    for_s: Duration = 0.5
-
-
-Act = Annotated[Move | Plan | Stream | Cancel | Hand | Switch | Reactivate, Field(discriminator="kind")]
+JOG_SHARE: Final = 0.3
+"""Share of the velocity limits at which joints are jogged."""
+PULL_SHARE: Final = 0.5
+"""Share of a servo's full effort with which a hand pulls."""
+FREEDRIVE: Final = "freedrive_controller"
 
 
 class SimulatedClients:
@@ -97,14 +38,20 @@ class SimulatedClients:
         """``arm``: the trajectory controller that goals go to."""
         self._stack, self._arm = stack, arm
         self._since_s = stack.clock.now()
-        self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._deed(act)) for act in acts]
+        self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]
         self._due.sort(key=lambda one: one[0])
         self._streams: list[Iterator[None]] = []
         self.newest = ""
         """The kind of the newest act; empty before the first."""
+        self._measured: FloatArray = np.full(len(arm.joints), np.nan)
+        """Positions of the arm's joints (n,), rad or m, in the newest cycle."""
+        if any(isinstance(act, Guide) for act in acts):
+            self._add_freedrive()
 
-    def cycle(self) -> None:
+    def cycle(self, state: JointState) -> None:
         """Do what is due."""
+        joints = self._stack.loop.hardware.joints
+        self._measured = state.position[[joints.index(joint) for joint in self._arm.joints]]
         now_s = self._stack.clock.now() - self._since_s
         while self._due and self._due[0][0] <= now_s:
             self._due.pop(0)[1]()
@@ -115,7 +62,7 @@ class SimulatedClients:
         self._due.clear()
         self._streams.clear()
 
-    def _deed(self, act: Act) -> Callable[[], None]:
+    def _action(self, act: Act) -> Callable[[], None]:
         doers: Mapping[str, Callable[[Any], None]] = {
             "move": self._move,
             "plan": self._plan,
@@ -124,6 +71,8 @@ class SimulatedClients:
             "hand": self._hand,
             "switch": self._switch,
             "reactivate": self._reactivate,
+            "jog": self._jog,
+            "guide": self._guide,
         }
 
         def do() -> None:
@@ -135,8 +84,8 @@ class SimulatedClients:
 
         return do
 
-    def _later(self, after_s: float, deed: Callable[[], None]) -> None:
-        self._due.append((self._stack.clock.now() - self._since_s + after_s, deed))
+    def _later(self, after_s: float, action: Callable[[], None]) -> None:
+        self._due.append((self._stack.clock.now() - self._since_s + after_s, action))
         self._due.sort(key=lambda one: one[0])
 
     def _move(self, act: Move) -> None:
@@ -160,6 +109,46 @@ class SimulatedClients:
             self._send(TrajectoryGoal(self._arm.joints, (point,), from_topic=True))
             yield
             yield
+
+    def _jog(self, act: Jog) -> None:
+        self._streams.append(self._jogged(act))
+
+    def _jogged(self, act: Jog) -> Iterator[None]:
+        limits, period_s = self._limits(), 2.0 * self._stack.loop.period_s
+        lower, upper = np.array([(one.lower, one.upper) for one in limits]).T
+        fastest = np.array([JOG_SHARE * one.velocity for one in limits])
+        motion = GuidedMotion(self._here(), lower, upper, fastest)
+        velocity = np.where(np.array(self._arm.joints) == act.joint, act.share * fastest, 0.0)
+        end_s = self._stack.clock.now() + act.for_s
+        while self._stack.clock.now() < end_s and np.isfinite(self._measured).all():
+            set_point = motion.go(velocity, period_s, Standing(self._here(), self._measured))
+            point = GoalPoint(tuple(set_point.tolist()), HORIZON_S)
+            self._send(TrajectoryGoal(self._arm.joints, (point,), from_topic=True))
+            yield
+            yield
+
+    def _guide(self, act: Guide) -> None:
+        loop, stack = self._stack.loop, self._stack
+        switch = SwitchRequest(activate=(FREEDRIVE,), deactivate=(self._arm.name,))
+        loop.manager.switch(switch, loop.within_limits)
+        joint = next(one for one in stack.files.robot.joints if one.name == act.joint)
+        pull = act.share * PULL_SHARE * joint.full_effort
+        stack.world.load(act.joint, pull)
+
+        def let_go() -> None:
+            stack.world.load(act.joint, -pull)
+            try:
+                back = SwitchRequest(activate=(self._arm.name,), deactivate=(FREEDRIVE,))
+                loop.manager.switch(back, loop.within_limits)
+            except ManagerError as error:
+                LOG.info("a client is refused: %s", error)
+
+        self._later(act.for_s, let_go)
+
+    def _add_freedrive(self) -> None:
+        joints = [one for one in self._stack.files.robot.joints if one.name in self._arm.joints]
+        hardware_joints = self._stack.loop.hardware.joints
+        self._stack.add_controller(FreedriveController(FREEDRIVE, list(map(guided_joint, joints)), hardware_joints))
 
     def _cancel(self, act: Cancel) -> None:
         if self._arm.newest is not None:

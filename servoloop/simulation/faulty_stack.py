@@ -77,4 +77,4 @@ class FaultyStack(SimulatedStack):
         self.ended_goals = self.goals.end_cycle()
         super()._on_cycle(state)
         if self.clients is not None:
-            self.clients.cycle()
+            self.clients.cycle(state)

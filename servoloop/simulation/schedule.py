@@ -11,7 +11,7 @@ from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.arms.folder import OWN, arm_in
-from servoloop.simulation.clients import Act
+from servoloop.simulation.acts import Act
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
-from controller.teach.freedrive_controller import FreedriveController, GuidedJoint
+from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import JointConstraints, TrajectoryParameters
 from drivers.bus.bus import Bus
@@ -14,7 +14,6 @@ from drivers.clock import Clock
 from drivers.port import Port
 from hal.compensation.servo_compliance import lags
 from hal.components.component_set import ComponentSet
-from hal.joint import Joint
 from hal.servos.hand_guided_arm import HandGuidedArm
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
@@ -24,8 +23,6 @@ from servoloop.teach.errors import TeachError
 from servoloop.teleop.arms import Side, hand_joints
 
 ARM: Final = "arm"
-SLACK: Final = 0.15
-"""Share of a servo's full drive with which a soft joint resists the hand, beside its gears' friction."""
 GOAL_TIME_S: Final = 1.0
 
 Worker = BackgroundWorker | Callable[[Callable[[], None]], None]
@@ -84,17 +81,9 @@ def add_freedrive(arm: TeachArm) -> FreedriveController:
     if unknown or arm.hardware.compensation is None:
         why = f"nobody knows how far {', '.join(unknown)} gives way" if unknown else "gravity is not compensated"
         raise TeachError(f"the arm of {arm.files.robot_path} cannot be made soft, {why}: say --limp, and hold it")
-    guided = [
-        GuidedJoint(joint.name, joint.limits, _slack(joint), joint.compliance, joint.transmission) for joint in joints
-    ]
-    controller = FreedriveController("freedrive_controller", guided, arm.joints)
+    controller = FreedriveController("freedrive_controller", [guided_joint(joint) for joint in joints], arm.joints)
     arm.loop.manager.registry.add(controller)
     return controller
-
-
-def _slack(joint: Joint) -> float:
-    """The error, rad or m, at which the joint's servo pulls with ``SLACK`` of its full drive; 0 where nobody knows."""
-    return SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
 
 
 def add_trajectory(arm: TeachArm) -> JointTrajectoryController:

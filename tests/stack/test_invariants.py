@@ -17,7 +17,7 @@ from servoloop.campaign.goal_invariants import GoalsEnd
 from servoloop.campaign.invariants import Watch
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.files import read_files
-from servoloop.simulation.clients import Act, Cancel, Move
+from servoloop.simulation.acts import Act, Cancel, Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from sim_backend.faults.text import parse

@@ -1,0 +1,40 @@
+"""Actions of simulated clients: each does to the arm what the real program does."""
+
+import pytest
+
+from servoloop.campaign.campaign import run_schedule_of
+from servoloop.simulation.acts import Act, Guide, Jog
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.schedule import Schedule
+
+
+def turned(arm: str, act: Act, joint: str) -> tuple[list[float], tuple[str, ...]]:
+    """Angles of a joint while the client acts and afterwards, each 0.05 s, and what invariants say."""
+    angles: list[float] = []
+
+    def prepare(stack: FaultyStack) -> None:
+        place = stack.files.robot.joints.index(next(one for one in stack.files.robot.joints if one.name == joint))
+        stack.on_state = lambda state: angles.append(float(stack.world.position()[place]))
+
+    report = run_schedule_of(Schedule(arm=arm, seconds=3.0, clients=(act,)), prepare)
+    return angles, tuple(str(violation) for violation in report.violations)
+
+
+@pytest.mark.parametrize(
+    ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
+)
+def test_a_jogged_joint_turns_while_its_key_is_held_and_stops_soon_afterwards(arm: str, joint: str) -> None:
+    angles, violations = turned(arm, Jog(at_s=0.5, joint=joint, share=1.0, for_s=1.0), joint)
+    assert not violations
+    assert angles[32] - angles[10] > 0.2
+    assert abs(angles[-1] - angles[44]) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
+)
+def test_a_guided_joint_goes_with_the_hand_and_is_held_where_it_was_left(arm: str, joint: str) -> None:
+    angles, violations = turned(arm, Guide(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
+    assert not violations
+    assert angles[36] - angles[6] > 0.2
+    assert abs(angles[-1] - angles[44]) < 0.02
