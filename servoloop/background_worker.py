@@ -30,3 +30,10 @@ class BackgroundWorker:
             thread.join(max(0.0, deadline_s - monotonic()))
             if thread.is_alive():
                 raise TimeoutError(f"a {thread.name} is still under way after {self._join_s:.0f} s")
+
+
+class SameThreadWorker(BackgroundWorker):
+    """Runs the work at once, in the loop's thread: on simulated time no other thread makes time pass."""
+
+    def __call__(self, work: Callable[[], None]) -> None:
+        work()

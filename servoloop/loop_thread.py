@@ -9,14 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.loop import ControlLoop
-from controller.shutdown import shut_down
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
-from servoloop.background_worker import BackgroundWorker
-from servoloop.files import Files
 from servoloop.realtime import put_first
 from servoloop.signals import Signals
+from servoloop.stack.control_stack import ControlStack
 
 LOG = logging.getLogger("servoloop")
 
@@ -31,10 +28,7 @@ LOOK_S: Final = 0.02
 class LoopThread:
     """The loop thread runs the control loop, then brings the arm to its end, and says what became of both."""
 
-    loop: ControlLoop
-    worker: BackgroundWorker
-    relax: bool
-    files: Files
+    stack: ControlStack
     signals: Signals
     failed: bool = True
     """Until all has gone well."""
@@ -58,7 +52,7 @@ class LoopThread:
         ran = False
         try:
             put_first()
-            self.loop.run(self._stop)
+            self.stack.loop.run(self._stop)
             ran = True
         except DriverError as error:
             LOG.error("the loop ends: %s", error)
@@ -66,7 +60,7 @@ class LoopThread:
             LOG.exception("the loop ends")
         finally:
             try:
-                self.failed = bool(self._end()) or not ran
+                self.failed = bool(self.stack.end(lambda: self._told(2))) or not ran
             finally:
                 self.done = True  # the other thread waits for it, whatever happened here
 
@@ -88,17 +82,6 @@ class LoopThread:
         """The loop asks in every cycle, also on its way to the park pose."""
         self.alive_s = self.wall.now()
         return self.signals.count >= signals
-
-    def _end(self) -> list[str]:
-        park = self.files.robot.file.park
-        return shut_down(
-            self.loop,
-            self.relax,
-            park.pose if park else None,
-            park.velocity_scale if park else 1.0,
-            hurry=lambda: self._told(2),
-            settle=self.worker.join,
-        )
 
 
 def run_beside(run: LoopThread, look: Callable[[], None]) -> None:

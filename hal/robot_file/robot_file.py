@@ -84,6 +84,10 @@ class ExitFile(_Strict):
     virtual: ExitPolicy = "hold"
     real: ExitPolicy = "relax"
 
+    def releases(self, virtual: bool) -> bool:
+        """Return whether the torque is switched off at the end."""
+        return (self.virtual if virtual else self.real) == "relax"
+
 
 class ParkFile(_Strict):
     """The pose to go to before letting go, at which share of the joints' velocity limits."""

@@ -50,7 +50,7 @@ class Work:
 
 def main(work: Work) -> int:
     """Run the stack until SIGTERM."""
-    from servoloop.up import up
+    from servoloop.up import UpOptions, up
 
     log_to_terminal()
     files = slow(read_arm_files(find_arm(work.arm)), back_to=work.lay)
@@ -58,7 +58,7 @@ def main(work: Work) -> int:
     def ready(what: str) -> None:
         work.ready.write_text(what)
 
-    return up(HardwareKind.SERVOS, work.devices, files, ready, record=work.recording)
+    return up(HardwareKind.SERVOS, work.devices, files, ready, UpOptions(record=work.recording))
 
 
 if __name__ == "__main__":

@@ -7,25 +7,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 from controller.action_goals import GoalStatus
-from controller.interface import ControllerContext
 from controller.loop import ControlLoop
-from controller.manager.factory import Factory
-from controller.manager.manager import ControllerManager
-from controller.shutdown import shut_down
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.types import FloatArray, JointLimits
 from servoloop import hardware
 from servoloop.arms.pick_place_check import ARM
 from servoloop.bench_arm.figures import Spread, Timing
 from servoloop.bench_arm.slow import Pose, seconds_for
 from servoloop.files import Files
-from servoloop.hardware import HardwareKind, HardwareSetup
-from servoloop.line_rate import check_rates
+from servoloop.hardware import HardwareKind
 from servoloop.processes import Interrupted
+from servoloop.stack.control_stack import ControlStack
 
 if TYPE_CHECKING:
     from servoloop.simulation.virtual_lines import VirtualLines
@@ -75,22 +70,20 @@ def run_trial(
     Raises DriverError where the arm does not follow, Interrupted after a signal.
     """
     setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
-    loop, arm = _loop(setup, files, clock)
+    stack = ControlStack.build(setup, files, clock)
+    stack.load_controllers()
+    loop, arm = stack.loop, _arm_controller(stack)
     trial = Trial(arm.joints, 1.0 / loop.period_s, files.limits)
-    configure_all(setup.hardware)
-    try:
-        check_rates(setup.buses, setup.rates_hz, files.robot, files.controllers.path)
+    with stack.configured():
         loop.activate()
         names = [name.rpartition("/")[0] for name in setup.hardware.command_interfaces]
         trial.lay = dict(zip(names, loop.command.tolist(), strict=True))
         try:
             _drive(loop, arm, poses, trial, signals)
         finally:
-            problems = shut_down(loop, True, trial.lay, 1.0, hurry=lambda: signals() > 1)
+            problems = stack.end(lambda: signals() > 1, trial.lay)
             for problem in problems:
                 LOG.error("torque may still be on: %s", problem)
-    finally:
-        clean_up_all(setup.hardware)
     if problems:
         raise DriverError("; ".join(problems))
     if signals():
@@ -98,18 +91,13 @@ def run_trial(
     return trial
 
 
-def _loop(setup: HardwareSetup, files: Files, clock: Clock) -> tuple[ControlLoop, JointTrajectoryController]:
-    """The stack of ``servoloop up`` without its surface, and the controller of the arm's joints."""
-    manager = ControllerManager(setup.hardware, files.limits)
-    context = ControllerContext(
-        files.description, files.component, files.limits, manager.cycle.settled, setup.compliances
-    )
-    Factory(files.controllers, context).fill(manager)
-    period_s = 1.0 / files.controllers.update_rate_hz
-    arm = manager.registry.controllers.get(ARM)
+def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
+    """Return the controller of the arm's joints. Raises DriverError if there is none."""
+    arm = stack.loop.manager.registry.controllers.get(ARM)
     if not isinstance(arm, JointTrajectoryController):
-        raise DriverError(f"{files.controllers.path} has no joint trajectory controller {ARM}, by which the arm moves")
-    return ControlLoop(setup.hardware, manager, files.limits, clock, period_s), arm
+        path = stack.files.controllers.path
+        raise DriverError(f"{path} has no joint trajectory controller {ARM}, by which the arm moves")
+    return arm
 
 
 def _drive(

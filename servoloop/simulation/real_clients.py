@@ -9,7 +9,7 @@ from drivers.errors import DriverError
 from drivers.port import Port
 from hal.types import JointState
 from servoloop import hardware
-from servoloop.background_worker import BackgroundWorker
+from servoloop.background_worker import SameThreadWorker
 from servoloop.files import Files
 from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.simulation.pace import LOOK_S, Pace
@@ -21,13 +21,6 @@ if TYPE_CHECKING:
     from nodes.surface import Surface
 
 
-class InLoopsThread(BackgroundWorker):
-    """Work that takes longer than a cycle: simulated time passes in the loop's thread only."""
-
-    def __call__(self, work: Callable[[], None]) -> None:
-        work()
-
-
 class SimulatedTime:
     """One thread advances it, the loop's: each cycle as fast as it can, then it waits for its clients and its pace."""
 
@@ -35,7 +28,7 @@ class SimulatedTime:
         """``build``: of the virtual servos."""
         self.clock = SimulatedClock()
         self.pace = pace
-        self.worker = InLoopsThread()
+        self.worker = SameThreadWorker()
         self._build = build
         self._lines: VirtualLines | None = None
         self._loop: ControlLoop

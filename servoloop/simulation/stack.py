@@ -6,11 +6,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from controller.forward.forward_command_controller import ForwardCommandController
-from controller.interface import Controller, ControllerContext
-from controller.loop import ControlLoop
+from controller.interface import Controller
 from controller.manager.controllers_file import ControllersFileError
-from controller.manager.factory import Factory
-from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
@@ -25,9 +22,10 @@ from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
 from servoloop.files import Files, read_files
-from servoloop.hardware import compensation, compliances, servo_bus
+from servoloop.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.simulation.recording import RecordingPort, Trace
 from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.stack.control_stack import ControlStack
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.mujoco_hardware import MujocoHardware
@@ -75,17 +73,12 @@ class SimulatedStack:
         self.made: list[ServoHardware] = []
         """The components that have servos."""
         components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
-        limits = self.files.limits
-        self.manager = ControllerManager(components, limits)
-        self.context = context = ControllerContext(
-            self.files.description,
-            self.files.component,
-            limits,
-            self.manager.cycle.settled,
-            compliances(self.files.robot.joints),
-        )
-        factory = Factory(self.files.controllers, context)
-        built = [factory.make(spec) for spec in self.files.controllers.controllers]
+        lagging = compliances(self.files.robot.joints)
+        setup = HardwareSetup(components, dict, {}, True, {}, {}, lagging)
+        self.control_stack = ControlStack.build(setup, self.files, self.clock, keep_alive=keep_alive)
+        self.loop, self.manager = self.control_stack.loop, self.control_stack.loop.manager
+        self.loop.on_cycle = self._on_cycle
+        built = [self.control_stack.factory.make(spec) for spec in self.files.controllers.controllers]
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
@@ -98,10 +91,6 @@ class SimulatedStack:
         """Given each cycle's measurement."""
         self.on_step: Callable[[float], None] = lambda time_s: None
         """Called after each step of the physics."""
-        period_s = 1.0 / self.files.controllers.update_rate_hz
-        self.loop = ControlLoop(
-            components, self.manager, limits, self.clock, period_s, self._on_cycle, keep_alive=keep_alive
-        )
 
     def add_controller(self, controller: Controller) -> None:
         """Load one that has been built; it is inactive until the stack is up, or it is switched."""

@@ -1,11 +1,10 @@
 """The arm that is taught, or that plays back: its hardware, one controller of all its joints, and the loop."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from controller.loop import ControlLoop
-from controller.manager.manager import ControllerManager
 from controller.teach.freedrive_controller import FreedriveController, guided_joint
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import JointConstraints, TrajectoryParameters
@@ -17,27 +16,32 @@ from hal.components.component_set import ComponentSet
 from hal.servos.hand_guided_arm import HandGuidedArm
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
-from servoloop.hardware import compensation, open_buses
+from servoloop.hardware import HardwareSetup, compensation, compliances, open_buses
 from servoloop.ports import world_feed
+from servoloop.stack.control_stack import ControlStack
 from servoloop.teach.errors import TeachError
 from servoloop.teleop.arms import Side, hand_joints
 
 ARM: Final = "arm"
 GOAL_TIME_S: Final = 1.0
 
-Worker = BackgroundWorker | Callable[[Callable[[], None]], None]
-
 
 @dataclass(frozen=True, slots=True)
 class TeachArm:
     """An arm under its loop, not yet configured."""
 
-    loop: ControlLoop
+    stack: ControlStack
     hardware: HandGuidedArm
-    files: Files
-    virtual: bool
-    buses: dict[str, Bus] = field(default_factory=dict)
-    """By name, those that are open."""
+
+    @property
+    def loop(self) -> ControlLoop:
+        """The loop that reads and writes all joints."""
+        return self.stack.loop
+
+    @property
+    def files(self) -> Files:
+        """The robot's files, with the rate of this arm's loop."""
+        return self.stack.files
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -49,7 +53,7 @@ def build_arm(
     side: Side,
     rate_hz: int,
     clock: Clock,
-    worker: Worker,
+    worker: BackgroundWorker,
     soft: bool = False,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> TeachArm:
@@ -67,11 +71,11 @@ def build_arm(
     carried = compensation(joints, files.description, guided=soft)
     hardware = HandGuidedArm(ARM, joints, opened, clock, carried, soft)
     components = ComponentSet([hardware], clock)
-    manager = ControllerManager(components, files.limits)
     files = replace(files, controllers=replace(files.controllers, update_rate_hz=rate_hz))
-    loop = ControlLoop(components, manager, files.limits, clock, 1.0 / rate_hz, background_worker=worker)
     virtual = side.lines is not None or world_feed(side.devices) is not None
-    return TeachArm(loop, hardware, files, virtual, buses)
+    rates_hz = dict.fromkeys(files.robot.file.lines(), float(rate_hz))
+    setup = HardwareSetup(components, dict, {}, virtual, buses, rates_hz, compliances(joints))
+    return TeachArm(ControlStack.build(setup, files, clock, worker), hardware)
 
 
 def add_freedrive(arm: TeachArm) -> FreedriveController:

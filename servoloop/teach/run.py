@@ -1,15 +1,12 @@
 """Recording and playing from start to end: the loop in its thread, the person at the terminal in this one."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from hal.components.component_lifecycle import clean_up_all, configure_all
 from servoloop.background_worker import BackgroundWorker
-from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
@@ -57,8 +54,8 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, ke
     arm = build_arm(side, rate_hz, MonotonicClock(), worker, not limp, looked_at.tap)
     recording = Recording(arm, None if limp else add_freedrive(arm), poses, keep)
     arm.loop.on_cycle = recording.take
-    run = _loop_thread(arm, worker, told)
-    with _opened(arm, run):
+    run = LoopThread(arm.stack, told)
+    with arm.stack.configured(hangs=run.hangs):
         recording.ask(person.confirm)  # until here a signal ends the program at once, and nothing has changed
         with Signals(LEFT) as signals, person:
 
@@ -91,36 +88,16 @@ def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Per
     arm = build_arm(side, rate_hz, MonotonicClock(), worker, tap=looked_at.tap)
     playing = Play(arm, add_trajectory(arm), taught, speed, permission)
     with Signals(LEFT) as signals:
-        run = _loop_thread(arm, worker, signals)
+        run = LoopThread(arm.stack, signals)
 
         def look() -> None:
             if not playing.look(time.monotonic()):
                 signals.ask()
             show(playing.phase, arm)
 
-        with _opened(arm, run):
+        with arm.stack.configured(hangs=run.hangs):
             _attend(arm, run, looked_at, playing.begin, look)
     return 1 if run.failed else 0
-
-
-def _loop_thread(arm: TeachArm, worker: BackgroundWorker, signals: Signals) -> LoopThread:
-    exits = arm.files.robot.file.on_exit
-    relax = (exits.virtual if arm.virtual else exits.real) == "relax"
-    return LoopThread(arm.loop, worker, relax, arm.files, signals)
-
-
-@contextmanager
-def _opened(arm: TeachArm, run: LoopThread) -> Iterator[None]:
-    """The arm's port is open, and all servos are there. Raises errors."""
-    loop, files = arm.loop, arm.files
-    configure_all(loop.hardware)
-    try:
-        rates_hz = dict.fromkeys(arm.buses, 1.0 / loop.period_s)
-        check_rates(arm.buses, rates_hz, files.robot, files.controllers.path)
-        yield
-    finally:
-        if not run.hangs():
-            clean_up_all(loop.hardware)
 
 
 def _attend(

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from controller.loop import ControlLoop
-from controller.manager.manager import ControllerManager
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
 from drivers.port import Port
@@ -18,6 +17,7 @@ from servoloop import hardware
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import Files
 from servoloop.hardware import HardwareKind, HardwareSetup, OpenPort, open_buses
+from servoloop.stack.control_stack import ControlStack
 from servoloop.teleop.errors import TeleopError
 from servoloop.teleop.latency import Latency
 
@@ -45,11 +45,15 @@ class Side:
 class Teleop:
     """Both arms, not yet configured."""
 
-    loop: ControlLoop
+    stack: ControlStack
     controller: LeaderFollowerController
-    setup: HardwareSetup
     latency: Latency
     leader_arm: LeaderArm
+
+    @property
+    def loop(self) -> ControlLoop:
+        """The loop that reads both arms and writes to the follower."""
+        return self.stack.loop
 
     @property
     def leader(self) -> Component:
@@ -68,7 +72,7 @@ def build_teleop(
     leader: Side,
     follower: Side,
     clock: Clock,
-    worker: BackgroundWorker | Callable[[Callable[[], None]], None],
+    worker: BackgroundWorker,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> Teleop:
     """Make both arms' hardware, the controller and the loop, at the rate of the follower's controllers file.
@@ -87,14 +91,12 @@ def build_teleop(
         clock,
     )
     components = ComponentSet([*(one.hardware for one in setup.hardware.components), read], clock)
-    manager = ControllerManager(components, files.limits)
+    stack = ControlStack.build(replace(setup, hardware=components), files, clock, worker, keep_alive=True)
     controller = LeaderFollowerController(NAME, followed_joints(leader.files, files, setup), components.joints)
-    manager.registry.add(controller)
-    period_s = 1.0 / files.controllers.update_rate_hz
-    loop = ControlLoop(components, manager, files.limits, clock, period_s, keep_alive=True, background_worker=worker)
+    stack.loop.manager.registry.add(controller)
     latency = Latency(clock, lambda: read.measured_s)
-    loop.on_cycle = latency.on_cycle
-    return Teleop(loop, controller, replace(setup, hardware=components), latency, read)
+    stack.loop.on_cycle = latency.on_cycle
+    return Teleop(stack, controller, latency, read)
 
 
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:

@@ -6,10 +6,8 @@ from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from hal.components.component_lifecycle import clean_up_all, configure_all
 from hal.servos.leader_arm import LEADER
 from servoloop.background_worker import BackgroundWorker
-from servoloop.line_rate import check_rates
 from servoloop.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.realtime import claim_realtime_priority
 from servoloop.signals import Signals
@@ -41,22 +39,15 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
     files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
     clock, worker, recording = MonotonicClock(), BackgroundWorker(), StackRecording(None)
     both = build_teleop(leader, replace(follower, files=files), clock, worker, recording.tap)
-    loop, exits = both.loop, files.robot.file.on_exit
-    relax = (exits.virtual if both.setup.virtual else exits.real) == "relax"
-    signals = Signals(LEFT)
-    run = LoopThread(loop, worker, relax, files, signals)
-    configure_all(loop.hardware)
-    try:
-        check_rates(both.setup.buses, both.setup.rates_hz, files.robot, files.controllers.path)
+    stack, loop, signals = both.stack, both.loop, Signals(LEFT)
+    run = LoopThread(stack, signals)
+    with stack.configured(hangs=run.hangs):
         release_leader(both, person.confirm)  # until here a signal ends the program at once, and nothing has changed
         with signals, person:
             claim_realtime_priority()
-            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, both.setup.scene):
+            with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, stack.setup.scene):
                 loop.activate(keep_inactive=[LEADER])
                 _run(run, both, person)
-    finally:
-        if not run.hangs():
-            clean_up_all(loop.hardware)
     return 1 if run.failed or both.lost else 0
 
 

@@ -94,7 +94,7 @@ class VirtualArm:
         ValueError (pydantic's too) where the parameters do not fit.
         """
         type_ = controller_types()[kind] if isinstance(kind, str) else kind
-        built = type_.build(name, type_.parameters_type(**parameters), self.stack.context)
+        built = type_.build(name, type_.parameters_type(**parameters), self.stack.control_stack.context)
         self.stack.add_controller(built)
         return built
 

@@ -117,7 +117,7 @@ def _tuner(
     from servoloop.ports import world_feed
 
     file, clock = files.robot.file, MonotonicClock()
-    relax = (file.on_exit.virtual if world_feed(devices) else file.on_exit.real) == "relax"
+    relax = file.on_exit.releases(virtual=world_feed(devices) is not None)
     park = file.park.pose if file.park else None
     opened = _opener(file, devices, clock)
     tuner = Tuner(

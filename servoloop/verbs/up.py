@@ -75,6 +75,7 @@ def up(
     Example: `servoloop up --port /dev/ttyACM0`, with two buses `servoloop up --port arm=/dev/ttyACM0
     --port hand=/dev/ttyUSB0`, virtual servos five times as fast as real ones `servoloop up --rtf 5`
     """
+    from servoloop.up import UpOptions
     from servoloop.up import up as run
 
     log_to_terminal()
@@ -85,7 +86,7 @@ def up(
         require_writable(ready_file.parent)
     if record is not None:
         check_path(record)
-    simulated = _simulated_time(rtf, step)
+    options = UpOptions(keep_alive, publish_transforms, _simulated_time(rtf, step), record)
     files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))
@@ -96,7 +97,7 @@ def up(
         if ready_file is not None:
             write_ready(ready_file)
 
-    raise typer.Exit(run(hardware, devices, files, ready, keep_alive, publish_transforms, simulated, record))
+    raise typer.Exit(run(hardware, devices, files, ready, options))
 
 
 def write_ready(path: Path) -> None:

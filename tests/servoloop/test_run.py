@@ -9,8 +9,10 @@ import pytest
 from drivers.errors import PortLost
 from servoloop.background_worker import BackgroundWorker
 from servoloop.files import read_files
+from servoloop.hardware import HardwareSetup
 from servoloop.loop_thread import HANG_S, LoopThread
 from servoloop.signals import Signals
+from servoloop.stack.control_stack import ControlStack
 from tests.controller.bench import Bench
 from tests.ros.two_components import write_urdf
 
@@ -19,7 +21,8 @@ def run_of(folder: Path) -> tuple[Bench, LoopThread]:
     """Three cycles, and then the signal."""
     bench, signals = Bench().up(), Signals()
     files = read_files(write_urdf(folder))
-    run = LoopThread(bench.loop, BackgroundWorker(), False, files, signals, wall=bench.clock)
+    setup = HardwareSetup(bench.loop.hardware, dict, {}, True, {}, {}, {})
+    run = LoopThread(ControlStack(setup, files, bench.loop, BackgroundWorker()), signals, wall=bench.clock)
     bench.loop.on_cycle = lambda state: signals.ask() if len(bench.hardware.written) > 2 else None
     return bench, run
 

@@ -1,0 +1,1 @@
+"""The control stack of one robot: how it is built, run and ended."""
