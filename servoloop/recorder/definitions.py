@@ -14,7 +14,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 STRING = "std_msgs/msg/String"
 TF = "tf2_msgs/msg/TFMessage"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-KINDS = (BUS_TRAFFIC, CYCLE, GOAL_RESULT, CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, STRING, TF, TRAJECTORY)
+MESSAGE_TYPES = (BUS_TRAFFIC, CYCLE, GOAL_RESULT, CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, STRING, TF, TRAJECTORY)
 """The types of all messages in a recording."""
 
 
@@ -28,7 +28,7 @@ def typestore() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(MSG.glob("*/*.msg")):
         store.register(get_types_from_msg(path.read_text(), f"{path.parent.name}/msg/{path.stem}"))
-    for kind in KINDS:
+    for kind in MESSAGE_TYPES:
         store.get_msgdef(kind)
     return store
 

@@ -27,7 +27,7 @@ from servoloop.recorder.link_poses import LinkPose, LinkPoses
 from servoloop.recorder.mcap_messages import SCENE
 from servoloop.recorder.sampler import CycleSample, CycleTiming, GoalBegin, GoalEnd, Tracked
 
-KINDS = ("position", "velocity", "effort")
+INTERFACES = ("position", "velocity", "effort")
 NONE = np.empty(0)
 
 
@@ -51,7 +51,7 @@ class Messages:
         self._joints = list(joints)
         self._commanded = list(dict.fromkeys(name.rpartition("/")[0] for name in command_interfaces))
         split = [name.rpartition("/") for name in command_interfaces]
-        self._places = [(KINDS.index(kind), self._commanded.index(joint)) for joint, _, kind in split]
+        self._places = [(INTERFACES.index(kind), self._commanded.index(joint)) for joint, _, kind in split]
         self._links = LinkPoses(description.joints, joints)
         self._offset_s = offset_s
         types: dict[str, Callable[..., Any]] = dict(typestore().types)
@@ -105,11 +105,11 @@ class Messages:
 
     def _command(self, command: FloatArray, stamp_s: float) -> object:
         """The commands as joint states: of each joint what is commanded, NaN where nothing is."""
-        values = np.full((len(KINDS), len(self._commanded)), np.nan)
+        values = np.full((len(INTERFACES), len(self._commanded)), np.nan)
         for place, value in zip(self._places, command.tolist(), strict=True):
             values[place] = value
         used = {kind for kind, _ in self._places}
-        columns = [values[kind] if kind in used else NONE for kind in range(len(KINDS))]
+        columns = [values[kind] if kind in used else NONE for kind in range(len(INTERFACES))]
         return _JOINT_STATE(self._header(stamp_s), self._commanded, *columns)
 
     def _state(self, tracked: Tracked) -> object:

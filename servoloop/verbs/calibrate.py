@@ -52,7 +52,7 @@ def calibrate(
     with Signals("servos that were under torque hold") as signals, Terminal(signals, yes) as terminal:
         outcome = _calibrated(found, files, device, terminal, auto)
     if json:
-        print_json(_plain(outcome))
+        print_json(_outcome_as_json(outcome))
     elif outcome.stored:
         former = outcome.path.with_name(outcome.path.name + ".1")
         typer.echo(f"stored in {outcome.path}{f'; the former one is {former}' if former.exists() else ''}")
@@ -91,7 +91,7 @@ def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto:
     return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
 
 
-def _plain(outcome: "Outcome") -> dict[str, Any]:
+def _outcome_as_json(outcome: "Outcome") -> dict[str, Any]:
     """The outcome for programs."""
     return {
         "stored": outcome.stored,

@@ -37,7 +37,7 @@ def import_(
     known = known_arm(arm, urdf, robot)
     made, written = import_calibration(file, known.robot, known.joints, known.plans, prefix)
     if json:
-        print_json({"written": str(written), "joints": [_plain(one) for one in made]})
+        print_json({"written": str(written), "joints": [_imported_as_json(one) for one in made]})
         return
     print_table(Console(), _imported(made), "joint", "doubtful")
     typer.echo(f"{ITS_ZERO}.\nWritten: {written}")
@@ -76,7 +76,7 @@ def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = Non
         print_table(Console(), _shown(rows), "joint", "doubtful")
 
 
-def _plain(one: Imported) -> dict[str, Any]:
+def _imported_as_json(one: Imported) -> dict[str, Any]:
     return {
         "joint": one.joint.name,
         "servo_id": one.joint.servo_id,

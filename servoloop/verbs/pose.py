@@ -15,7 +15,7 @@ from servoloop.verbs.ros_options import NetworkOption, set_network
 
 app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved, gone to slowly.")
 
-TICK_S: Final = 0.05
+POLL_S: Final = 0.05
 Name = Annotated[str, typer.Argument(help="The pose's name.")]
 RunningArm = Annotated[
     str | None, typer.Option("--arm", help="Which running arm, of several: name, folder or process.")
@@ -67,7 +67,7 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
             while not client.approach(pose):
                 if signals.count:
                     raise Interrupted("the arm has stopped on its way")
-                sleep(TICK_S)
+                sleep(POLL_S)
     typer.echo(f"{robot.arm} is at {name}")
 
 
