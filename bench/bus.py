@@ -22,7 +22,7 @@ from bench.children import child
 from bench.peers import Client
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
-from servoloop.realtime import on_one_processor
+from servoloop.stack.processes import on_one_processor
 
 BAUD = 1_000_000
 CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]] = {

@@ -15,7 +15,7 @@ from typing import Final
 from rich.console import Console
 
 from bench.children import kill, start
-from servoloop.processes import end_with_parent
+from servoloop.stack.processes import end_with_parent
 
 CUBES: Final = 3
 """Of one demo."""

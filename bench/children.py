@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from servoloop.processes import end_with_parent
+from servoloop.stack.processes import end_with_parent
 
 START_S: Final = 60.0
 

@@ -32,7 +32,7 @@ from hal.components.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.realtime import claim_realtime_priority
+from servoloop.stack.processes import claim_realtime_priority
 
 IDS = tuple(range(1, 8))
 RATES_HZ = (20, 50, 100, 200, 300, 400, 500)

@@ -13,13 +13,12 @@ from typing import Any
 
 from hal.types import JointState
 from nodes.pick_place.settings import Settings
-from servoloop.files import servo_ids
-from servoloop.recorder.bus_tap import BusTaps
-from servoloop.recorder.messages import Messages
-from servoloop.recorder.recorder import FLUSH_S
-from servoloop.recorder.recording_file import RecordingFile
-from servoloop.recorder.sampler import CycleSample, Sampler
+from servoloop.recording.bus_tap import BusTaps
+from servoloop.recording.messages import Messages
+from servoloop.recording.recorder import FLUSH_S, RecordingFile
+from servoloop.recording.sampler import CycleSample, Sampler
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import servo_ids
 
 BEGIN_S = 3.0
 

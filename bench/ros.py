@@ -31,8 +31,7 @@ from nodes import timing_client
 from nodes.client_node import client_node
 from nodes.discovery import stay_on_this_machine
 from nodes.timing_client import Promptness, TimingClient
-from servoloop.processes import end, end_with_parent
-from servoloop.realtime import claim_realtime_priority
+from servoloop.stack.processes import claim_realtime_priority, end, end_with_parent
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]
 HERE = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)

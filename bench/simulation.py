@@ -16,9 +16,9 @@ from rich.table import Table
 
 from bench.arguments import in_words
 from drivers.servos import sts
-from servoloop.emulator import couplings, virtual_bus
-from servoloop.files import read_files
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.emulator import couplings, virtual_bus
+from servoloop.stack.robot_files import read_files
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
 

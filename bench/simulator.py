@@ -14,7 +14,7 @@ from bench.arguments import free_path, positive, silence
 from bench.dynamixel_servos import DynamixelServos
 from drivers.errors import DriverError
 from drivers.protocol import v1 as wire
-from servoloop.bench_bus import parse_ids
+from servoloop.bench.bus import parse_ids
 
 PING, READ, WRITE = 1, 2, 3
 TABLE = bytearray(128)

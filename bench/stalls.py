@@ -26,11 +26,11 @@ from rich.table import Table
 
 from bench.arguments import positive
 from bench.busy import busy
-from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import Cell, cell
-from servoloop.demo.live import Live
-from servoloop.files import read_files
-from servoloop.realtime import LOOP_PRIORITY
+from servoloop.demo.jobs import Live
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.processes import LOOP_PRIORITY
+from servoloop.stack.robot_files import read_files
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 

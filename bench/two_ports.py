@@ -27,7 +27,7 @@ from hal.components.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits, JointState
-from servoloop.realtime import claim_realtime_priority
+from servoloop.stack.processes import claim_realtime_priority
 
 BUSES = ("arm", "hand")
 IDS = tuple(range(1, 7))

@@ -25,10 +25,10 @@ from rich.table import Table
 from bench.arguments import in_words, positive
 from bench.browser import PATIENCE_MS, browser_page
 from hal.types import FloatArray
-from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import ADDRESS, Cell, cell
-from servoloop.demo.live import Live
-from servoloop.recorder.reader import read_recording
+from servoloop.demo.jobs import Live
+from servoloop.recording.reader import read_recording
+from servoloop.stack.arm_folders import find_arm
 from sim_backend.mechanics.build import Build
 
 PERIOD_S: Final = 0.05

@@ -14,29 +14,26 @@ from drivers.errors import DriverError
 from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
-from servoloop.processes import Interrupted
-from servoloop.terminal_output import complete_output, outlive_terminal, print_styled
-from servoloop.verbs import arms, bench, calibration, passport, pose, register, servo, teach
-from servoloop.verbs.calibrate import calibrate, hand
-from servoloop.verbs.campaign import campaign
-from servoloop.verbs.demo import demo
-from servoloop.verbs.doctor import doctor
-from servoloop.verbs.emulate import emulate
-from servoloop.verbs.fault import fault
-from servoloop.verbs.jog import jog
-from servoloop.verbs.monitor import monitor
-from servoloop.verbs.pick import pick
-from servoloop.verbs.plot import plot
-from servoloop.verbs.ports import ports
-from servoloop.verbs.record import record
-from servoloop.verbs.replay import replay
-from servoloop.verbs.scan import scan
-from servoloop.verbs.set_up import setup
-from servoloop.verbs.simulate import simulate
-from servoloop.verbs.teleop import teleop
-from servoloop.verbs.tune import tune
-from servoloop.verbs.up import up
-from servoloop.verbs.view import view
+from servoloop.commands import arms, bench, passport, servo, teach
+from servoloop.commands import calibrate as calibration
+from servoloop.commands import jog as pose
+from servoloop.commands import servo as register
+from servoloop.commands.calibrate import calibrate, hand
+from servoloop.commands.campaign import campaign
+from servoloop.commands.doctor import doctor
+from servoloop.commands.emulate import emulate, fault
+from servoloop.commands.jog import jog
+from servoloop.commands.ports import ports
+from servoloop.commands.record import plot, record, replay
+from servoloop.commands.scan import scan
+from servoloop.commands.set_up import setup
+from servoloop.commands.simulate import simulate
+from servoloop.commands.teach import teleop
+from servoloop.commands.tune import tune
+from servoloop.commands.up import demo, pick, up
+from servoloop.commands.view import monitor, view
+from servoloop.stack.processes import Interrupted
+from servoloop.stack.terminal import complete_output, outlive_terminal, print_styled
 
 app = typer.Typer(
     no_args_is_help=True,

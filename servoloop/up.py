@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
 from nodes.ros_environment import require_ros
-from servoloop import hardware
-from servoloop.background_worker import BackgroundWorker
-from servoloop.emulator_process import virtual_servos
-from servoloop.files import Files, initial_states, servo_ids
-from servoloop.hardware import HardwareKind, HardwareSetup
-from servoloop.loop_thread import LEFT, LoopThread
-from servoloop.realtime import claim_realtime_priority
-from servoloop.signals import Signals
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack import hardware
+from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.stack_recording import StackRecording
+from servoloop.stack.emulator_process import virtual_servos
+from servoloop.stack.hardware import HardwareKind, HardwareSetup
+from servoloop.stack.loop_thread import LEFT, LoopThread
+from servoloop.stack.processes import claim_realtime_priority
+from servoloop.stack.robot_files import Files, initial_states, servo_ids
+from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
     from nodes.stack import Stack

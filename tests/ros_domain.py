@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from servoloop.testing.ros_domain import own_domain
+from servoloop.testing.processes import own_domain
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,11 @@ Example: `python tools/arm_picture.py koch docs/arms/koch.png`, `python tools/ar
 import sys
 from pathlib import Path
 
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.arms.pick_place import load_pick_place
 from servoloop.simulation.job import run_job
 from servoloop.simulation.simulate import SETTLED_S
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.pick_place import load_pick_place
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.picture import Recorder
 

@@ -9,8 +9,8 @@ import argparse
 import sys
 
 from hal.errors import ArmFileError
-from servoloop.arms.folder import OWN, find_arm
 from servoloop.moveit.collision_matrix import SAMPLES, SEED, lines, reasons
+from servoloop.stack.arm_folders import OWN, find_arm
 
 
 def main() -> None:

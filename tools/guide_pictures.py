@@ -17,9 +17,9 @@ from hal.types import FloatArray
 from servoloop.arm_pictures.labels import COLORS, INK, Drawing, Label
 from servoloop.arm_pictures.posed_arm import PosedArm, solid
 from servoloop.arm_pictures.show import FILLED, SIZE, draw_arm
-from servoloop.arms.folder import find_arm, read_arm_servos
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.view.shapes import scene_shapes, thing_shapes
+from servoloop.dashboard.shapes import scene_shapes, thing_shapes
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
+from servoloop.stack.pick_place import load_pick_place
 from sim_backend.scene.still import take
 
 ARM = find_arm("so101")

@@ -13,13 +13,12 @@ import numpy as np
 
 from drivers.clock import MonotonicClock
 from nodes.pick_place.settings import Settings
-from servoloop.files import read_files
-from servoloop.live.playback import Playback
-from servoloop.live.recording import Recording
-from servoloop.monitor.app import ALL, JOINTS_S, MonitorApp
-from servoloop.recorder.reader import read_recording
+from servoloop.dashboard.terminal import ALL, JOINTS_S, MonitorApp
+from servoloop.recording.reader import read_recording
+from servoloop.recording.sources import Playback, Recording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
+from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 
 COLUMNS, LINES = 130, 44

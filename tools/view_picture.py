@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from bench.browser import browser_page
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.live.recording import Recording
-from servoloop.recorder.reader import read_recording
+from servoloop.dashboard.page import Page
+from servoloop.dashboard.server import PageServer
+from servoloop.recording.reader import read_recording
+from servoloop.recording.sources import Recording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
-from servoloop.view.page import Page
-from servoloop.view.server import PageServer
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.pick_place import load_pick_place
 
 ARM = "so101"
 SIZE = {"width": 1400, "height": 820}

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 LAST_S: Final = 1.0
-"""From the second signal to the end of the process, as in servoloop/signals.py."""
+"""From the second signal to the end of the process, as in servoloop/stack/signals.py."""
 
 
 def on_stop_signal(call: Callable[[], object]) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, multiply, rotate
 from hal.types import FloatArray
-from servoloop.files import ServoFiles
-from servoloop.view.arm_model import ArmModel
-from servoloop.view.shapes import Shape, arm_shapes
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.shapes import Shape, arm_shapes
+from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.still import Solid
 
 Pose = tuple[Vector, Quaternion]

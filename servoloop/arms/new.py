@@ -6,10 +6,10 @@ from typing import Final
 
 from drivers.servos.catalog import MODELS
 from hal.errors import ArmFileError
-from servoloop.arms.folder import ARM_FILE, ARMS
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
 from servoloop.arms.new_urdf import ROBOT_FILE, metres_per_radian, new_description
-from servoloop.files import make_folder, write_file
+from servoloop.stack.arm_folders import ARM_FILE, ARMS
+from servoloop.stack.robot_files import make_folder, write_file
 from sim_backend.scene.plain_scene import plain_scene
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

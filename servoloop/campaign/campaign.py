@@ -16,18 +16,18 @@ from hal.robot_file.robot_file import ExitPolicy
 from hal.types import JointLimits
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
-from servoloop.arms.folder import OWN, arm_in, find_arm, read_arm_files
 from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.invariants import Violation
 from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
-from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import job_settings, require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
+from servoloop.stack.arm_folders import OWN, arm_in, find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
 from sim_backend.faults.draw import draw, impossible
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent

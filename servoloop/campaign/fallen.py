@@ -10,11 +10,11 @@ from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import RunReport
 from servoloop.campaign.shrink import shrink
 from servoloop.campaign.workers import Stop, quiet
-from servoloop.files import write_file
 from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
+from servoloop.stack.robot_files import write_file
 from sim_backend.faults.errors import FaultError
 
 BEFORE_S: Final = 2.0

@@ -9,9 +9,7 @@ from typing import Final
 from hal.joint import Joint
 from servoloop.campaign.fallen import Fallen
 from servoloop.campaign.tally import INVARIANTS, Outcome, Row, Tally
-from servoloop.plots.bars import histogram, stacked_bars
-from servoloop.plots.points import points
-from servoloop.plots.series import Curve, Panel, Stretch, time_series
+from servoloop.plots import Curve, Panel, Stretch, histogram, points, stacked_bars, time_series
 from servoloop.simulation.cycle_recorder import Recording
 from sim_backend.faults.event import Event
 from sim_backend.faults.text import text_of

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import yaml
 
 from drivers.servos.catalog import MODELS
-from servoloop.files import ServoFiles
+from servoloop.stack.robot_files import ServoFiles
 
 
 @dataclass(frozen=True, slots=True)

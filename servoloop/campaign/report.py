@@ -10,9 +10,9 @@ from servoloop.campaign.campaign import files_of
 from servoloop.campaign.fallen import BEFORE_S, Fallen
 from servoloop.campaign.tally import Tally
 from servoloop.extras import install_command
-from servoloop.files import write_file
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
+from servoloop.stack.robot_files import write_file
 from sim_backend.faults.text import text_of
 
 NEEDED: Final = ("matplotlib", "jinja2")

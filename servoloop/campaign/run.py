@@ -11,11 +11,11 @@ from hal.robot_file.robot_file import ExitPolicy
 from nodes.pick_place.settings import Settings
 from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
 from servoloop.campaign.visits import Visit
-from servoloop.files import Files
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule
+from servoloop.stack.robot_files import Files
 from sim_backend.mechanics.build import Build
 
 

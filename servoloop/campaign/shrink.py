@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterator
 
-from servoloop.arms.folder import OWN
 from servoloop.simulation.schedule import Schedule, faults_behind_the_end
+from servoloop.stack.arm_folders import OWN
 from sim_backend.faults.event import Event
 
 Breaks = Callable[[Schedule], bool]

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import DriverError
-from servoloop.arms.folder import Arm, read_arm_files
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.demo.jobs import Camera, JobRunner
-from servoloop.demo.live import Live
-from servoloop.emulator_process import emulate_arguments
-from servoloop.files import Files
-from servoloop.live.folder import running_stacks
-from servoloop.ports import device_paths, port_options
-from servoloop.processes import Processes
-from servoloop.signals import Signals
+from servoloop.demo.jobs import Camera, JobRunner, Live
+from servoloop.recording.stream import running_stacks
 from servoloop.simulation.job import require_cell
+from servoloop.stack.arm_folders import Arm, read_arm_files
+from servoloop.stack.devices import device_paths, port_options
+from servoloop.stack.emulator_process import emulate_arguments
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.processes import Processes
+from servoloop.stack.robot_files import Files
+from servoloop.stack.signals import Signals
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 

@@ -12,13 +12,13 @@ import yaml
 
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.arms.folder import Arm, read_arm_files
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.files import CONFIG, Files, make_folder, write_file
 from servoloop.moveit.collision_matrix import SAMPLES, reasons
 from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import Objects, Shape, surroundings
+from servoloop.stack.arm_folders import Arm, read_arm_files
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
 
 MOVEIT: Final = CONFIG / "moveit"
 """MoveIt's configuration of the project's own arm."""

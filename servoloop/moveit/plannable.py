@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.arms.folder import Arm
-from servoloop.arms.pick_place import PickPlace, load_pick_place
 from servoloop.moveit.collision_matrix import LinkModel, Pair, arm_links
 from servoloop.moveit.surroundings import Objects, Pose, spec_with
+from servoloop.stack.arm_folders import Arm
+from servoloop.stack.pick_place import PickPlace, load_pick_place
 from sim_backend.scene.world import World
 
 FALLING_S: Final = 4.0

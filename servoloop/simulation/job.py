@@ -7,11 +7,11 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
 from nodes.pick_place.settings import Settings
-from servoloop.arms.folder import Arm
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.demo.following_error import FollowingError
-from servoloop.files import Files
+from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.arm_folders import Arm
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_files import Files
 from sim_backend.scene.scene_check import require_scene
 
 LONGEST_S = 60.0

@@ -8,12 +8,12 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.port import Port
 from hal.types import JointState
-from servoloop import hardware
-from servoloop.background_worker import SameThreadWorker
-from servoloop.files import Files
-from servoloop.hardware import HardwareKind, HardwareSetup
 from servoloop.simulation.pace import LOOK_S, Pace
-from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.stack import hardware
+from servoloop.stack.background_worker import SameThreadWorker
+from servoloop.stack.hardware import HardwareKind, HardwareSetup
+from servoloop.stack.robot_files import Files
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 

@@ -10,8 +10,8 @@ from hal.plausible import Backlash, Seed, Time
 from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
-from servoloop.arms.folder import OWN, arm_in
 from servoloop.simulation.acts import Act
+from servoloop.stack.arm_folders import OWN, arm_in
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 

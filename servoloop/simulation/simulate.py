@@ -1,24 +1,82 @@
 """One run of the whole stack on simulated time: jobs or so many seconds, figures, and a digest of all that happened."""
 
+import hashlib
 from collections import Counter
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 
+import numpy as np
+
+from drivers.port import Port
 from hal.types import JointState
 from nodes.pick_place.settings import Settings
-from servoloop.demo.following_error import FollowingError
-from servoloop.files import Files
-from servoloop.simulation.digest import Digest
+from servoloop.recording.bus_tap import BusTaps
+from servoloop.recording.sampler import Sampler
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.file_recording import recorded
 from servoloop.simulation.job import JobRecord, require_cell, run_job
+from servoloop.simulation.recording import FollowingError, RecordingPort
 from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import inventory_of
+from servoloop.stack.robot_files import Files, servo_ids
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import Inventory
 from sim_backend.mechanics.build import Build
+
+
+class Digest:
+    """SHA-256 of every byte on every wire, and of every joint state, in their order."""
+
+    def __init__(self) -> None:
+        self._states = hashlib.sha256()
+
+    def add_state(self, state: JointState) -> None:
+        """Take one cycle's measurement in: all its numbers as doubles, the lowest byte first."""
+        for values in (state.position, state.velocity, state.effort):
+            self._states.update(np.asarray(values, dtype="<f8").tobytes())
+        self._states.update(repr(sorted(state.faults)).encode())
+
+    def of(self, ports: Iterable[RecordingPort]) -> str:
+        """The digest with all that went over these ports, in hexadecimal digits."""
+        whole = self._states.copy()
+        for port in ports:
+            for traffic in (port.sent, port.received):
+                whole.update(f"{port.name} {len(traffic)}\n".encode())
+                for _, data in traffic:
+                    whole.update(data)
+        return whole.hexdigest()
+
+
+@contextmanager
+def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
+    """Record all cycles of the block into a new file, from before the stack is up. Raises RecordingError."""
+    from servoloop.recording.messages import Messages  # takes a tenth of a second, which most runs save
+    from servoloop.recording.recorder import RecordingFile
+    from servoloop.recording.sampler import scene_poses
+
+    files, loop, taps = stack.files, stack.loop, BusTaps()
+    sampler = Sampler(loop, files.component.name, servo_ids(files), taps)
+    hardware = loop.hardware
+    file = RecordingFile(path, Messages(files.description, hardware.joints, hardware.command_interfaces, 0.0))
+    look_on = stack.on_state
+
+    def tap(port: Port) -> Port:
+        return taps.tap(port, stack.clock)
+
+    def on_state(state: JointState) -> None:
+        look_on(state)
+        file.write(replace(sampler.sample(state), scene=scene_poses(stack.scene)))
+
+    stack.tap, stack.on_state = tap, on_state
+    try:
+        yield
+    finally:
+        stack.on_state = look_on
+        file.close(taps.take())
+
 
 SETTLED_S = 2.5
 """Until then a limp arm that was switched on has sunk, and has been lifted again."""

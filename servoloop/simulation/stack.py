@@ -21,11 +21,11 @@ from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.files import Files, read_files
-from servoloop.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.simulation.recording import RecordingPort, Trace
-from servoloop.simulation.virtual_lines import VirtualLines
 from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.hardware import HardwareSetup, compensation, compliances, servo_bus
+from servoloop.stack.robot_files import Files, read_files
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.mujoco_hardware import MujocoHardware

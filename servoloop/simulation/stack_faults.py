@@ -15,8 +15,8 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 from hal.types import FloatArray, JointState
 from hal.yaml_nodes import compose
-from servoloop.files import Files, ServoFiles
 from servoloop.simulation.goal_log import GoalLog
+from servoloop.stack.robot_files import Files, ServoFiles
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import require_possible

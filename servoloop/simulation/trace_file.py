@@ -2,12 +2,72 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
+from drivers.protocol import v1, v2
+from drivers.protocol.decoder import Reply
+from drivers.servos.catalog import series_of, wire_protocol
 from hal.joint import Joint
 from servoloop.simulation.cycle_recorder import CycleRecord, Recording
-from servoloop.simulation.packet_text import PacketText
 from sim_backend.faults.text import text_of
+from sim_backend.wire import dynamixel_wire, sts_wire
+from sim_backend.wire.instructions import Instruction
+
+ANY_SIZE = frozenset(range(1, 256))
+"""Bytes of data that a reply may have."""
+
+
+class PacketText:
+    """The text of the packets of one line, told in their order."""
+
+    def __init__(self, joints: Iterable[Joint]) -> None:
+        """``joints``: those with a servo on the line, one at least."""
+        models = {joint.servo_id: joint.model for joint in joints}
+        self._registers = {r.address: r.name for model in models.values() for r in series_of(model).registers}
+        self._v1 = wire_protocol(models).packets is v1
+        self._wire = sts_wire if self._v1 else dynamixel_wire
+        self._parser = self._wire.InstructionParser()
+        self._decoder = v1.ReplyDecoder(0, ANY_SIZE) if self._v1 else v2.ReplyDecoder(0, ANY_SIZE)
+
+    def sent(self, data: bytes) -> str:
+        """One write of the stack."""
+        found = [self._instruction(one) for one in self._parser.feed(data)]
+        return "; ".join(found) if found and not self._parser.pending else data.hex(" ")
+
+    def received(self, data: bytes) -> str:
+        """What came in one piece; with its bytes where not all of them are sound replies."""
+        replies = self._decoder.feed(data)
+        texts = [_reply(reply) for reply in replies]
+        texts += [f"broken reply of {servo_id}" for servo_id in self._decoder.corrupt_ids]
+        if self._decoder.garbage or any(reply.garbage for reply in replies) or not texts:
+            texts.append(data.hex(" "))
+        self._decoder.corrupt_ids.clear()
+        self._decoder.garbage = 0
+        return "; ".join(texts)
+
+    def _instruction(self, one: Instruction) -> str:
+        codes = {int(code): code.name for code in self._wire.Code}
+        name, size = codes.get(one.code, f"0x{one.code:02x}"), 1 if self._v1 else 2
+        to = "all" if one.servo_id == self._wire.BROADCAST else str(one.servo_id)
+        if name not in ("READ", "WRITE", "REG_WRITE", "SYNC_READ", "SYNC_WRITE", "FAST_SYNC_READ"):
+            return f"{name} {to} {one.parameters.hex()}".rstrip()
+        address, rest = int.from_bytes(one.parameters[:size], "little"), one.parameters[size:]
+        place = f"{name} {self._registers.get(address, address)}"
+        if name in ("WRITE", "REG_WRITE"):
+            return f"{place} {to}={rest.hex()}"
+        count, rest = int.from_bytes(rest[:size], "little"), rest[size:]
+        if name == "READ":
+            return f"{place}[{count}] {to}"
+        if name == "SYNC_WRITE":
+            entries = [rest[at : at + count + 1] for at in range(0, len(rest), count + 1)]
+            return f"{place} {' '.join(f'{entry[0]}={entry[1:].hex()}' for entry in entries)}"
+        return f"{place}[{count}] {' '.join(map(str, rest))}"
+
+
+def _reply(reply: Reply) -> str:
+    error = f" error {reply.error:02x}" if reply.error else ""
+    return f"{reply.servo_id}:{error} {reply.data.hex()}"
+
 
 SEPARATOR = " | "
 """Between the packets of a cycle."""

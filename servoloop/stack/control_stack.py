@@ -12,10 +12,10 @@ from controller.manager.manager import ControllerManager
 from controller.shutdown import shut_down
 from drivers.clock import Clock
 from hal.components.component_lifecycle import clean_up_all, configure_all
-from servoloop.background_worker import BackgroundWorker, SameThreadWorker
-from servoloop.files import Files
-from servoloop.hardware import HardwareSetup
-from servoloop.line_rate import check_rates
+from servoloop.stack.background_worker import BackgroundWorker, SameThreadWorker
+from servoloop.stack.hardware import HardwareSetup
+from servoloop.stack.line_rate import check_rates
+from servoloop.stack.robot_files import Files
 
 
 @dataclass(frozen=True)

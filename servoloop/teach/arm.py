@@ -14,12 +14,12 @@ from drivers.port import Port
 from hal.compensation.servo_compliance import lags
 from hal.components.component_set import ComponentSet
 from hal.servos.hand_guided_arm import HandGuidedArm
-from servoloop.background_worker import BackgroundWorker
-from servoloop.files import Files
-from servoloop.hardware import HardwareSetup, compensation, compliances, open_buses
-from servoloop.ports import world_feed
+from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.teach.errors import TeachError
+from servoloop.stack.devices import world_feed
+from servoloop.stack.hardware import HardwareSetup, compensation, compliances, open_buses
+from servoloop.stack.robot_files import Files
+from servoloop.teach.taught import TeachError
 from servoloop.teleop.arms import Side, hand_joints
 
 ARM: Final = "arm"

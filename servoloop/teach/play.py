@@ -14,10 +14,9 @@ from controller.trajectory.goal_planner import GoalPlanner, GoalRejected
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
+from servoloop.manual.dead_man import Permission
 from servoloop.teach.arm import TeachArm
-from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, check_duration
-from servoloop.teleop.dead_man import Permission
+from servoloop.teach.taught import Taught, TeachError, check_duration
 
 APPROACH: Final = 0.25
 """Share of each joint's velocity limit on the way to the beginning, and from pose to pose."""

@@ -16,8 +16,7 @@ from hal.lifecycle import LifecycleState
 from hal.servos.limp_arm import release_question
 from hal.types import FloatArray, JointState
 from servoloop.teach.arm import ARM, TeachArm
-from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, beyond
+from servoloop.teach.taught import Taught, TeachError, beyond
 
 SOFT: Final = "Torque goes on softly, where the arm is: have a hand at it. In a second it gives way to you. Go on?"
 HANDS_S: Final = 2.0

@@ -7,9 +7,8 @@ import numpy as np
 
 from controller.teach.hand_path import STIRS, movement, path_of, tolerances
 from hal.types import JointLimits
-from servoloop.recorder.reader import read_recording
-from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, beyond, check_duration
+from servoloop.recording.reader import read_recording
+from servoloop.teach.taught import Taught, TeachError, beyond, check_duration
 
 
 def recorded_motion(

@@ -6,17 +6,17 @@ from types import TracebackType
 from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from servoloop.background_worker import BackgroundWorker
-from servoloop.loop_thread import LEFT, LoopThread, run_beside
-from servoloop.realtime import claim_realtime_priority
-from servoloop.signals import Signals
-from servoloop.stack_recording import StackRecording
+from servoloop.manual.dead_man import Permission
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack.background_worker import BackgroundWorker
+from servoloop.stack.loop_thread import LEFT, LoopThread, run_beside
+from servoloop.stack.processes import claim_realtime_priority
+from servoloop.stack.signals import Signals
 from servoloop.teach.arm import TeachArm, add_freedrive, add_trajectory, build_arm
 from servoloop.teach.play import Play
 from servoloop.teach.record import Keep, Recording
 from servoloop.teach.taught import Taught
 from servoloop.teleop.arms import Side
-from servoloop.teleop.dead_man import Permission
 
 Show = Callable[[str, TeachArm], None]
 """Shows what the arm does, many times a second."""

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hal.types import JointState
-from servoloop.handling.keys import raw_keys, typed
-from servoloop.handling.live_table import LiveTable
+from servoloop.manual.live_table import LiveTable
+from servoloop.stack.terminal import raw_keys, typed
 from servoloop.teach.arm import TeachArm
 
 

@@ -14,13 +14,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from commissioning.whole_file import write_whole
 from controller.teach.hand_path import HandPath, excess, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
+from drivers.errors import DriverError
 from hal.joint import Joint
 from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
-from servoloop.files import make_folder
-from servoloop.teach.errors import TeachError
+from servoloop.stack.robot_files import make_folder
+
+
+class TeachError(DriverError):
+    """The arm cannot be taught so, or what was taught cannot be played on it."""
+
 
 FOLDER: Final = "taught"
 NAME: Final = re.compile(r"[A-Za-z0-9_-]+")

@@ -4,25 +4,63 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from controller.loop import ControlLoop
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
+from drivers.errors import DriverError
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
 from hal.servos.leader_arm import LEADER, LeaderArm, leader_joint
 from hal.servos.limp_arm import release_question
-from servoloop import hardware
-from servoloop.background_worker import BackgroundWorker
-from servoloop.files import Files
-from servoloop.hardware import HardwareKind, HardwareSetup, OpenPort, open_buses
+from hal.types import JointState
+from servoloop.stack import hardware
+from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.teleop.errors import TeleopError
-from servoloop.teleop.latency import Latency
+from servoloop.stack.hardware import HardwareKind, HardwareSetup, OpenPort, open_buses
+from servoloop.stack.robot_files import Files
 
 if TYPE_CHECKING:
-    from servoloop.simulation.virtual_lines import VirtualLines
+    from servoloop.stack.virtual_lines import VirtualLines
+
+
+class TeleopError(DriverError):
+    """The two arms cannot be leader and follower."""
+
+
+class Latency:
+    """Counts, at the end of each cycle, how old the leader's angles are whose goals have just been sent."""
+
+    def __init__(self, clock: Clock, measured_s: Callable[[], float]) -> None:
+        """``measured_s``: when the leader was measured last, on the clock."""
+        self._clock, self._measured_s = clock, measured_s
+        self._last_s = 0.0
+        self.state: JointState | None = None
+        """The newest measurement of both arms."""
+        self.ages_s: list[float] = []
+        """One for each cycle in which the leader was measured: 50 Hz for an hour are 180,000."""
+
+    def on_cycle(self, state: JointState) -> None:
+        """The goals are on the wire by now."""
+        self.state, measured_s = state, self._measured_s()
+        if measured_s != self._last_s:
+            self._last_s = measured_s
+            self.ages_s.append(self._clock.now() - measured_s)
+
+    @property
+    def summary(self) -> str:
+        """For people."""
+        if not self.ages_s:
+            return "the leader was never measured"
+        ages_ms = np.array(self.ages_s) * 1e3
+        return (
+            f"from the leader's angles to the follower's goals: median {np.median(ages_ms):.1f} ms, "
+            f"99 % within {np.percentile(ages_ms, 99):.1f} ms, at most {ages_ms.max():.1f} ms"
+        )
+
 
 NAME: Final = "leader_follower_controller"
 

@@ -10,8 +10,8 @@ from hal.components.component import Component
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LEADER
+from servoloop.manual.dead_man import Keys
 from servoloop.teleop.arms import NAME, Teleop
-from servoloop.teleop.dead_man import Keys
 
 AGAIN_S: Final = 1.0
 """Time between two searches for a lost leader, in seconds."""

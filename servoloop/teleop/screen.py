@@ -11,10 +11,10 @@ from rich.text import Text
 
 from controller.teleop.leader_follower_controller import Phase
 from hal.servos.leader_arm import leader_joint
-from servoloop.handling.live_table import LiveTable
+from servoloop.manual.dead_man import Keys
+from servoloop.manual.live_table import LiveTable
 from servoloop.teleop.arms import Teleop
 from servoloop.teleop.attendance import HINT
-from servoloop.teleop.dead_man import Keys
 
 STYLES = {Phase.HOLDING: "yellow", Phase.JOINING: "cyan", Phase.FOLLOWING: "green"}
 

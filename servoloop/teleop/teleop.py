@@ -7,11 +7,11 @@ from typing import Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from hal.servos.leader_arm import LEADER
-from servoloop.background_worker import BackgroundWorker
-from servoloop.loop_thread import LEFT, LoopThread, run_beside
-from servoloop.realtime import claim_realtime_priority
-from servoloop.signals import Signals
-from servoloop.stack_recording import StackRecording
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack.background_worker import BackgroundWorker
+from servoloop.stack.loop_thread import LEFT, LoopThread, run_beside
+from servoloop.stack.processes import claim_realtime_priority
+from servoloop.stack.signals import Signals
 from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
 from servoloop.teleop.attendance import Attendance, Person
 

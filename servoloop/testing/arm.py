@@ -11,10 +11,10 @@ from controller.manager.switch import SwitchRequest
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.errors import DriverError
 from hal.types import JointState
-from servoloop.arms.folder import OWN, find_arm, read_arm_files
 from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
 from sim_backend.faults.draw import draw
 from sim_backend.faults.event import Event
 from sim_backend.faults.script import script_text

@@ -12,8 +12,8 @@ from hal.robot_description.kinematics import from_rpy
 from servoloop import cli
 from servoloop.arm_pictures.labels import GAP_PX, _spread
 from servoloop.arm_pictures.posed_arm import PosedArm
-from servoloop.arms.folder import ARMS, Arm, arms, find_arm, read_arm_servos
-from servoloop.view.arm_model import ArmModel
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.stack.arm_folders import ARMS, Arm, arms, find_arm, read_arm_servos
 from sim_backend.scene.still import Solid, take
 from tests.hal.test_link_meshes import cube
 

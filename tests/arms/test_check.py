@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.arms.check import check_arm, missing_parts
-from servoloop.arms.folder import ARMS, Arm, arms, read_arm
+from servoloop.stack.arm_folders import ARMS, Arm, arms, read_arm
+from servoloop.stack.robot_check import check_arm, missing_parts
 
 FILES = {
     "arm.yaml": ARMS / "so101" / "arm.yaml",

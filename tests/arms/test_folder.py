@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from hal.errors import ArmFileError
 from servoloop import cli
-from servoloop.arms.folder import ARMS, OWN, arms, find_arm, read_arm_files
-from servoloop.files import CONFIG, URDF, read_files
+from servoloop.stack.arm_folders import ARMS, OWN, arms, find_arm, read_arm_files
+from servoloop.stack.robot_files import CONFIG, URDF, read_files
 from tests.complaint import complaint
 
 RUNNER = CliRunner()

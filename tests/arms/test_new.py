@@ -10,10 +10,10 @@ from typer.testing import CliRunner, Result
 
 from hal.errors import ArmFileError
 from servoloop import cli
-from servoloop.arms.check import check_arm
-from servoloop.arms.folder import find_arm, read_arm, read_arm_files
 from servoloop.simulation.job import require_cell
-from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.stack.arm_folders import find_arm, read_arm, read_arm_files
+from servoloop.stack.robot_check import check_arm
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.world import World
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from hal.errors import ArmFileError
-from servoloop.arms.folder import find_arm
-from servoloop.arms.pick_place import load_pick_place
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import load_pick_place
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError
 from drivers.servos import sts
-from servoloop.bench_bus import bench_bus, parse_ids
+from servoloop.bench.bus import bench_bus, parse_ids
 from servoloop.cli import app
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus

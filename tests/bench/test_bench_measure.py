@@ -17,8 +17,8 @@ from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS
 from drivers.servos.indirect import block_for
 from drivers.servos.register import ServoModel
-from servoloop.bench_bus import Figures, measure, standing_still
-from servoloop.bench_goals import present_goals
+from servoloop.bench.bus import Figures, measure, standing_still
+from servoloop.bench.goals import present_goals
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.servos import sts
-from servoloop.arms.folder import Arm, find_arm, read_arm_files
-from servoloop.bench_arm.run import Measured, bench_arm
-from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.bench.arm import Measured, bench_arm
+from servoloop.stack.arm_folders import Arm, find_arm, read_arm_files
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 

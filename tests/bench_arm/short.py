@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 
 from hal.types import JointLimits
-from servoloop.arms.pick_place import PickPlace
-from servoloop.bench_arm import ros_run, run, slow
+from servoloop.bench import arm as run
+from servoloop.bench import motion as slow
+from servoloop.bench import ros as ros_run
 from servoloop.cli import main
+from servoloop.stack.pick_place import PickPlace
 
 
 def first_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[slow.Pose]:

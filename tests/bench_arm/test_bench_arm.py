@@ -8,10 +8,9 @@ import pytest
 from commissioning.slow_arm import SPEED_SHARE
 from drivers.errors import DriverError
 from drivers.servos import sts, x
-from servoloop.bench_arm.buses import measure_buses
-from servoloop.bench_arm.page import page
-from servoloop.bench_arm.run import Measured
-from servoloop.processes import Interrupted
+from servoloop.bench.arm import Measured, measure_buses
+from servoloop.bench.page import page
+from servoloop.stack.processes import Interrupted
 from tests.bench_arm.rig import Lying
 
 slow = pytest.mark.slow  # half a minute of the arm's time

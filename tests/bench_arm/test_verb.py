@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from drivers.servos import sts
 from servoloop import cli
-from servoloop.bench_arm.figures import ArmFigures, MachineFigures, Timing
+from servoloop.bench.figures import ArmFigures, MachineFigures, Timing
 from servoloop.cli import app
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus
@@ -59,8 +59,8 @@ def test_a_page_that_cannot_be_written_hides_no_figures(
 
     machine = MachineFigures("Linux", "one", 1, "3.11", False, ())
     figures = ArmFigures("so101", {}, machine, {}, Timing(20.0, 100, 0, None, None), (), None, "no rclpy")
-    monkeypatch.setattr("servoloop.bench_arm.run.bench_arm", lambda *_, **__: SimpleNamespace(figures=figures))
-    monkeypatch.setattr("servoloop.bench_arm.page.page", lambda measured: "<html>")
+    monkeypatch.setattr("servoloop.bench.arm.bench_arm", lambda *_, **__: SimpleNamespace(figures=figures))
+    monkeypatch.setattr("servoloop.bench.page.page", lambda measured: "<html>")
     monkeypatch.setattr("os.fsync", no_room)
     page = str(tmp_path / "page.html")
     words = ("bench", "arm", "--port", "./bus", "--out", page, "--yes", *(("--json",) if json_ else ()))

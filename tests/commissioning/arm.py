@@ -14,8 +14,8 @@ from commissioning.calibrate.result import Found, JointCalibration, calibration_
 from drivers.bus.bus import Bus
 from hal.joint import Joint
 from hal.types import FloatArray
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import couplings, virtual_bus
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import couplings, virtual_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.mounting import Mounting

@@ -9,8 +9,8 @@ from math import tau
 from drivers.bus.types import Reading, ServoState
 from drivers.servos.register import Register
 from hal.joint import Joint
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import couplings
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import couplings
 from sim_backend.mechanics.mounting import Mounting
 from sim_backend.mechanics.plant import Coupling
 

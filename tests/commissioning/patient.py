@@ -16,9 +16,9 @@ from drivers.servos.register import Register
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.servos.servo_hardware import ServoHardware
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import couplings, virtual_lines
-from servoloop.files import CONFIG, Files, read_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import couplings, virtual_lines
+from servoloop.stack.robot_files import CONFIG, Files, read_files
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.plant import WorldPlant

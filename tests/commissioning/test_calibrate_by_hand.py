@@ -8,7 +8,7 @@ from commissioning.calibrate.flow import ByHand, as_joint
 from commissioning.calibrate.result import doubts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
-from servoloop.arms.folder import arms, find_arm
+from servoloop.stack.arm_folders import arms, find_arm
 from tests.commissioning.arm import Person, UnalignedArm, off_rad
 from tests.commissioning.held import HeldArm
 from tests.drivers.fault_lines import CYCLES

@@ -14,7 +14,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.joint import Joint
 from hal.types import FloatArray
-from servoloop.arms.folder import find_arm
+from servoloop.stack.arm_folders import find_arm
 from tests.commissioning.arm import JOINTS, PLAN, Onlooker, UnalignedArm, off_rad
 from tests.drivers.fault_lines import CYCLES
 

@@ -29,7 +29,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question
-from servoloop.files import CONFIG, read_files
+from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, PLAN, Person, UnalignedArm
 from tests.commissioning.held import HeldArm
 

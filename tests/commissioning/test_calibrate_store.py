@@ -15,8 +15,8 @@ from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x
 from hal.robot_file.calibration_file import calibration_path
-from servoloop.arms.folder import ARMS, find_arm, read_arm_files
-from servoloop.files import CONFIG, read_files
+from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
 
 TURNED_SEED = 3

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import drivers.clock
-import servoloop.hardware
+import servoloop.stack.hardware
 from drivers.bus.bus import Bus
-from servoloop.arms.folder import ARMS
+from servoloop.stack.arm_folders import ARMS
 from tests.commissioning.arm import Person, UnalignedArm
 from tests.pages import code
 
@@ -30,7 +30,7 @@ def test_the_script_calibrates_an_arm(tmp_path: Path, monkeypatch: pytest.Monkey
         return arm.open_bus(arm.joints)
 
     script = code(PAGE, "python").replace("SerialPort(PORT, 1_000_000, clock)", "None")
-    monkeypatch.setattr(servoloop.hardware, "servo_bus", virtual_bus)
+    monkeypatch.setattr(servoloop.stack.hardware, "servo_bus", virtual_bus)
     monkeypatch.setattr(drivers.clock, "MonotonicClock", lambda: arm.clock)
     arm.hand.hold()
     exec(

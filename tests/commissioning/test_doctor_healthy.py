@@ -2,7 +2,7 @@
 
 import pytest
 
-from servoloop.arms.folder import arms
+from servoloop.stack.arm_folders import arms
 from sim_backend.mechanics.build import Build
 from tests.commissioning.patient import Patient
 from tests.drivers.fault_lines import CYCLES

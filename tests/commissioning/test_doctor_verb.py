@@ -14,8 +14,8 @@ import yaml
 from commissioning.doctor.markdown import markdown, without_names
 from drivers.servos import sts
 from servoloop import cli
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import CONFIG
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import CONFIG
 from sim_backend.wire.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served

@@ -10,7 +10,7 @@ from commissioning.set_up.place import Place, SetUpError, in_order, places_of
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
-from servoloop.arms.folder import find_arm, read_arm_files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from sim_backend.faults import Disturbance
 from tests.commissioning.box import GRIPPER, JOINTS, Bench, Hands, places
 from tests.pages import code

@@ -10,8 +10,8 @@ from commissioning.set_up.place import Place
 from commissioning.slow_arm import StoppedError
 from drivers.bus.bus import Bus
 from drivers.servos import sts
-from servoloop.processes import Interrupted
-from servoloop.verbs.set_up import _run
+from servoloop.commands.set_up import _run
+from servoloop.stack.processes import Interrupted
 from sim_backend.box import VirtualBox
 from sim_backend.clock import SimulatedClock
 from sim_backend.sts.servo import VirtualServo

@@ -12,7 +12,7 @@ from drivers.bus.bus import Bus
 from drivers.errors import DriverError
 from drivers.servos import sts, x
 from hal.joint import Joint
-from servoloop.hardware import servo_bus
+from servoloop.stack.hardware import servo_bus
 from tests.commissioning.patient import Patient
 from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
 

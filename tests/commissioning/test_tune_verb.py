@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from drivers.servos import sts
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
-from servoloop.hardware import servo_bus
+from servoloop.stack.hardware import servo_bus
 from tests.commissioning.patient import Patient
 from tests.commissioning.served import run
 from tests.pages import DOCS, blocks, code
@@ -36,7 +36,7 @@ def arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Patient:
     def opened(file: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, Bus]:
         return {name: servo_bus(file, patient.open(device, 1_000_000), clock, name) for name, device in devices.items()}
 
-    monkeypatch.setattr("servoloop.hardware.open_buses", opened)
+    monkeypatch.setattr("servoloop.stack.hardware.open_buses", opened)
     monkeypatch.setattr("drivers.clock.MonotonicClock", lambda: patient.clock)
     monkeypatch.chdir(tmp_path)
     return patient

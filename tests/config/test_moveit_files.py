@@ -13,10 +13,10 @@ import yaml
 
 from hal.errors import ArmFileError
 from servoloop import cli
-from servoloop.arms.folder import ARMS, Arm, find_arm, read_arm, read_arm_files
 from servoloop.moveit.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
 from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from servoloop.stack.arm_folders import ARMS, Arm, find_arm, read_arm, read_arm_files
 from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 

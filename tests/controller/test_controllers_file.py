@@ -386,7 +386,7 @@ def test_mistakes_of_a_spawner_are_said_with_the_file(
 
 
 def test_the_house_files_are_right() -> None:
-    from servoloop.files import read_files
+    from servoloop.stack.robot_files import read_files
 
     files = read_files()
     assert files.controllers.update_rate_hz == 20

@@ -12,8 +12,8 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import TrajectorySampler
 from hal.types import JointState
-from servoloop.files import read_files
-from servoloop.hardware import compliances
+from servoloop.stack.hardware import compliances
+from servoloop.stack.robot_files import read_files
 from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, arm_parameters, to
 
 FILES = read_files()

@@ -23,7 +23,7 @@ from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot_description.description import parse_urdf
 from hal.types import JointLimits
-from servoloop.files import URDF
+from servoloop.stack.robot_files import URDF
 from sim_backend.clock import SimulatedClock
 from tests.controller.bench import PERIOD_S, Bench
 from tests.pages import code, named

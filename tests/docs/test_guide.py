@@ -8,7 +8,7 @@ import pytest
 
 from commissioning.registers.tables import rates_of
 from drivers.servos.sts import STS3215, STS3215_C001
-from servoloop.arms.folder import find_arm, read_arm_servos
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
 from sim_backend.mechanics.motor import sts_motor
 from tests.pages import pages
 from tools.guide_pictures import CUBE_M, PICTURES, TIPS

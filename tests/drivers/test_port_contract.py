@@ -16,7 +16,7 @@ from drivers.errors import PortLost
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.protocol import v1 as wire
-from servoloop.recorder.bus_tap import BusTaps
+from servoloop.recording.bus_tap import BusTaps
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus

@@ -6,9 +6,9 @@ from functools import cache
 
 from drivers.errors import DriverError
 from hal.types import JointState
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
 from sim_backend.faults.event import Event
 
 

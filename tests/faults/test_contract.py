@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from servoloop.verbs.fault import does
+from servoloop.commands.emulate import does
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.player import require_possible

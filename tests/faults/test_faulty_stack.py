@@ -4,13 +4,13 @@ import pytest
 
 from controller.action_goals import GoalStatus
 from hal.types import JointState
-from servoloop.arms.folder import find_arm
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.simulation.digest import Digest
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
+from servoloop.simulation.simulate import Digest
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import NONSENSE, inventory_of
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import load_pick_place
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.text import parse

@@ -14,7 +14,7 @@ from hal.compensation.gravity_compensation import LARGEST_LOAD, GravityCompensat
 from hal.compensation.limit_cycle import GIVE_WAY_RAD
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray, JointLimits
-from servoloop.files import URDF, read_files
+from servoloop.stack.robot_files import URDF, read_files
 
 JOINTS = read_files().robot.joints
 GRAVITY = Gravity(parse_urdf(URDF.read_text()), [joint.name for joint in JOINTS])

@@ -11,7 +11,7 @@ from hal.robot_description.description import Description, HardwareInfo, UrdfJoi
 from hal.robot_file.robot import Robot, assemble, require_positions
 from hal.robot_file.robot_file import BusFile, RobotFile, load_robot_file
 from hal.types import JointLimits
-from servoloop.files import read_files
+from servoloop.stack.robot_files import read_files
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "robot_arm.yaml"
 

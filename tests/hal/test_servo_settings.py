@@ -14,7 +14,7 @@ from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_settings import NOT_HERE, settings_of
-from servoloop.files import CONFIG
+from servoloop.stack.robot_files import CONFIG
 from tests.hal.bench import JOINTS, Bench
 
 SOFT = (("position_p", 16), ("ccw_dead_zone", 2), ("acceleration_multiplier", 2))

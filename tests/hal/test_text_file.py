@@ -14,8 +14,8 @@ from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
 from hal.text_file import read_text, read_xml
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import URDF, read_description
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import URDF, read_description
 
 DECLARED = '<?xml version="1.0" encoding="{}"?>\n<robot name="{}"/>'
 

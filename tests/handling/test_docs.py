@@ -2,7 +2,7 @@
 
 from nodes.handling.guided_motion import FURTHEST, HORIZON_S
 from nodes.handling.robot_client import SHARE, SLOW
-from servoloop.handling.presses import BEGIN_S, GOOD_S, LONGEST_S, REPEATS_HZ
+from servoloop.manual.buttons import BEGIN_S, GOOD_S, LONGEST_S, REPEATS_HZ
 from tests.pages import DOCS
 
 TEXT = (DOCS / "handling.md").read_text()

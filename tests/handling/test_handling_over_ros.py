@@ -28,8 +28,8 @@ from nodes.client_node import client_node
 from nodes.handling.guided_motion import HORIZON_S
 from nodes.handling.robot import HandlingError, JointsNow, Robot
 from nodes.handling.robot_client import SLOW, RobotClient
-from servoloop.arms.folder import ARMS
-from servoloop.handling.live_robot import LiveRobot
+from servoloop.manual.robot import LiveRobot
+from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import runtime_folder
 from tests.pages import commands
 from tests.ros.stack_process import PICK, READY, ArmClient, arm_client, emulating, running, until

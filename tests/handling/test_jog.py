@@ -9,9 +9,9 @@ import pytest
 
 from hal.types import JointLimits
 from nodes.handling.robot import HandlingError
-from servoloop.handling import keys
-from servoloop.verbs import jog
-from servoloop.verbs.jog import TAP_S, TICK_S, Jogging
+from servoloop.commands import jog
+from servoloop.commands.jog import TAP_S, TICK_S, Jogging
+from servoloop.stack import terminal as keys
 
 JOINTS = ("joint1", "joint2", "hand")
 LIMITS = dict.fromkeys(JOINTS, JointLimits(-1.0, 1.0, 2.0, float("inf"), float("inf")))

@@ -12,16 +12,16 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from servoloop.handling.live_table import LiveTable
-from servoloop.verbs.ros_options import log_to_terminal
+from servoloop.commands.options import log_to_terminal
+from servoloop.manual.live_table import LiveTable
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import logging, time
 from rich.console import Console
 from rich.table import Table
-from servoloop.handling.live_table import LiveTable
-from servoloop.verbs.ros_options import log_to_terminal
+from servoloop.manual.live_table import LiveTable
+from servoloop.commands.options import log_to_terminal
 
 def table(number):
     found = Table("joint", "position")

@@ -7,10 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from hal.types import JointLimits
-from servoloop.arms.folder import ARMS
 from servoloop.cli import app
-from servoloop.handling.offer import CLOSE, OPEN, Offer, offer
-from servoloop.handling.poses import FILE, Poses
+from servoloop.manual.poses import CLOSE, FILE, OPEN, Offer, Poses, offer
+from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import LiveRig, runtime_folder
 
 DRIVEN = {"arm_controller": ("joint1", "joint2"), "hand_controller": ("hand_right_joint",)}

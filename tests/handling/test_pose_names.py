@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hal.types import JointLimits
-from servoloop.handling.poses import PoseError, Poses
+from servoloop.manual.poses import PoseError, Poses
 
 
 @pytest.mark.parametrize("name", ["", "  ", "a\nb", "\x1b[2J", "x" * 101])

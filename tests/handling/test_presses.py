@@ -4,8 +4,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from servoloop.handling.presses import GAP_S, GOOD_S, LONGEST_S, REPEATS_HZ, TAKEN, TOO_LONG, Presses
-from servoloop.handling.wishes import Turn
+from servoloop.manual.buttons import GAP_S, GOOD_S, LONGEST_S, REPEATS_HZ, TAKEN, TOO_LONG, Presses, Turn
 from sim_backend.clock import SimulatedClock
 
 LEFT, RIGHT = Turn("joint1", -1.0), Turn("joint2", 1.0)

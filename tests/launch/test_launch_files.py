@@ -52,7 +52,7 @@ def test_another_arm_brings_its_own_files(share: Path) -> None:
 
 def test_there_is_time_to_park(share: Path) -> None:
     """launch sends a second signal after sigterm_timeout; that one lets a real arm go wherever it is."""
-    from servoloop.files import read_files
+    from servoloop.stack.robot_files import read_files
 
     robot = read_files().robot
     park = robot.file.park

@@ -16,11 +16,12 @@ from tests.launch.conftest import ROOT, install, ros_prefixes
 pytestmark = pytest.mark.ros
 
 PROBE = """
-import json, controller, drivers, hal, nodes, servoloop.files, sim_backend.scene.world
+import json, controller, drivers, hal, nodes, sim_backend.scene.world
+from servoloop.stack import robot_files
 from ament_index_python.packages import get_package_share_directory
 print(json.dumps({
-    "modules": [str(m.__file__) for m in (controller, drivers, hal, nodes, servoloop.files, sim_backend.scene.world)],
-    "robot": str(servoloop.files.read_files().robot_path),
+    "modules": [str(m.__file__) for m in (controller, drivers, hal, nodes, robot_files, sim_backend.scene.world)],
+    "robot": str(robot_files.read_files().robot_path),
     "scene": str(sim_backend.scene.world.SCENE.resolve(strict=True)),
     "share": get_package_share_directory("servoloop"),
 }))

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from pytest import MonkeyPatch
 
-from servoloop.live.feed import LiveFeed
-from servoloop.live.folder import make_live_folder, socket_path
-from servoloop.live.robot_state import RobotState
-from servoloop.live.stream import MessageStream
+from servoloop.recording.feed import LiveFeed
+from servoloop.recording.robot_state import RobotState
+from servoloop.recording.stream import MessageStream, make_live_folder, socket_path
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hal.robot_description.description import parse_urdf
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.live.emulator_source import AGAIN_S, EmulatorSource
-from servoloop.live.errors import LiveError
+from servoloop.recording.emulator_source import AGAIN_S, EmulatorSource
+from servoloop.recording.stream import LiveError
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.world import World
 from sim_backend.scene.world_feed import WorldFeed, feed_path

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servoloop.arms.folder import ARMS, find_arm, read_arm_files
-from servoloop.files import URDF
-from servoloop.live import viewer
-from servoloop.live.errors import LiveError
-from servoloop.live.folder import (
+from servoloop.recording import feed as viewer
+from servoloop.recording.bus_tap import Transfer
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.recording.stream import (
     FOLDER,
+    LiveError,
     RunningStack,
     find_stack,
     live_folder,
     make_live_folder,
+    open_live,
     running_stacks,
     socket_path,
 )
-from servoloop.live.stream import open_live
-from servoloop.recorder.bus_tap import Transfer
-from servoloop.stack_recording import StackRecording
+from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.robot_files import URDF
 from tests.live.rig import LiveRig, Onlooker, runtime_folder
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
@@ -207,7 +207,7 @@ def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(
             assert running_stacks() == []
             super().listen(backlog)
 
-    monkeypatch.setattr("servoloop.live.feed.socket.socket", Slow)
+    monkeypatch.setattr("servoloop.recording.feed.socket.socket", Slow)
     rig = LiveRig()
     assert [stack.pid for stack in running_stacks()] == [1]
     rig.feed.close((), failed=False)

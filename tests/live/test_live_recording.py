@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from mcap.reader import NonSeekingReader
 
-from servoloop.live import live_recording, viewer
-from servoloop.live.folder import find_stack
-from servoloop.live.live_recording import RecordedCycles, record
-from servoloop.live.stream import open_live
-from servoloop.recorder.bus_tap import Transfer
-from servoloop.recorder.record_option import RecordingError
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.recording import feed as viewer
+from servoloop.recording import stack_recording as live_recording
+from servoloop.recording.bus_tap import Transfer
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.stack_recording import RecordedCycles, record
+from servoloop.recording.stream import find_stack, open_live
 from tests.live.rig import LiveRig, runtime_folder
 from tests.recorder.reading import by_mcap, by_rosbags
 from tests.servoloop.served import eventually

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.live import live_source
-from servoloop.live.folder import socket_path
-from servoloop.live.live_source import LiveSource
+from servoloop.recording import sources as live_source
+from servoloop.recording.sources import LiveSource
+from servoloop.recording.stream import socket_path
 from sim_backend.clock import SimulatedClock
 from tests.live.rig import LiveRig, runtime_folder
 from tests.servoloop.served import eventually

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servoloop.live.recording import Recording
-from servoloop.recorder.record_option import RecordingError
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.sources import Recording
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.clock import MonotonicClock
-from servoloop.live.live_source import LiveSource
+from servoloop.recording.sources import LiveSource
 from tests.live.rig import LiveRig, runtime_folder
 from tests.servoloop.served import eventually
 

@@ -4,8 +4,8 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
-from servoloop.live.watched import DIAGNOSTICS, Health
-from servoloop.recorder.mcap_messages import Received
+from servoloop.recording.mcap_messages import Received
+from servoloop.recording.robot_state import DIAGNOSTICS, Health
 from tests.recorder.rig import Rig
 from tests.view.rig import watched
 

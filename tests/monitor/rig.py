@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable
 
 from textual.pilot import Pilot
 
-from servoloop.live.source import Source
-from servoloop.live.watched import Watched
-from servoloop.monitor.app import MonitorApp
+from servoloop.dashboard.terminal import MonitorApp
+from servoloop.recording.robot_state import Watched
+from servoloop.recording.sources import Source
 
 SIZE = (140, 44)
 

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from textual.pilot import Pilot
 
-from servoloop.live import live_source
-from servoloop.live.live_source import LiveSource
-from servoloop.live.playback import SPEEDS, Playback
-from servoloop.live.recording import Recording
-from servoloop.live.watched import Watched
-from servoloop.monitor.app import MonitorApp
-from servoloop.monitor.chart import BLANK
-from servoloop.monitor.strip_chart import AXIS
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.dashboard.terminal import MonitorApp
+from servoloop.dashboard.terminal_chart import AXIS, BLANK
+from servoloop.recording import sources as live_source
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.robot_state import Watched
+from servoloop.recording.sources import SPEEDS, LiveSource, Playback, Recording
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets

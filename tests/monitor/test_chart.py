@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from servoloop.monitor.chart import BLANK, COLUMNS, ROWS, chart
+from servoloop.dashboard.terminal_chart import BLANK, COLUMNS, ROWS, chart
 
 WIDTH, HEIGHT = 10, 4
 X, Y = (-60.0, 0.0), (-1.0, 1.0)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.live.playback import SPEEDS
-from servoloop.live.strips import STRIPS
-from servoloop.monitor.app import AT_FIRST, KEYS
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.dashboard.tables import STRIPS
+from servoloop.dashboard.terminal import AT_FIRST, KEYS
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.sources import SPEEDS
 from tests.complaint import complaint
 from tests.monitor.terminal import in_terminal
 from tests.pages import DOCS, commands

@@ -14,15 +14,15 @@ from controller.manager.manager import ControllerManager
 from controller.manager.settings import Settings
 from drivers.clock import MonotonicClock
 from hal.errors import ArmFileError
-from servoloop.arms.check import check_arm
-from servoloop.arms.folder import ARMS, OWN, arms, find_arm, read_arm_files, read_arm_servos
-from servoloop.arms.pick_place import load_pick_place
-from servoloop.files import CONFIG, Files, initial_states
-from servoloop.hardware import build, compensation
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.shapes import scene_shapes, shapes, thing_shapes
 from servoloop.moveit.surroundings import surroundings
-from servoloop.simulation.virtual_lines import VirtualLines
-from servoloop.view.arm_model import ArmModel
-from servoloop.view.shapes import scene_shapes, shapes, thing_shapes
+from servoloop.stack.arm_folders import ARMS, OWN, arms, find_arm, read_arm_files, read_arm_servos
+from servoloop.stack.hardware import build, compensation
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_check import check_arm
+from servoloop.stack.robot_files import CONFIG, Files, initial_states
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.scene_check import require_scene, scene_problems
 from sim_backend.scene.world import World

@@ -6,8 +6,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import Files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
 
 SO101: Final = "so101"
 

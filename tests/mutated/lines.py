@@ -4,10 +4,10 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
-from servoloop.arms.folder import find_arm, read_arm_servos
 from servoloop.campaign.wire_monitor import WireMonitor
-from servoloop.emulator import couplings, virtual_lines
-from servoloop.simulation.packet_text import PacketText
+from servoloop.simulation.trace_file import PacketText
+from servoloop.stack.arm_folders import find_arm, read_arm_servos
+from servoloop.stack.emulator import couplings, virtual_lines
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
 from tests.mutated.packets import MAKES, stream

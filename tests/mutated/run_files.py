@@ -8,17 +8,17 @@ from zlib import crc32
 
 import yaml
 
-from servoloop.arms.folder import OWN, find_arm, read_arm_servos
-from servoloop.arms.pick_place import load_pick_place
 from servoloop.campaign.campaign import read_scenario, schedule_of
-from servoloop.files import HOME
-from servoloop.handling.poses import Poses
-from servoloop.live.recording import Recording
-from servoloop.recorder.page import page
-from servoloop.recorder.reader import read_recording
+from servoloop.manual.poses import Poses
+from servoloop.recording.page import page
+from servoloop.recording.reader import read_recording
+from servoloop.recording.sources import Recording
 from servoloop.simulation.schedule import Schedule, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack_faults import inventory_of, require_possible_in
+from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_files import HOME
 from servoloop.teach.recorded import recorded_motion
 from servoloop.teach.taught import TaughtMotions
 from sim_backend.faults.draw import draw

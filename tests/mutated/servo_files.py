@@ -12,9 +12,9 @@ from commissioning.calibrations import calibration_rows, export_calibration, imp
 from commissioning.passport.compare import take_passport
 from commissioning.passport.file import read_passport, write_passport
 from hal.robot_file.calibration_file import calibration_path
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import virtual_lines
-from servoloop.verbs.arm_options import known_arm
+from servoloop.commands.options import known_arm
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import virtual_lines
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.mechanics.plant import BenchPlant
 from tests.commissioning.test_passport import Line

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from controller.manager import plugins
-from servoloop import hardware
+from servoloop.stack import hardware
 from tests.mutated.cases import LONGEST_S, good, mutated, quiet, tried
 from tests.mutated.readers import KINDS
 

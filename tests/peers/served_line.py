@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from drivers.servos.catalog import MODELS, series_of
-from servoloop.realtime import realtime_priority
+from servoloop.stack.processes import realtime_priority
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.bus import VirtualBus

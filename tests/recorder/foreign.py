@@ -8,7 +8,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys.stores import ros2_jazzy as ros
 
-from servoloop.recorder.definitions import JOINT_STATE, definition, typestore
+from servoloop.recording.message_types import JOINT_STATE, definition, typestore
 
 
 class State(NamedTuple):

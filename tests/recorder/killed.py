@@ -6,9 +6,8 @@ It prints the number of cycles that the recorder's thread has handed to the syst
 import sys
 from pathlib import Path
 
-from servoloop.recorder.recorder import Recorder
-from servoloop.recorder.recording_file import RecordingFile
-from servoloop.recorder.sampler import CycleSample
+from servoloop.recording.recorder import Recorder, RecordingFile
+from servoloop.recording.sampler import CycleSample
 from tests.recorder.rig import Rig
 
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 from hal.types import JointState
-from servoloop.files import servo_ids
-from servoloop.recorder.bus_tap import BusTaps
-from servoloop.recorder.messages import Messages
-from servoloop.recorder.sampler import CycleSample, Sampler
+from servoloop.recording.bus_tap import BusTaps
+from servoloop.recording.messages import Messages
+from servoloop.recording.sampler import CycleSample, Sampler
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import servo_ids
 from tests.stack.rig import READY
 
 

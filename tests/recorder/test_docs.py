@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from nodes.pick_place.settings import Settings
 from servoloop.cli import app
-from servoloop.files import read_files
-from servoloop.recorder.fault_files import FILES, KEPT_S
-from servoloop.recorder.recorder import WAITING
+from servoloop.recording.fault_files import FILES, KEPT_S
+from servoloop.recording.recorder import WAITING
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
+from servoloop.stack.robot_files import read_files
 from tests.live.rig import LiveRig, runtime_folder
 from tests.pages import DOCS, codes, commands
 from tests.recorder.reading import by_mcap, by_rosbags

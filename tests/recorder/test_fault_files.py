@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hal.lifecycle import LifecycleState
-from servoloop.recorder.fault_files import FILES, KEPT_S, FaultFiles, tidy
+from servoloop.recording.fault_files import FILES, KEPT_S, FaultFiles, tidy
 from tests.recorder.reading import by_rosbags, faults, stamp_s
 from tests.recorder.rig import Rig
 from tests.stack.rig import PICK, READY
@@ -161,7 +161,7 @@ def test_there_are_never_many_files_and_the_oldest_go(rig: Watched) -> None:
 def test_the_folder_is_limited_by_number_and_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sizes: list[int], kept: int
 ) -> None:
-    monkeypatch.setattr("servoloop.recorder.fault_files.LARGEST_FOLDER", 200 if len(sizes) > 20 else 100)
+    monkeypatch.setattr("servoloop.recording.fault_files.LARGEST_FOLDER", 200 if len(sizes) > 20 else 100)
     names = [f"2026-01-31_12-00-{number:02}.000_x.mcap" for number in range(len(sizes))]
     for name, size in zip(names, sizes, strict=True):
         (tmp_path / name).write_bytes(b"x" * size)

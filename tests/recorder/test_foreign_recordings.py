@@ -9,13 +9,13 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from typer.testing import CliRunner
 
-from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
-from servoloop.live.recording import Recording
-from servoloop.recorder.reader import read_recording
-from servoloop.recorder.record_option import RecordingError
-from servoloop.teach.errors import TeachError
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.reader import read_recording
+from servoloop.recording.sources import Recording
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.teach.recorded import recorded_motion
+from servoloop.teach.taught import TeachError
 from tests.recorder.foreign import State, encoded, swing, write_states
 from tests.stack.rig import READY
 

@@ -5,8 +5,8 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from controller.gripper.goal import GripperGoal, GripperParameters
 from controller.gripper.gripper_action_controller import GripperActionController
-from servoloop.recorder.definitions import JOINT_STATE
-from servoloop.recorder.sampler import CycleSample, GoalBegin, GoalEnd
+from servoloop.recording.message_types import JOINT_STATE
+from servoloop.recording.sampler import CycleSample, GoalBegin, GoalEnd
 from tests.recorder.rig import Rig
 from tests.stack.rig import PICK, READY
 

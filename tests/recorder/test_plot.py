@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from nodes.pick_place.settings import Settings
 from servoloop.cli import app
-from servoloop.files import read_files
-from servoloop.recorder.reader import RecordedRun, read_recording
-from servoloop.recorder.record_option import RecordingError
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.reader import RecordedRun, read_recording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
+from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 from tests.recorder.reading import by_rosbags

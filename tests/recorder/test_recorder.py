@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.printable import counted
-from servoloop.recorder import recorder as module
-from servoloop.recorder.bus_tap import Transfer
-from servoloop.recorder.record_option import RecordingError
-from servoloop.recorder.recorder import Recorder, Sink
-from servoloop.recorder.sampler import CycleSample
+from servoloop.recording import recorder as module
+from servoloop.recording.bus_tap import Transfer
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.recorder import Recorder, Sink
+from servoloop.recording.sampler import CycleSample
 from tests.recorder.rig import Rig
 
 

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from nodes.pick_place.settings import Settings
-from servoloop.files import read_files
-from servoloop.recorder.definitions import MSG, definition, typestore
-from servoloop.recorder.messages import Messages
-from servoloop.recorder.recording_file import RecordingFile
-from servoloop.recorder.sampler import CycleSample
-from servoloop.simulation.file_recording import recorded
+from servoloop.recording.message_types import MSG, definition, typestore
+from servoloop.recording.messages import Messages
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.sampler import CycleSample
 from servoloop.simulation.schedule import Schedule
-from servoloop.simulation.simulate import SimulationResult, simulate
+from servoloop.simulation.simulate import SimulationResult, recorded, simulate
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 from tests.recorder.reading import Messages as Read

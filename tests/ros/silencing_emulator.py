@@ -7,8 +7,8 @@ import signal
 import sys
 from pathlib import Path
 
-from servoloop.emulator import couplings
-from servoloop.files import read_files
+from servoloop.stack.emulator import couplings
+from servoloop.stack.robot_files import read_files
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World

@@ -9,8 +9,8 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import JointState
 
-from servoloop.arms.folder import find_arm
-from servoloop.arms.pick_place import load_pick_place
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import load_pick_place
 from tests.ros.stack_process import StackProcess, until
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of

@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 from control_msgs.msg import DynamicJointState
 from sensor_msgs.msg import JointState
 
-from servoloop.files import HOME, URDF
+from servoloop.stack.robot_files import HOME, URDF
 from tests.ros.deaf import deaf_client
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import running

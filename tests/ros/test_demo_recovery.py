@@ -11,9 +11,9 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 
-from servoloop.arms.folder import find_arm
 from servoloop.demo.cell import cell
-from servoloop.demo.live import Live
+from servoloop.demo.jobs import Live
+from servoloop.stack.arm_folders import find_arm
 from sim_backend.mechanics.build import Build
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -77,7 +77,7 @@ def test_clients_such_as_pick_look_on_this_machine_only(unset: int) -> None:
     """Each in a process of its own, which looks at its own sockets."""
     program = (
         "import os, sys\nfrom tests.ros.test_discovery_range import receiving_on\n"
-        "from nodes.client_node import client_node\nfrom servoloop.verbs.ros_options import set_network\n"
+        "from nodes.client_node import client_node\nfrom servoloop.commands.options import set_network\n"
         "set_network('--network' in sys.argv)\n"
         f"with client_node('look'): print(*sorted(receiving_on(os.getpid(), {unset})))"
     )

@@ -19,16 +19,15 @@ from typer.testing import CliRunner
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from nodes.client_node import client_node
-from servoloop.arms.folder import arms, find_arm, read_arm_files
 from servoloop.cli import app, main
-from servoloop.live.live_source import LiveSource
-from servoloop.processes import Processes
+from servoloop.dashboard.browser import show
+from servoloop.dashboard.move_panel import MovePanel, Mover
+from servoloop.dashboard.page import Page
+from servoloop.dashboard.server import PageServer
+from servoloop.recording.sources import LiveSource
+from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
+from servoloop.stack.processes import Processes
 from servoloop.testing.processes import RosStack, VirtualBus
-from servoloop.view.move_panel import MovePanel
-from servoloop.view.mover import Mover
-from servoloop.view.page import Page
-from servoloop.view.server import PageServer
-from servoloop.view.view import show
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import until
 from tests.servoloop.test_emulator_process import given, read_again
@@ -167,7 +166,7 @@ def test_demo_starts_its_processes_with_the_files_of_its_arm(
     (_, *emulator), (_, *stack), (_, *node) = started
     chosen = find_arm(arm)
     files = read_arm_files(chosen)
-    served, *_ = given(monkeypatch, "servoloop.emulator.emulate", *emulator)
+    served, *_ = given(monkeypatch, "servoloop.stack.emulator.emulate", *emulator)
     _, _, run, *_ = given(monkeypatch, "servoloop.up.up", *stack)
     assert read_again(served) == read_again(run) == read_again(files)
     assert node == ["--ros-args", "--params-file", str(chosen.pick_place)]

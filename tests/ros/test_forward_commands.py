@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import JointState
 
-from servoloop.files import URDF
+from servoloop.stack.robot_files import URDF
 from tests.ros.onlooker import EVERY, Onlooker, onlooker, place
 from tests.ros.stack_process import StackProcess, running, until
 

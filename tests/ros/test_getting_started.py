@@ -13,8 +13,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from servoloop.arms.folder import ARMS, find_arm, read_arm_files
-from servoloop.emulator import couplings
+from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.emulator import couplings
 from sim_backend.mechanics.mounting import Mounting
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from servoloop.files import CONTROLLERS
+from servoloop.stack.robot_files import CONTROLLERS
 from tests.complaint import complaint
 from tests.ros.hardware_plugin import DEFECT, GONE, Orders, install
 from tests.ros.stack_process import PATIENCE_S, StackProcess

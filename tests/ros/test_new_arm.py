@@ -14,7 +14,7 @@ from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from servoloop.arms.folder import find_arm
+from servoloop.stack.arm_folders import find_arm
 from tests.arms.test_new import BLOCK
 from tests.pages import commands
 from tests.ros.manager_client import ManagerClient, manager_client

@@ -15,9 +15,9 @@ from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
 from nodes.pick_place.settings import Settings
-from servoloop.files import read_files
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
+from servoloop.stack.robot_files import read_files
 from sim_backend.control import ask, control_path
 from tests.pages import commands
 from tests.recorder.reading import Messages, by_mcap, by_rosbags, faults, stamp_s

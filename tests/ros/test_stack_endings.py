@@ -17,7 +17,7 @@ from rclpy.task import Future
 from scservo_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
 from drivers.servos import sts
-from servoloop.files import CONFIG, CONTROLLERS, read_files
+from servoloop.stack.robot_files import CONFIG, CONTROLLERS, read_files
 from tests.ros.stack_process import JOINTS, PICK, READY, ArmClient, StackProcess, arm_client, emulating, running, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

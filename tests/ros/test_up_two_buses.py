@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from servoloop.files import CONFIG, CONTROLLERS
+from servoloop.stack.robot_files import CONFIG, CONTROLLERS
 from tests.ros.stack_process import JOINTS, READY, StackProcess
 from tests.ros.trajectory_client import REACHED, SUCCEEDED, TrajectoryClient, goal_of, point, trajectory
 from tests.ros.trajectory_stacks import client_of

@@ -12,7 +12,7 @@ import pytest
 import rclpy
 
 from hal.robot_description.description import parse_urdf
-from servoloop.files import CONTROLLERS, URDF
+from servoloop.stack.robot_files import CONTROLLERS, URDF
 from tests.ros.stack_process import running
 from tests.ros.trajectory_client import NONE, TrajectoryClient
 

@@ -12,9 +12,9 @@ from shutil import copytree
 import pytest
 
 from servoloop import cli
-from servoloop.arms.folder import find_arm
-from servoloop.files import CONFIG, CONTROLLERS, URDF
-from servoloop.verbs.up import write_ready
+from servoloop.commands.up import write_ready
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.robot_files import CONFIG, CONTROLLERS, URDF
 from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
 

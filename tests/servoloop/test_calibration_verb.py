@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from hal.joint import Joint
-from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from tests.complaint import complaint
 from tests.pages import commands
 

@@ -19,9 +19,9 @@ from servoloop.campaign import report as reports
 from servoloop.campaign.campaign import Scenario, campaign, run_schedule_of
 from servoloop.campaign.fallen import BEFORE_S, CYCLES_BEHIND
 from servoloop.campaign.tally import INVARIANTS, Tally
-from servoloop.processes import Interrupted
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
+from servoloop.stack.processes import Interrupted
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 
@@ -236,7 +236,7 @@ def test_interrupted_it_reports_what_was_done_and_ends_with_130(
 
 def asked_signals(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The Signals of the verb, once it has made them."""
-    from servoloop.verbs import campaign as verb
+    from servoloop.commands import campaign as verb
 
     made: list[Any] = []
     enter = verb.Signals.__enter__

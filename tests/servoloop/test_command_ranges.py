@@ -20,8 +20,8 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from hal.components.component_lifecycle import configure_all
 from hal.errors import DescriptionError
 from hal.robot_description.description import parse_urdf
-from servoloop.files import URDF, Files, read_files
-from servoloop.hardware import HardwareKind, build
+from servoloop.stack.hardware import HardwareKind, build
+from servoloop.stack.robot_files import URDF, Files, read_files
 from sim_backend.clock import SimulatedClock
 
 PERIOD_S = 0.02

@@ -10,8 +10,8 @@ from hal.types import JointLimits
 from servoloop.campaign.campaign import run_schedule_of
 from servoloop.simulation.cycle_recorder import CycleRecorder
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.packet_text import PacketText
 from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.trace_file import PacketText
 from sim_backend.faults.text import parse
 from sim_backend.wire import dynamixel_wire, sts_wire
 

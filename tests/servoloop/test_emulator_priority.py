@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import emulate
-from servoloop.realtime import PRIORITY, realtime_priority
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import emulate
+from servoloop.stack.processes import PRIORITY, realtime_priority
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.picture import Recorder
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from servoloop.arms.folder import ARMS, arms, find_arm, read_arm_files
 from servoloop.cli import app
-from servoloop.emulator_process import emulate_arguments
-from servoloop.files import CONFIG, CONTROLLERS, Files, ServoFiles
+from servoloop.stack.arm_folders import ARMS, arms, find_arm, read_arm_files
+from servoloop.stack.emulator_process import emulate_arguments
+from servoloop.stack.robot_files import CONFIG, CONTROLLERS, Files, ServoFiles
 from tests.commissioning.patient import NOBODYS_MACHINE
 from tests.complaint import complaint
 from tests.ros.two_components import ARM, HAND, servos, write_robot_file, write_urdf
@@ -87,7 +87,7 @@ def read_again(files: ServoFiles) -> dict[str, object]:
 def test_an_emulator_serves_the_arm_of_its_parent(
     files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    served, *_ = given(monkeypatch, "servoloop.emulator.emulate", *emulate_arguments(tmp_path / "bus", files))
+    served, *_ = given(monkeypatch, "servoloop.stack.emulator.emulate", *emulate_arguments(tmp_path / "bus", files))
     assert read_again(served) == read_again(files)
 
 
@@ -132,7 +132,7 @@ def test_servos_of_another_urdf_need_no_controllers(verb: str, tmp_path: Path, m
     """The controllers of the arm that is taken where none is named are for other joints."""
     monkeypatch.chdir(tmp_path)
     read: list[ServoFiles] = []
-    monkeypatch.setattr("servoloop.emulator.emulate", lambda files, *more, **named: read.append(files))
+    monkeypatch.setattr("servoloop.stack.emulator.emulate", lambda files, *more, **named: read.append(files))
     so101 = find_arm("so101")
     urdf, robot = str(so101.urdf), str(so101.robot)
     result = CliRunner().invoke(app, [*verb.split(), "--urdf", urdf, "--robot", robot])

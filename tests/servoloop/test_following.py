@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servoloop.demo.following_error import UNKNOWN, between_cycles, following_error, reference_at, worst
+from servoloop.simulation.recording import UNKNOWN, between_cycles, following_error, reference_at, worst
 
 
 def test_largest_counts_always_and_rms_only_while_the_joint_moves() -> None:

@@ -12,11 +12,11 @@ from commissioning.calibrate.flow import Task
 from commissioning.calibrate.run import STORE, TRY
 from commissioning.set_up.flow import Task as Connect
 from commissioning.slow_arm import StoppedError
-from servoloop.processes import Interrupted
-from servoloop.signals import Signals
-from servoloop.verbs.keyboard import Keyboard
-from servoloop.verbs.set_up import Plugger
-from servoloop.verbs.terminal import Terminal
+from servoloop.commands.calibrate_terminal import Terminal
+from servoloop.commands.console import Keyboard
+from servoloop.commands.set_up import Plugger
+from servoloop.stack.processes import Interrupted
+from servoloop.stack.signals import Signals
 from tests.servoloop.served import eventually
 
 

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from controller.manager.controllers_file import ControllersFileError
-from servoloop.emulator import couplings, virtual_lines
-from servoloop.files import CONFIG, read_files
-from servoloop.hardware import servo_bus
-from servoloop.line_rate import check_rates
+from servoloop.stack.emulator import couplings, virtual_lines
+from servoloop.stack.hardware import servo_bus
+from servoloop.stack.line_rate import check_rates
+from servoloop.stack.robot_files import CONFIG, read_files
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World

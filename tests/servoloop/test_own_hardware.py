@@ -13,8 +13,8 @@ from hal.components.component_lifecycle import configure_all
 from hal.lifecycle import LifecycleState
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.files import read_files
-from servoloop.hardware import build
+from servoloop.stack.hardware import build
+from servoloop.stack.robot_files import read_files
 from sim_backend.clock import SimulatedClock
 from tests.complaint import complaint
 from tests.controller.test_loop import Puppet

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from calibration.eeprom import Eeprom
 from drivers.servos import sts
 from drivers.servos.register import Register
-from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
-from servoloop.processes import Interrupted
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.processes import Interrupted
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.sts.servo import VirtualServo
 from sim_backend.wire.bus import VirtualBus
@@ -108,12 +108,12 @@ def test_without_a_file_it_is_that_of_the_adapters_serial_number(
     line: VirtualBus, port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("servoloop.verbs.passport.adapter_serial", lambda device: "5A/68 01")
+    monkeypatch.setattr("servoloop.commands.passport.adapter_serial", lambda device: "5A/68 01")
     run("save", "--port", port)
     assert "adapter: 5A/68 01" in (tmp_path / "5A_68_01.passport.yaml").read_text()
     save(line, 6, 16)
     assert "position_p" in run("diff", "--port", port, status=1)
-    monkeypatch.setattr("servoloop.verbs.passport.adapter_serial", lambda device: "other")
+    monkeypatch.setattr("servoloop.commands.passport.adapter_serial", lambda device: "other")
     assert "of adapter 5A/68 01, this is other" in run("restore", "5A_68_01.passport.yaml", "--port", port, "--yes")
     assert line.servo(6).memory.get(sts.position_p) == 32
 

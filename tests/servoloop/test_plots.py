@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoloop.plots.bars import histogram, stacked_bars
-from servoloop.plots.points import MOST, points, thinned
-from servoloop.plots.series import Curve, Panel, Stretch, time_series
+from servoloop.plots import MOST, Curve, Panel, Stretch, histogram, points, stacked_bars, thinned, time_series
 
 TIMES_S = [0.05 * i for i in range(41)]
 DRAWN = {

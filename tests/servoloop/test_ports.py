@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DriverError
-from servoloop.ports import device_paths, parse_ports, port_options, world_feed
+from servoloop.stack.devices import device_paths, parse_ports, port_options, world_feed
 from sim_backend.scene.world_feed import WorldFeed, feed_path
 
 TWO = ("arm", "hand")

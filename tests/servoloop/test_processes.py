@@ -11,12 +11,12 @@ import psutil
 import pytest
 
 from drivers.errors import DriverError
-from servoloop.processes import Interrupted, Processes, end
+from servoloop.stack.processes import Interrupted, Processes, end
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(99)"
 PARENT = """
 import subprocess, sys, time
-from servoloop.processes import end_with_parent
+from servoloop.stack.processes import end_with_parent
 child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99)'], preexec_fn=end_with_parent)
 print(child.pid, flush=True)
 time.sleep(99)

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import pytest
 
-from servoloop.realtime import on_one_processor
+from servoloop.stack.processes import on_one_processor
 
 
 def test_a_loop_stays_on_one_of_the_processors_that_it_may_use() -> None:

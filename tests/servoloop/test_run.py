@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import PortLost
-from servoloop.background_worker import BackgroundWorker
-from servoloop.files import read_files
-from servoloop.hardware import HardwareSetup
-from servoloop.loop_thread import HANG_S, LoopThread
-from servoloop.signals import Signals
+from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.hardware import HardwareSetup
+from servoloop.stack.loop_thread import HANG_S, LoopThread
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.signals import Signals
 from tests.controller.bench import Bench
 from tests.ros.two_components import write_urdf
 

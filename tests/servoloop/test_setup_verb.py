@@ -17,8 +17,8 @@ from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.errors import PortLost
 from drivers.port.serial_port import SerialPort
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.verbs.set_up import _run
+from servoloop.commands.set_up import _run
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from sim_backend.control import ask, control_path
 from tests.commissioning.box import Bench, Hands
 

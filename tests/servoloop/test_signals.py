@@ -23,7 +23,11 @@ WAITING = "while not signals.count: time.sleep(0.01)\n"
 @contextmanager
 def program(within: str, behind: str = "") -> Iterator["subprocess.Popen[bytes]"]:
     """Python that prints "ready" and then does this within the context of Signals, and that behind it."""
-    lines = ["import os, signal, sys, time", "from servoloop.signals import Signals", "signals = Signals('it holds')"]
+    lines = [
+        "import os, signal, sys, time",
+        "from servoloop.stack.signals import Signals",
+        "signals = Signals('it holds')",
+    ]
     lines += ["with signals:", "    print('ready', flush=True)", *(f"    {line}" for line in within.splitlines())]
     source = "\n".join([*lines, "print('calm', flush=True)", *behind.splitlines()])
     process = subprocess.Popen(
@@ -99,7 +103,7 @@ def test_behind_a_closed_terminal_ctrl_c_is_the_second_signal() -> None:
 def test_under_nohup_a_closed_terminal_ends_nothing() -> None:
     source = """
 import os, signal, time
-from servoloop.signals import Signals
+from servoloop.stack.signals import Signals
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 with Signals() as signals:
     os.kill(os.getpid(), signal.SIGHUP)
@@ -112,8 +116,8 @@ with Signals() as signals:
 HEAD = """
 import sys, time
 from pathlib import Path
-from servoloop.signals import Signals
-from servoloop.terminal_output import outlive_terminal
+from servoloop.stack.signals import Signals
+from servoloop.stack.terminal import outlive_terminal
 outlive_terminal()
 """
 COUNTING = """
@@ -125,7 +129,7 @@ with Signals() as signals:
     Path(sys.argv[1]).write_text("ended")
 """
 RAISING = """
-from servoloop.verbs.line import Interrupted, interruptible
+from servoloop.commands.line_options import Interrupted, interruptible
 try:
     with interruptible():
         try:
@@ -154,7 +158,7 @@ def test_a_program_whose_terminal_is_closed_gets_to_its_end_whatever_it_prints(s
 
 def test_a_program_that_is_ended_at_once_leaves_its_terminal_as_it_was() -> None:
     raw = """
-from servoloop.handling.keys import raw_keys
+from servoloop.stack.terminal import raw_keys
 with Signals() as signals, raw_keys():
     print("ready", flush=True)
     while True: time.sleep(0.01)

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 from nodes.pick_place.job import Phase
 from nodes.pick_place.settings import Settings
 from servoloop import cli
-from servoloop.files import HOME, read_files
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import HOME, read_files
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.script import read_script
 from sim_backend.faults.text import parse

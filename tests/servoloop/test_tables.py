@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from commissioning.doctor.report import BusFigures, Report, ServoFigures
-from servoloop.verbs.doctor import print_report
-from servoloop.verbs.output import print_table
+from servoloop.commands.console import print_table
+from servoloop.commands.doctor import print_report
 
 ARMS = [f"joint{number}" for number in range(1, 7)] + ["hand_right_joint"]
 

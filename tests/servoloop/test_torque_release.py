@@ -16,8 +16,8 @@ from commissioning.passport.file import Passport, write_passport
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from servoloop import cli
-from servoloop.arms.folder import ARMS, find_arm, read_arm_files
-from servoloop.emulator import virtual_bus
+from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
+from servoloop.stack.emulator import virtual_bus
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.wire.line import ServoLine

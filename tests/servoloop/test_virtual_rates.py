@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from hal.errors import RobotFileError
-from servoloop.emulator import couplings, virtual_bus
-from servoloop.files import CONFIG, read_files
-from servoloop.hardware import servo_bus
+from servoloop.stack.emulator import couplings, virtual_bus
+from servoloop.stack.hardware import servo_bus
+from servoloop.stack.robot_files import CONFIG, read_files
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World

@@ -19,8 +19,8 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.emulator import as_delivered, couplings, virtual_box
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.emulator import as_delivered, couplings, virtual_box
 from sim_backend.box import VirtualBox
 from sim_backend.clock import SimulatedClock
 from sim_backend.eeprom import EepromError, keep_eeprom

@@ -5,10 +5,10 @@ import pytest
 
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointCommand
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import read_files
-from servoloop.hardware import HardwareKind, build
-from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.hardware import HardwareKind, build
+from servoloop.stack.robot_files import read_files
+from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.build import Build
 from sim_backend.scene.mujoco_hardware import MujocoHardware

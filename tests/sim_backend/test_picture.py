@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from hal.robot_description.link_meshes import link_meshes
-from servoloop.arms.folder import find_arm
+from servoloop.stack.arm_folders import find_arm
 from sim_backend.scene.drawn_model import drawn_model
 from sim_backend.scene.picture import Recorder, View
 from sim_backend.scene.rays import VISIBLE_GROUPS, cast, visible

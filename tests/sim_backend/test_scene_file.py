@@ -7,8 +7,8 @@ import pytest
 
 from hal.errors import ArmFileError
 from hal.file_size import LARGEST_BYTES, LARGEST_SHAPE_BYTES
-from servoloop.arms.folder import find_arm
-from servoloop.view.shapes import GREY, scene_shapes, shapes, thing_shapes
+from servoloop.dashboard.shapes import GREY, scene_shapes, shapes, thing_shapes
+from servoloop.stack.arm_folders import find_arm
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.scene_file import scene_model, scene_spec
 from sim_backend.scene.world import World

@@ -3,8 +3,8 @@
 import pytest
 
 from controller.action_goals import GoalStatus
-from servoloop.files import CONFIG, read_files
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import CONFIG, read_files
 from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD = 0.08, 0.03

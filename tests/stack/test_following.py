@@ -13,10 +13,10 @@ from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.robot_description.description import Description
 from hal.types import FloatArray
-from servoloop.demo.following_error import FollowingError
-from servoloop.files import CONFIG, read_files
-from servoloop.hardware import compensation
+from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.hardware import compensation
+from servoloop.stack.robot_files import CONFIG, read_files
 from tests.stack.rig import PICK, UnpacedJob
 
 ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")

@@ -16,10 +16,10 @@ from servoloop.campaign.end_invariants import EndsAsChosen
 from servoloop.campaign.goal_invariants import GoalsEnd
 from servoloop.campaign.invariants import Watch
 from servoloop.campaign.run import RunReport, run_schedule
-from servoloop.files import read_files
 from servoloop.simulation.acts import Act, Cancel, Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
+from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 from tests.servoloop.planted_bugs import BUGS
 from tests.stack.rig import PICK

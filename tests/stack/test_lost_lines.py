@@ -10,8 +10,8 @@ from controller.shutdown import shut_down
 from drivers.errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
-from servoloop.files import CONFIG, read_files
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import CONFIG, read_files
 from sim_backend.wire.port import VirtualPort
 from tests.ros.two_components import ARM, write_servos
 from tests.stack.rig import CLOSED_M, PICK, READY

@@ -14,7 +14,7 @@ from hal.components.component_set import ComponentSet
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
-from servoloop.bench_bus import measure
+from servoloop.bench.bus import measure
 from sim_backend.wire.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 

@@ -8,8 +8,8 @@ from controller.shutdown import shut_down
 from drivers.errors import PortLost
 from drivers.servos import sts
 from drivers.servos import x as x_series
-from servoloop.files import CONFIG, read_files
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import CONFIG, read_files
 from tests.stack.rig import BINS, CLOSED_M, PICK, UnpacedJob
 
 

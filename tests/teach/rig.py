@@ -9,8 +9,8 @@ from controller.component_transitions import run_at_once
 from drivers.servos.register import Register
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import Files
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
 from servoloop.teach.arm import add_freedrive, build_arm
 from servoloop.teach.record import Recording
 from servoloop.teach.taught import Taught

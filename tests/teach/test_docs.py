@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from controller.teach.hand_path import BEFORE_S, GRID_S, TOLERANCE, WINDOW
-from servoloop.arms.folder import ARMS
-from servoloop.handling.live_robot import LiveRobot
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.manual.robot import LiveRobot
+from servoloop.recording.recorder import RecordingFile
+from servoloop.stack.arm_folders import ARMS
 from servoloop.teach.play import APPROACH
 from servoloop.teach.record import HANDS_S
 from tests.pages import DOCS, blocks

@@ -13,7 +13,7 @@ from hal.joint import Joint
 from hal.servos.hand_guided_arm import SOFT_SHARE
 from hal.types import JointFault, JointLimits, JointState
 from servoloop.teach.arm import add_freedrive
-from servoloop.teach.errors import TeachError
+from servoloop.teach.taught import TeachError
 from tests.teach.rig import FREE, SO101, Rig
 
 STRETCHED: Mapping[str, float] = {"shoulder_lift": 0.0, "elbow_flex": -0.5, "wrist_flex": 0.2}

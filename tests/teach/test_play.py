@@ -5,11 +5,10 @@ import pytest
 
 from controller.teach.hand_path import HandPath
 from drivers.servos import sts
+from servoloop.manual.dead_man import HandsFree
 from servoloop.teach.arm import add_trajectory
-from servoloop.teach.errors import TeachError
 from servoloop.teach.play import APPROACH, Phase, Play
-from servoloop.teach.taught import Taught
-from servoloop.teleop.dead_man import HandsFree
+from servoloop.teach.taught import Taught, TeachError
 from tests.teach.player import FASTEST, PAN, Key, Player, path
 from tests.teach.rig import FREE, Rig
 

@@ -11,10 +11,10 @@ from drivers.servos import sts
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
-from servoloop.teach.errors import TeachError
 from servoloop.teach.play import APPROACH, Phase
 from servoloop.teach.record import HANDS_S, SOFT
 from servoloop.teach.record import Phase as Teaching
+from servoloop.teach.taught import TeachError
 from tests.teach.player import FASTEST, PAN, Player
 from tests.teach.rig import FREE, SO101, Lesson
 

@@ -9,17 +9,17 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.errors import DriverError
-from servoloop.arms.folder import find_arm, read_arm_files
 from servoloop.cli import app
-from servoloop.recorder.reader import read_recording
-from servoloop.recorder.record_option import RecordingError
-from servoloop.recorder.recording_file import RecordingFile
+from servoloop.commands import record as verb
+from servoloop.manual.dead_man import HandsFree
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.reader import read_recording
+from servoloop.recording.recorder import RecordingFile
+from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.teach.arm import add_trajectory
-from servoloop.teach.errors import TeachError
 from servoloop.teach.play import Phase, Play
 from servoloop.teach.recorded import recorded_motion
-from servoloop.teleop.dead_man import HandsFree
-from servoloop.verbs import replay as verb
+from servoloop.teach.taught import TeachError
 from tests.recorder.rig import Rig as RecordedRig
 from tests.stack.rig import READY
 from tests.teach.rig import Rig

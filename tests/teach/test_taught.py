@@ -10,10 +10,9 @@ from typer.testing import CliRunner
 
 from controller.teach.hand_path import HandPath
 from drivers.errors import DriverError
-from servoloop.arms.folder import ARMS
 from servoloop.cli import app
-from servoloop.teach.errors import TeachError
-from servoloop.teach.taught import Taught, TaughtMotions, beyond, check_duration
+from servoloop.stack.arm_folders import ARMS
+from servoloop.teach.taught import Taught, TaughtMotions, TeachError, beyond, check_duration
 from tests.teach.rig import SO101
 
 JOINTS = {joint.name: joint for joint in SO101.robot.joints}

@@ -12,9 +12,9 @@ from drivers.errors import PortMissing
 from drivers.port import Port
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.files import Files
-from servoloop.simulation.virtual_lines import VirtualLines
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
+from servoloop.stack.virtual_lines import VirtualLines
 from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
 from servoloop.teleop.attendance import HINT, Attendance
 from servoloop.teleop.screen import said

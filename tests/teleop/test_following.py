@@ -11,10 +11,9 @@ from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LeaderArm
 from hal.types import FloatArray
-from servoloop.hardware import open_buses
-from servoloop.teleop.arms import release_leader
+from servoloop.stack.hardware import open_buses
+from servoloop.teleop.arms import TeleopError, release_leader
 from servoloop.teleop.attendance import HINT
-from servoloop.teleop.errors import TeleopError
 from servoloop.teleop.screen import rows, said
 from sim_backend.clock import SimulatedClock
 from sim_backend.wire.line import ServoLine

@@ -11,12 +11,11 @@ from controller.teleop.ramp_in import SHARE, RampIn
 from drivers.clock import MonotonicClock
 from hal.errors import ActivationError
 from hal.servos.leader_arm import LeaderArm
-from servoloop.arms.folder import find_arm, read_arm_files
-from servoloop.handling.keys import FIRST_S, REPEAT_S
-from servoloop.teleop import dead_man
-from servoloop.teleop.arms import followed_joints
-from servoloop.teleop.dead_man import DeadMansKey, HandsFree
-from servoloop.teleop.errors import TeleopError
+from servoloop.manual import dead_man
+from servoloop.manual.dead_man import DeadMansKey, HandsFree
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.terminal import FIRST_S, REPEAT_S
+from servoloop.teleop.arms import TeleopError, followed_joints
 from tests.teleop.rig import FOLLOWER, LEADER, Rig
 
 
@@ -56,7 +55,9 @@ def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
     trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
     pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))
     robot = replace(LEADER.robot, joints=(*LEADER.robot.joints[:-1], pulled))
-    joints = {one.joint: one for one in followed_joints(replace(LEADER, robot=robot), FOLLOWER, Rig().teleop.stack.setup)}
+    joints = {
+        one.joint: one for one in followed_joints(replace(LEADER, robot=robot), FOLLOWER, Rig().teleop.stack.setup)
+    }
     assert (joints["elbow_flex"].gain, joints["elbow_flex"].offset) == (1.0, 0.0)
     jaw = joints["gripper"]
     assert jaw.offset == pytest.approx(jaw.limits.lower)

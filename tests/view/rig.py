@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from servoloop.live.watched import Watched
-from servoloop.recorder.mcap_messages import Received
-from servoloop.recorder.sampler import CycleSample
+from servoloop.recording.mcap_messages import Received
+from servoloop.recording.robot_state import Watched
+from servoloop.recording.sampler import CycleSample
 from tests.recorder.rig import Rig
 
 

@@ -11,11 +11,11 @@ import trimesh
 from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
-from servoloop.arms.folder import arms, find_arm
-from servoloop.view.arm_model import ArmModel
-from servoloop.view.colours import LOAD, PLAIN, TEMPERATURE, colour, shares
-from servoloop.view.page import known_arm
-from servoloop.view.shapes import GREY, Shape, arm_shapes, scene_shapes, shapes
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.page import known_arm
+from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, colour, shares
+from servoloop.dashboard.shapes import GREY, Shape, arm_shapes, scene_shapes, shapes
+from servoloop.stack.arm_folders import arms, find_arm
 from tests.stack.rig import PICK, READY
 
 XML = find_arm().urdf.read_text()

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.live.playback import SPEEDS
-from servoloop.recorder.recording_file import RecordingFile
-from servoloop.view.colours import COLD_C, HOT_C
+from servoloop.dashboard.scene import COLD_C, HOT_C
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.sources import SPEEDS
 from tests.pages import DOCS, commands
 from tests.recorder.rig import Rig
 from tests.view.view_process import viewing

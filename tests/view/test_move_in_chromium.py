@@ -14,10 +14,10 @@ pytest.importorskip("rclpy")
 from action_msgs.msg import GoalStatus
 
 from nodes.handling.robot_client import SLOW
-from servoloop.arms.folder import ARMS
-from servoloop.handling.live_robot import LiveRobot
-from servoloop.handling.poses import Poses
-from servoloop.handling.presses import LONGEST_S
+from servoloop.manual.buttons import LONGEST_S
+from servoloop.manual.poses import Poses
+from servoloop.manual.robot import LiveRobot
+from servoloop.stack.arm_folders import ARMS
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import PATIENCE_S, PICK, READY, ArmClient, arm_client, emulating, running, until

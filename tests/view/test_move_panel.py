@@ -7,11 +7,10 @@ from typing import Any
 
 import pytest
 
-from servoloop.handling.offer import CLOSE, NOTHING, OPEN, Offer
-from servoloop.handling.presses import REPEATS_HZ, TAKEN, Presses
-from servoloop.handling.wishes import GoTo, Turn, Wish
-from servoloop.view.move_panel import NONE, SLOWEST, MovePanel
-from servoloop.view.server import PageServer
+from servoloop.dashboard.move_panel import NONE, SLOWEST, MovePanel
+from servoloop.dashboard.server import PageServer
+from servoloop.manual.buttons import REPEATS_HZ, TAKEN, GoTo, Presses, Turn, Wish
+from servoloop.manual.poses import CLOSE, NOTHING, OPEN, Offer
 from sim_backend.clock import SimulatedClock
 
 OFFER = Offer(

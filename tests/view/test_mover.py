@@ -5,9 +5,8 @@ from collections.abc import Mapping
 import pytest
 
 from nodes.handling.robot import HandlingError
-from servoloop.handling.presses import REPEATS_HZ, Presses
-from servoloop.handling.wishes import GoTo, Turn
-from servoloop.view.mover import STOPPED, Handling
+from servoloop.dashboard.move_panel import STOPPED, Handling
+from servoloop.manual.buttons import REPEATS_HZ, GoTo, Presses, Turn
 from sim_backend.clock import SimulatedClock
 
 TURN = Turn("joint1", -0.5)

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from hal.robot_description.link_meshes import PLACES
-from servoloop.live.watched import health
-from servoloop.recorder.link_poses import scene_poses
-from servoloop.view.arm_model import ArmModel
-from servoloop.view.arm_scene import CELL, COMMANDED, MEASURED, PATH, THINGS
-from servoloop.view.colours import HOT_C, TEMPERATURE, colour
-from servoloop.view.page import Page
-from servoloop.view.server import PageServer
-from servoloop.view.shapes import thing_shapes
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.page import Page
+from servoloop.dashboard.scene import CELL, COMMANDED, HOT_C, MEASURED, PATH, TEMPERATURE, THINGS, colour
+from servoloop.dashboard.server import PageServer
+from servoloop.dashboard.shapes import thing_shapes
+from servoloop.recording.robot_state import health
+from servoloop.recording.sampler import scene_poses
 from tests.hal.test_link_meshes import cube, write_stl
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
@@ -94,7 +93,7 @@ def test_the_hottest_joint_is_red_and_the_others_are_as_described(
     page.show_arm(looked_at)
     said = health(looked_at.state.snapshot)
     hot = np.where(np.arange(len(said.temperature_c)) == 2, HOT_C, np.nan)
-    monkeypatch.setattr("servoloop.view.page.health", lambda _: said._replace(temperature_c=hot))
+    monkeypatch.setattr("servoloop.dashboard.page.health", lambda _: said._replace(temperature_c=hot))
     page._colours.value = TEMPERATURE
     page.show_numbers(looked_at)
     link3, link2 = "/base_link/link1/link2/link3/shape8", "/base_link/link1/link2/shape6"

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from servoloop.view.page import Page
-from servoloop.view.server import PageServer
+from servoloop.dashboard.page import Page
+from servoloop.dashboard.server import PageServer
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import PICK, arm_client, emulating, running, until

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from servoloop.view.arm_scene import MEASURED
-from servoloop.view.page import Page
-from servoloop.view.server import PageServer
+from servoloop.dashboard.page import Page
+from servoloop.dashboard.scene import MEASURED
+from servoloop.dashboard.server import PageServer
 from tests.recorder.rig import Rig
 from tests.view.chromium import OpenPage, different, find_chromium, open_page
 from tests.view.rig import watched

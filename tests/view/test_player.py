@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from servoloop.live.recording import Recording
-from servoloop.recorder.recording_file import RecordingFile
-from servoloop.view.player import Player
-from servoloop.view.server import PageServer
+from servoloop.dashboard.player import Player
+from servoloop.dashboard.server import PageServer
+from servoloop.recording.recorder import RecordingFile
+from servoloop.recording.sources import Recording
 from sim_backend.clock import SimulatedClock
 from tests.recorder.rig import Rig
 

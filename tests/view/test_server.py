@@ -11,9 +11,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
-from servoloop.arms.folder import find_arm
-from servoloop.verbs.view import _opened
-from servoloop.view.server import PageServer, ViewError
+from servoloop.commands.view import _opened
+from servoloop.dashboard.server import PageServer, ViewError
+from servoloop.stack.arm_folders import find_arm
 from sim_backend.clock import SimulatedClock
 from tests.complaint import complaint
 from tests.live.rig import runtime_folder
@@ -121,9 +121,9 @@ def test_without_a_stack_the_verb_says_how_to_start_one(
 
 def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     mine, clock = Path("/mine"), SimulatedClock()
-    monkeypatch.setattr("servoloop.live.recording.Recording", lambda path: path)
-    monkeypatch.setattr("servoloop.live.live_source.LiveSource", lambda arm, clock: SimpleNamespace(folder=mine))
-    monkeypatch.setattr("servoloop.verbs.view._emulated", lambda bus, arm, clock: bus)
+    monkeypatch.setattr("servoloop.recording.sources.Recording", lambda path: path)
+    monkeypatch.setattr("servoloop.recording.sources.LiveSource", lambda arm, clock: SimpleNamespace(folder=mine))
+    monkeypatch.setattr("servoloop.commands.view._emulated", lambda bus, arm, clock: bus)
     so101, file = find_arm("so101").folder, Path("run.mcap")
     assert _opened(None, None, None, clock)[1] == mine
     assert _opened(None, Path("bus"), "so101", clock)[1] == so101

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hal.robot_description.description import parse_urdf
-from servoloop.live.strips import STRIPS, axis_range, strip_data
-from servoloop.live.watched import Watched
-from servoloop.view.texts import controller_table, counter_table, faults, loop_table, servo_table
+from servoloop.dashboard.page import controller_table, counter_table, faults, loop_table, servo_table
+from servoloop.dashboard.tables import STRIPS, axis_range, strip_data
+from servoloop.recording.robot_state import Watched
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import parse

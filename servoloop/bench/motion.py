@@ -1,0 +1,182 @@
+"""The slow motions of a bench, by the control loop and the trajectory controller that drive the arm; no ROS."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+from commissioning.slow_arm import SPEED_SHARE
+from controller.action_goals import GoalStatus
+from controller.loop import ControlLoop
+from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.clock import Clock
+from drivers.errors import DriverError
+from hal.robot_file.robot_file import ExitFile, ParkFile
+from hal.types import FloatArray, JointLimits
+from servoloop.bench.figures import Spread, Timing
+from servoloop.stack import hardware
+from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.hardware import HardwareKind
+from servoloop.stack.pick_place import ARM, PickPlace
+from servoloop.stack.processes import Interrupted
+from servoloop.stack.robot_files import Files
+
+if TYPE_CHECKING:
+    from servoloop.stack.virtual_lines import VirtualLines
+
+
+Pose = Mapping[str, float]
+"""rad or m by joint."""
+WAY: Final = 0.3
+"""How far each joint turns there and back, rad or m, where a quarter of its range is not less."""
+
+
+def slow(files: Files, back_to: Pose | None = None) -> Files:
+    """The files with a quarter of the velocity limits, which controllers plan with and the safety gate holds.
+
+    ``back_to``: where the arm goes when the stack ends (rad or m by joint), to be let go there.
+    """
+    limits = {name: replace(one, velocity=SPEED_SHARE * one.velocity) for name, one in files.limits.items()}
+    if back_to is None:
+        return replace(files, limits=limits)
+    ending = {"park": ParkFile(pose=dict(back_to), velocity_scale=1.0), "on_exit": ExitFile(virtual="relax")}
+    robot = replace(files.robot, file=files.robot.file.model_copy(update=ending))
+    return replace(files, limits=limits, robot=robot)
+
+
+def bench_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[Pose]:
+    """The arm's ready pose, and from there each joint a little towards its middle and back."""
+    ready = dict(zip(pick_place.joints, pick_place.poses.ready, strict=True))
+    poses: list[Pose] = [ready]
+    for joint, position in ready.items():
+        poses += [{**ready, joint: position + _way(position, limits[joint])}, ready]
+    return poses
+
+
+def _way(position: float, limits: JointLimits) -> float:
+    way = min(WAY, 0.25 * (limits.upper - limits.lower))
+    return way if position < 0.5 * (limits.lower + limits.upper) else -way
+
+
+def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> float:
+    """The time for a motion that stays well within the joints' velocity limits."""
+    return 0.6 + max(1.4 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())
+
+
+REST_S: Final = 1.5
+"""At both ends; gravity compensation takes that long to come."""
+BACK: Final = "the arm goes back to where it lay and is let go"
+LOG = logging.getLogger("servoloop")
+
+
+@dataclass(slots=True)
+class Trial:
+    """What was measured, cycle by cycle; arrays of shape (joints,), rad or m and per second."""
+
+    joints: tuple[str, ...]
+    rate_hz: float
+    limits: Mapping[str, JointLimits]
+    """Of every joint: how fast it is to be moved."""
+    lay: dict[str, float] = field(default_factory=dict)
+    """Where every joint of the arm was at the beginning, the hand's too."""
+    time_s: list[float] = field(default_factory=list)
+    reference: list[FloatArray] = field(default_factory=list)
+    velocity: list[FloatArray] = field(default_factory=list)
+    """Of the reference."""
+    position: list[FloatArray] = field(default_factory=list)
+    late_s: list[float] = field(default_factory=list)
+    took_s: list[float] = field(default_factory=list)
+    missed: int = 0
+
+    @property
+    def timing(self) -> Timing:
+        """The loop's figures."""
+        return Timing(self.rate_hz, len(self.late_s), self.missed, Spread.of(self.late_s), Spread.of(self.took_s))
+
+
+def run_trial(
+    files: Files,
+    poses: Sequence[Pose],
+    devices: Mapping[str, str],
+    clock: Clock,
+    signals: Callable[[], int] = lambda: 0,
+    virtual: "VirtualLines | None" = None,
+) -> Trial:
+    """Take the limp arm through the poses of its trajectory controller's joints, and back to where it lay.
+
+    ``files``: with slow limits. The arm is limp behind it, whatever happens; only a second signal skips the way back.
+    Raises DriverError where the arm does not follow, Interrupted after a signal.
+    """
+    setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
+    stack = ControlStack.build(setup, files, clock)
+    stack.load_controllers()
+    loop, arm = stack.loop, _arm_controller(stack)
+    trial = Trial(arm.joints, 1.0 / loop.period_s, files.limits)
+    with stack.configured():
+        loop.activate()
+        names = [name.rpartition("/")[0] for name in setup.hardware.command_interfaces]
+        trial.lay = dict(zip(names, loop.command.tolist(), strict=True))
+        try:
+            _drive(loop, arm, poses, trial, signals)
+        finally:
+            problems = stack.end(lambda: signals() > 1, trial.lay)
+            for problem in problems:
+                LOG.error("torque may still be on: %s", problem)
+    if problems:
+        raise DriverError("; ".join(problems))
+    if signals():
+        raise Interrupted("interrupted: the arm is limp")
+    return trial
+
+
+def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
+    """Return the controller of the arm's joints. Raises DriverError if there is none."""
+    arm = stack.loop.manager.registry.controllers.get(ARM)
+    if not isinstance(arm, JointTrajectoryController):
+        path = stack.files.controllers.path
+        raise DriverError(f"{path} has no joint trajectory controller {ARM}, by which the arm moves")
+    return arm
+
+
+def _drive(
+    loop: ControlLoop,
+    arm: JointTrajectoryController,
+    poses: Sequence[Pose],
+    trial: Trial,
+    signals: Callable[[], int],
+) -> None:
+    """Run the loop until the last pose has been rested at."""
+    moves = _moves(arm, poses, trial, loop.period_s)
+    figures = loop.figures
+
+    def ended() -> bool:
+        if figures.cycles > len(trial.late_s):
+            trial.late_s.append(figures.last_late_s)
+            trial.took_s.append(figures.last_busy_s)
+            trial.missed = figures.missed
+            if (now := arm.tracking) is not None:
+                trial.time_s.append(now.stamp_s)
+                trial.reference.append(now.reference.position)
+                trial.velocity.append(now.reference.velocity)
+                trial.position.append(now.feedback_position)
+        return signals() > 0 or next(moves, None) is None
+
+    loop.run(ended)
+
+
+def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: Trial, period_s: float) -> Iterator[bool]:
+    """Yields in each cycle, as long as there is something to do."""
+    for before, pose in pairwise([trial.lay, *poses]):
+        target = tuple(pose[joint] for joint in arm.joints)
+        goal = TrajectoryGoal(arm.joints, (GoalPoint(target, seconds_for(before, pose, trial.limits)),))
+        if reason := arm.check(goal):
+            raise DriverError(f"the arm cannot go there: {reason}; {BACK}")
+        handle = arm.submit(goal)
+        while not handle.done:
+            yield True
+        if handle.status is not GoalStatus.SUCCEEDED:
+            raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. servoloop doctor finds out why")
+        for _ in range(round(REST_S / period_s)):
+            yield True

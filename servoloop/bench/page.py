@@ -1,0 +1,76 @@
+"""The bench of an arm as one page with pictures: SVG without scripts, which opens without a network."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from servoloop.bench.arm import Measured
+from servoloop.bench.figures import Spread
+from servoloop.bench.motion import Trial
+from servoloop.plots import PALETTE, Curve, Panel, histogram, time_series
+
+BINS = 60
+NAMES = ("p50 (ms)", "p99 (ms)", "largest (ms)")
+
+
+def page(measured: Measured) -> str:
+    """The page in HTML."""
+    environment = Environment(
+        loader=PackageLoader("servoloop.bench", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    pictures = {heading: list(drawn) for heading, drawn in _pictures(measured)}
+    return environment.get_template("page.html.j2").render(
+        figures=measured.figures, spread=_spread_text, names=NAMES, pictures=pictures
+    )
+
+
+def _spread_text(spread: Spread | None) -> list[str]:
+    """The cells of a spread."""
+    return ["", "", ""] if spread is None else [f"{getattr(spread, one.name):.3f}" for one in fields(Spread)]
+
+
+def _pictures(measured: Measured) -> Iterator[tuple[str, list[str]]]:
+    """Yields the pictures of each part by its name in the template."""
+    buses = {f"ms a cycle of bus {name}".removesuffix(" of bus "): run for name, run in measured.buses.items()}
+    yield "buses", [_histogram(run.took_s, axis, "cycles") for axis, run in buses.items()]
+    yield "without ROS", _loop("without ROS", measured.trial.late_s, measured.trial.took_s)
+    if (ros := measured.ros) is not None:
+        yield "under ROS", _loop("under ROS", ros.late_s, ros.took_s)
+        motions = _histogram(ros.motions_s, "ms from the goal to the first motion", "goals")
+        yield "ros", [motions, _histogram(ros.ages_s, "ms of age of /joint_states when they come", "messages")]
+    yield "motions", [_motions(measured.trial)]
+
+
+def _loop(where: str, late_s: Sequence[float], took_s: Sequence[float]) -> list[str]:
+    return [_histogram(late_s, f"ms late, {where}", "cycles"), _histogram(took_s, f"ms busy, {where}", "cycles")]
+
+
+def _histogram(times_s: Sequence[float], axis: str, unit: str) -> str:
+    """How often which time came, in ms; empty where there is none."""
+    if not len(times_s):
+        return ""
+    counts, edges = np.histogram(1e3 * np.asarray(times_s), BINS)
+    return histogram(edges.tolist(), {"": counts.tolist()}, PALETTE[:1], axis, unit)
+
+
+def _motions(trial: Trial) -> str:
+    times = np.array(trial.time_s)
+    reference, position = np.array(trial.reference), np.array(trial.position)
+    panels = [
+        Panel(
+            "position (rad, m)\ndashed: reference",
+            (*_curves(trial.joints, position), *_curves(trial.joints, reference, dashed=True)),
+        ),
+        Panel("reference − position", tuple(_curves(trial.joints, reference - position))),
+    ]
+    return time_series((times - times[0]).tolist(), panels)
+
+
+def _curves(joints: Sequence[str], values: np.ndarray, dashed: bool = False) -> Iterator[Curve]:
+    return (Curve(joint, values[:, place].tolist(), dashed) for place, joint in enumerate(joints))

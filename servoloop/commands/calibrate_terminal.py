@@ -1,0 +1,136 @@
+"""A person at a terminal as the guide of a calibration: texts, a live table, Enter when it is done, yes and no."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import degrees
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from commissioning.calibrate.result import unit
+from commissioning.calibrate.run import STORE
+from commissioning.slow_arm import StoppedError
+from servoloop.commands.console import Keyboard, print_table
+from servoloop.stack.signals import Signals
+
+if TYPE_CHECKING:
+    from commissioning.calibrate.flow import Task
+    from commissioning.calibrate.run import Difference
+
+NOTHING, STORED = "nothing was stored", "the calibration is stored, and was not tried"
+
+
+class Terminal:
+    """The person; everything for people goes to stderr, so that stdout has the result alone."""
+
+    def __init__(self, signals: Signals, yes: bool) -> None:
+        """``yes``: questions of whether to go on are not asked."""
+        self.console = Console(stderr=True, highlight=False)
+        self._signals = signals
+        self._keyboard = Keyboard(signals, NOTHING)
+        self._yes = yes
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the terminal as it was."""
+        self._keyboard.whole_lines()
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
+
+    def until_done(self, task: "Task", look: Callable[[], None]) -> None:
+        """Show the task, and where all joints are, until Enter."""
+        self.console.print(f"[bold]{task.text}[/]; Enter when it is done", soft_wrap=True)
+        with self._table() as show:
+            while self._keyboard.line() is None:
+                look()
+                show(task)
+
+    @contextmanager
+    def _table(self) -> Iterator[Callable[["Task"], None]]:
+        if not self.console.is_terminal:
+            yield lambda task: None
+            return
+        with Live(console=self.console, refresh_per_second=10, transient=True) as live:
+            yield lambda task: live.update(_sweep_table(task))
+
+    def confirm(self, question: str) -> bool:
+        """Ask; yes without asking, if told so at the start."""
+        if self._yes:
+            self.say(f"{question} yes")
+        agreed = self._yes or self._keyboard.agrees(question)
+        if question == STORE and agreed:
+            self._keyboard.left = STORED  # when it is asked again, or ends
+        return agreed
+
+    def moved_so(self, joint: str, text: str) -> bool:
+        """Ask what only somebody who looks at the arm can know. Raises StoppedError where a key was pressed before.
+
+        Enter alone is no answer: it may have been meant to stop, and a wrong answer turns the joint's direction round.
+        """
+        if self._keyboard.pressed():  # behind the last cycle of the motion
+            raise StoppedError("stopped: the arm is limp")
+        question = f"{joint} turned first one way, then back. Was the first way this: {text}?"
+        return self._keyboard.agrees(question, enter_is_no=False)
+
+    def show(self, differences: "Sequence[Difference]") -> None:
+        """Print what has been found, beside what was."""
+        print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
+        for one in differences:
+            if one.doubt:
+                self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
+
+    def stopped(self) -> bool:
+        """Whether somebody pressed a key or sent a signal."""
+        return self._keyboard.pressed() or self._signals.count > 0
+
+
+def _sweep_table(task: "Task") -> Table:
+    table = Table("joint", "servo", "counts", "from", "to", "swept")
+    for joint in task.sweep.joints:
+        swept = task.sweep.swept.get(joint.name)
+        style = "bold" if joint.name in task.joints else "dim"
+        if swept is None:
+            table.add_row(joint.name, str(joint.servo_id), task.sweep.missing.get(joint.name, ""), style=style)
+            continue
+        share = swept.travel.span * unit(joint) / (joint.limits.upper - joint.limits.lower)
+        numbers = (swept.counts, swept.lower, swept.upper)
+        table.add_row(joint.name, str(joint.servo_id), *map(str, numbers), f"{share:.0%}", style=style)
+    return table
+
+
+def difference_table(differences: "Sequence[Difference]") -> Table:
+    """Each joint's sign, zero and offset before and now, and its travel against the URDF's range."""
+    table = Table(
+        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "in the URDF"
+    )
+    for one in differences:
+        before, made = one.before, one.made
+        prismatic = before.transmission != 1.0
+        travel, range_ = made.travel(before), before.limits.upper - before.limits.lower
+        table.add_row(
+            one.joint,
+            str(one.servo_id),
+            _changed(before.sign, made.sign),
+            _changed(before.zero_counts, made.zero_counts),
+            _changed(before.homing_offset, made.homing_offset),
+            f"{one.zero_moved:+.4f} m" if prismatic else f"{degrees(one.zero_moved):+.2f}°",
+            f"±{one.uncertainty:.4f} m" if prismatic else f"±{one.uncertainty:.3f} rad",
+            f"{travel:.4f} m" if prismatic else f"{travel:.3f} rad",
+            f"{range_:.4f} m" if prismatic else f"{range_:.3f} rad",
+        )
+    return table
+
+
+def _changed(before: int | None, now: int | None) -> str:
+    if before == now or before is None:
+        return "-" if now is None else str(now)
+    return f"{before} → {now}"

@@ -1,0 +1,123 @@
+"""``servoloop doctor``: what ails the arm, the likeliest root first, each with the command that mends it."""
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.line_options import PortsOption, served_devices
+from servoloop.commands.options import ArmOption, RobotOption, UrdfOption
+from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from commissioning.doctor.motion import Move
+    from commissioning.doctor.report import BusFigures, Report
+    from drivers.clock import Clock
+    from servoloop.stack.robot_files import ServoFiles
+    from servoloop.stack.signals import Signals
+
+STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
+MOVES = (
+    "each joint will turn by up to 0.4 rad, slowly and under torque, and the arm is limp then, as it is now: see "
+    "that it has room, off its table, and hold it if it could fall. Go on?"
+)
+
+
+def doctor(
+    port: PortsOption = None,
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write all of it to this file too, to attach to a bug report.")
+    ] = None,
+    move: Annotated[
+        bool, typer.Option("--move", help="Try gears, gains and gravity hold by small slow motions; it asks first.")
+    ] = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Examine the arm: port, line, servos, settings, supply, calibration. It warns where it is not sure.
+
+    It only pings and reads, and torque stays as it is; only --move moves anything. It ends with 1 where there are
+    faults.
+    Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
+    """
+    from rich.console import Console
+
+    from commissioning.doctor.examine import doctor as examine
+    from commissioning.doctor.markdown import markdown
+    from commissioning.ports.machine import Machine
+    from drivers.clock import MonotonicClock
+    from hal.robot_file.calibration_file import load_calibration
+    from servoloop.stack.robot_files import require_file, write_file
+    from servoloop.stack.signals import Signals
+
+    if report_file is not None:
+        require_file(report_file)
+    files = read_arm_servos(find_arm(arm), urdf, robot)
+    clock = MonotonicClock()
+    calibration = load_calibration(files.robot_path)
+    with served_devices(port, files) as devices:
+        if move:
+            confirm(MOVES, yes)
+        # While nothing moves, Ctrl-C ends at once.
+        with Signals("servos that were under torque hold") if move else nullcontext() as signals:
+            motion = _motion(files, clock, signals)
+            report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
+    if json:
+        print_json(report)
+    else:
+        print_report(report, Console())
+    if report_file is not None:
+        write_file(report_file, markdown(report, Machine().user.name, files.robot_path))
+    raise typer.Exit(0 if report.healthy else 1)
+
+
+def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
+    """The motion that a signal stops; none without."""
+    from commissioning.doctor.motion import SmallMotions, no_move
+    from drivers.port.serial_port import SerialPort
+    from hal.compensation.gravity import Gravity
+
+    if signals is None:
+        return no_move
+    gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
+    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count > 0)
+
+
+def print_report(report: "Report", console: "Console") -> None:
+    """For people: the findings, then who is there."""
+    for number, one in enumerate(report.findings, 1):
+        where = f"{one.place}: " if str(one.place) else ""
+        console.print(f"{number}. {one.severity}: {where}{one.symptom}", style=STYLES[one.severity],
+                      highlight=False, markup=False)  # fmt: skip
+        console.print(f"   {one.cause}", highlight=False, markup=False)
+        if one.command:
+            console.print(f"   run: {one.command}", style="bold", highlight=False, markup=False, soft_wrap=True)
+    for bus in report.buses:
+        if bus.servos:
+            print_table(console, _table(bus), "joint", "model", "heard", "alarms")
+    if not report.findings:
+        console.print("nothing is wrong", style="green")
+
+
+def _table(bus: "BusFigures") -> "Table":
+    from rich.table import Table
+
+    table = Table("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms", title=bus.port)
+    for one in bus.servos:
+        row = (
+            one.heard,
+            "" if one.position is None else f"{one.position:.3f}",
+            "" if one.voltage_v is None else f"{one.voltage_v[0]:.1f}",
+            "" if one.temperature_c is None else f"{one.temperature_c:.0f}",
+            {None: "", True: "on", False: "off"}[one.torque],
+        )
+        table.add_row(one.joint, str(one.servo_id), one.model, *row, ", ".join(one.alarms))
+    return table

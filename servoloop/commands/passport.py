@@ -1,0 +1,203 @@
+"""``servoloop passport``: every servo's EEPROM in a file, compared with the servos, and written back."""
+
+import re
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from calibration.eeprom import Change
+from commissioning.passport.compare import Comparison, compare, take_passport
+from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
+from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all
+from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from drivers.bus.bus import Bus
+from drivers.clock import MonotonicClock
+from drivers.servos.catalog import MODELS
+from hal.robot_file.robot_file import RobotFile, load_robot_file
+from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
+from servoloop.stack.arm_folders import find_arm
+
+app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
+
+FileArgument = Annotated[
+    Path | None, typer.Argument(help="The passport; without it SERIAL.passport.yaml, of the adapter's serial number.")
+]
+ArmOption = Annotated[str | None, typer.Option("--arm", help="The arm whose servos they are, as in `servoloop arms`.")]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
+BusOption = Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")]
+USUAL_BAUD = 1_000_000
+
+
+@app.command()
+def save(
+    file: FileArgument = None,
+    port: PortOption = None,
+    arm: ArmOption = None,
+    robot: RobotOption = None,
+    bus: BusOption = None,
+    baud: Annotated[
+        int,
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, where no robot file says it."),
+    ] = USUAL_BAUD,
+    json: JsonOption = False,
+) -> None:
+    """Write every servo's EEPROM into a file: of those in the robot file, or of all STS servos that answer.
+
+    Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
+    """
+    path, said = _path(file, port), _robot_file(arm, robot, bus)
+    joints = said.joints_on(bus_of(said, bus)) if said else {}
+    models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
+    names = {joint.servo_id: name for name, joint in joints.items()}
+    with open_line(port, _baud(said, bus, baud), models) as line:
+        taken = take_passport(line, models or None, names, adapter_serial(line.name))
+    write_passport(path, taken)
+    if json:
+        print_json({"written": str(path), **taken.model_dump()})
+    else:
+        servos = ", ".join(map(str, taken.servos))
+        typer.echo(f"{path} has servos {servos} of adapter {taken.adapter or 'without serial number'}")
+
+
+@app.command()
+def diff(
+    file: FileArgument = None,
+    port: PortOption = None,
+    arm: ArmOption = None,
+    robot: RobotOption = None,
+    bus: BusOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Show what the servos hold otherwise than the passport says, register by register; ends with 1 if anything.
+
+    Example: `servoloop passport diff my_arm.passport.yaml`
+    """
+    passport = read_passport(_path(file, port))
+    with _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
+        found, adapter = compare(line, passport), adapter_serial(line.name)
+    if json:
+        print_json({**asdict(found), "same": found.same, "adapter": adapter})
+    else:
+        _show(found, passport, adapter)
+    raise typer.Exit(0 if found.same else 1)
+
+
+@app.command("restore")
+def restore_(
+    file: FileArgument = None,
+    port: PortOption = None,
+    arm: ArmOption = None,
+    robot: RobotOption = None,
+    bus: BusOption = None,
+    servo_id: Annotated[int | None, typer.Option("--id", help="Only this servo of the passport.")] = None,
+    to_new: Annotated[
+        bool, typer.Option("--to-new", help="Make a new servo the one that --id was: connect only the new one.")
+    ] = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Write back what differs. Nothing is written under torque, nor before you said yes.
+
+    Each register is read back, the EEPROM locked again, and the servo restarted. Example, for a gripper's servo that
+    was replaced: `servoloop passport restore my_arm.passport.yaml --id 6 --to-new`
+    """
+    if to_new and servo_id is None:
+        raise PassportError("--to-new needs --id: which servo of the passport the new one is to be")
+    if json and not yes:
+        raise PassportError("--json cannot ask: say --yes too")
+    passport = read_passport(_path(file, port))
+    with interruptible(), _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
+        _say_other_adapter(passport, adapter_serial(line.name))
+        if to_new and servo_id is not None:
+            found = [plan_replacement(line, passport, servo_id)]
+        else:
+            found = plan_restore(line, passport, servo_id)
+        plans = [plan for plan in found if plan.values]
+        if plans and not yes:
+            print_table(Console(), _planned(plans), "register")
+            confirm("Write this?", yes)
+        changes = restore_all(line, MonotonicClock(), plans)
+    _say_changes(changes, json)
+
+
+def _robot_file(arm: str | None, robot: Path | None, bus: str | None) -> RobotFile | None:
+    path = robot or (find_arm(arm).robot if arm else None)
+    if bus is not None and path is None:
+        raise PassportError("--bus names a bus of a robot file: say --arm or --robot, too, or leave it out")
+    return load_robot_file(path) if path else None
+
+
+def _line_of(
+    passport: Passport, port: str | None, robot: RobotFile | None, bus: str | None
+) -> AbstractContextManager[Bus]:
+    models = {servo_id: servo.servo_model for servo_id, servo in passport.servos.items()}
+    return open_line(port, _baud(robot, bus, passport.baud), models)
+
+
+def _path(file: Path | None, port: str | None) -> Path:
+    """The passport's file: the one that was named, or that of the adapter."""
+    from commissioning.ports.adapters import only_port
+
+    if file is not None:
+        return file
+    device = port or only_port()
+    serial = adapter_serial(device)
+    if serial is None:
+        raise PassportError(f"{device} has no serial number by which to name its passport: name a file")
+    return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
+
+
+def _say_other_adapter(passport: Passport, adapter: str | None) -> None:
+    """Tell that the passport may be that of another arm; adapters can be exchanged, too."""
+    if passport.adapter != adapter:
+        names = [one or "without serial number" for one in (passport.adapter, adapter)]
+        typer.echo(f"the passport is of adapter {names[0]}, this is {names[1]}", err=True)
+
+
+def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
+    return robot.lines()[bus_of(robot, bus)].baud if robot else otherwise
+
+
+def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
+    _say_other_adapter(passport, adapter)
+    table = Table("servo", "joint", "register", "passport", "now")
+    for one in found.differences:
+        joint = passport.servos[one.servo_id].joint or ""
+        table.add_row(str(one.servo_id), joint, one.register, str(one.saved), str(one.now))
+    if found.differences:
+        print_table(Console(), table, "joint", "register")
+    for servo_id in found.absent:
+        typer.echo(f"servo {servo_id} does not answer")
+    for servo_id in found.others:
+        typer.echo(f"servo {servo_id} answers, and is not in the passport")
+    if found.same:
+        typer.echo("every servo holds what the passport says")
+
+
+def _planned(plans: Sequence[Restoration]) -> Table:
+    table = Table("servo", "register", "now", "to be")
+    for plan in plans:
+        for register, value in plan.values.items():
+            table.add_row(str(plan.servo_id), register.name, str(plan.now[register.name]), str(value))
+    return table
+
+
+def _say_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
+    written = [
+        {"servo_id": servo_id, "register": change.register.name, "old": change.old, "new": change.new}
+        for servo_id, made in changes.items()
+        for change in made
+    ]
+    if json:
+        print_json(written)
+        return
+    for one in written:
+        typer.echo(f"servo {one['servo_id']}: {one['register']} was {one['old']}, is {one['new']}")
+    typer.echo("every servo holds what the passport says" if not written else "locked again, restarted and checked")

@@ -1,0 +1,137 @@
+"""``servoloop simulate``: the whole stack on simulated time, in one thread."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivers.errors import DriverError
+from drivers.printable import counted
+from servoloop.commands.console import JsonOption, print_json
+from servoloop.commands.options import ArmOption, RobotOption
+from servoloop.recording.mcap import RecordOption, check_path
+from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servoloop.simulation.simulate import SimulationResult
+
+
+def simulate(
+    arm: ArmOption = OWN,
+    robot: RobotOption = None,
+    job: Annotated[str | None, typer.Option(help="Grades to pick one after the other, such as A,B,C.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Stay up so long, behind the jobs.")] = None,
+    backlash_deg: Annotated[
+        float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each servo's shaft is free.")
+    ] = 1.0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="An arm of its own: friction, motors, masses and supply differ by 10 %.")
+    ] = None,
+    faults: Annotated[
+        Path | None, typer.Option(help="YAML list of faults that happen meanwhile, see `servoloop fault --list`.")
+    ] = None,
+    schedule: Annotated[
+        Path | None, typer.Option(help="All of these from one file, instead of the other options.")
+    ] = None,
+    record: RecordOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Run controllers, loop, driver, bytes, servos and physics on simulated time: no ROS, no threads, no waiting.
+
+    Prints figures, and a digest of every byte on every wire and every joint state: the same for the same arguments.
+    Without --job and --seconds it runs all grades of the arm once. It ends with 1 where a job failed.
+    Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
+    """
+    from rich.console import Console
+
+    from servoloop.simulation.job import job_settings
+    from servoloop.simulation.schedule import Schedule, read_schedule
+    from servoloop.simulation.simulate import simulate as run
+    from servoloop.simulation.simulate import simulated
+    from servoloop.simulation.stack_faults import require_possible_in
+    from servoloop.stack.pick_place import load_pick_place
+    from sim_backend.compiled import compilation_announced
+    from sim_backend.faults.script import read_script
+
+    if record is not None:
+        check_path(record)
+    said = read_schedule(schedule) if schedule else None
+    chosen = find_arm(said.arm if said else arm)
+    if said is None:
+        grades: tuple[str, ...] = ()
+        if job is not None or seconds is None:
+            known = load_pick_place(chosen.pick_place).grades
+            grades = known if job is None else _grades(job, known)
+        said = Schedule(
+            arm=arm,
+            seed=seed,
+            backlash_deg=backlash_deg,
+            job=grades,
+            seconds=seconds or 0.0,
+            faults=read_script(faults) if faults else (),
+        )
+    files = read_arm_files(chosen, robot=robot)
+    if source := schedule or faults:
+        require_possible_in(source, said.faults, simulated(files), ("faults",) if schedule else ())
+    with compilation_announced(lambda text: typer.echo(text, err=True)):
+        result = run(files, job_settings(chosen, said.job), said, record)
+    if json:
+        print_json(_plain(result))
+    else:
+        _print(result, Console())
+    raise typer.Exit(0 if result.success else 1)
+
+
+def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    grades = tuple(grade.strip().upper() for grade in text.split(",") if grade.strip())
+    if not grades or set(grades) - set(known):
+        raise DriverError(f"--job takes grades of {', '.join(known)}, such as {','.join(known)}, not {text!r}")
+    return grades
+
+
+def _plain(result: "SimulationResult") -> dict[str, Any]:
+    """The result for programs."""
+    return {
+        "success": result.success,
+        "jobs": [
+            {
+                "grade": job.grade,
+                "success": job.success,
+                "bin": job.bin,
+                "message": job.message,
+                "duration_s": round(job.duration_s, 3),
+                "following_error": job.following.as_dict(result.joints),
+            }
+            for job in result.jobs
+        ],
+        "simulated_s": round(result.simulated_s, 3),
+        "cycles": result.cycles,
+        "missed_cycles": result.missed_cycles,
+        "unmeasured_cycles": result.unmeasured_cycles,
+        "faulty_cycles": result.faulty_cycles,
+        "following_error": result.following.as_dict(result.joints),
+        "digest": result.digest,
+        "cpu_s": round(result.cpu_s, 3),
+    }
+
+
+def _print(result: "SimulationResult", console: "Console") -> None:
+    from rich.table import Table
+
+    table = Table("grade", "bin", "time", "largest", "RMS", "at rest", "message", title="following error, rad")
+    for job in result.jobs:
+        error = job.following
+        numbers = [f"{max(values):.4f}" for values in (error.largest_rad, error.rms_moving_rad, error.at_rest_rad)]
+        style = "green" if job.success else "red"
+        table.add_row(job.grade, f"[{style}]{job.bin}[/]", f"{job.duration_s:.2f} s", *numbers, job.message)
+    if result.jobs:
+        console.print(table)
+    on_time = "all on time" if not result.missed_cycles else f"{result.missed_cycles} missed"
+    times = result.simulated_s / result.cpu_s
+    console.print(f"{result.simulated_s:.1f} s in {result.cpu_s:.1f} s of CPU, {times:.0f} times real time")
+    console.print(f"{counted(result.cycles, 'cycle')}, {on_time}, {result.unmeasured_cycles} without a measurement")
+    for what, cycles in result.faulty_cycles.items():
+        console.print(f"{what}: {counted(cycles, 'cycle')}", style="yellow")
+    console.print(f"digest {result.digest}", highlight=False, soft_wrap=True)

@@ -1,0 +1,267 @@
+"""The page: the arm in 3-D, what is shown of it, strips of one joint, tables of servos and of the loop."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import viser
+import viser.uplot as uplot
+
+from hal.errors import DescriptionError
+from hal.robot_description.description import Description, UrdfJoint, parse_urdf
+from hal.text_file import read_xml
+from hal.types import FloatArray
+from servoloop.dashboard import tables
+from servoloop.dashboard.arm_model import ArmModel
+from servoloop.dashboard.narrow_page import LAYOUT
+from servoloop.dashboard.scene import CHOICES, PLAIN, ArmScene, add_ground, place_camera, shares
+from servoloop.dashboard.shapes import Shape, arm_shapes, scene_shapes, shapes, thing_shapes
+from servoloop.dashboard.tables import STRIPS, Cell, Strip, Table, axis_range, strip_data
+from servoloop.recording.history import KEPT_S
+from servoloop.recording.robot_state import GoalPath, Snapshot, Watched, health, servo_faults
+from servoloop.stack.arm_folders import ARM_FILE, Arm, arms, read_arm
+
+HEIGHT_PX: Final = 150
+COLOURS: Final = ("#d2522d", "#4682dc")
+
+
+class Strips:
+    """The plots in the page."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._plots = [self._add(server, strip) for strip in STRIPS]
+
+    def show(self, watched: Watched, place: int) -> None:
+        """Draw the joint at ``place``."""
+        minute = watched.minute()
+        for strip, plot in zip(STRIPS, self._plots, strict=True):
+            data = strip_data(minute, strip.columns, place)
+            scales = _scales(axis_range(data[1:], strip.least))
+            if scales != plot.scales:  # the plot is made anew
+                plot.scales = scales
+            plot.data = data
+
+    def _add(self, server: viser.ViserServer, strip: Strip) -> viser.GuiUplotHandle:
+        axes: Any = (uplot.Axis(size=30), uplot.Axis(size=52))
+        return server.gui.add_uplot(
+            strip_data(Watched().minute(), strip.columns, 0),
+            (
+                uplot.Series(label="s"),
+                *(
+                    uplot.Series(label=name, stroke=colour, width=1.5)
+                    for name, colour in zip(strip.columns, COLOURS, strict=False)
+                ),
+            ),
+            title=strip.title,
+            scales=_scales((0.0, strip.least)),
+            axes=axes,
+            legend=uplot.Legend(show=False),
+            height=HEIGHT_PX,
+        )
+
+
+def _scales(range_y: tuple[float, float]) -> dict[str, uplot.Scale]:
+    return {"x": uplot.Scale(time=False, range=(-KEPT_S, 0.0)), "y": uplot.Scale(range=range_y)}
+
+
+STYLE: Final = 'style="width:100%;font-size:0.78em;border-collapse:collapse;text-align:left"'
+ROW: Final = 'style="border-bottom:1px solid #8884"'
+COLUMNS: Final = ("position", "error", "temp.", "supply", "state")
+"""Of a joint; the others are the strips'."""
+
+
+def servo_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint]) -> str:
+    """A row for each joint: position, error, temperature, voltage, and what is wrong with it."""
+    return html(tables.joint_table(snapshot, joints, COLUMNS))
+
+
+def faults(snapshot: Snapshot) -> str:
+    """What is wrong or gives a warning, by name; empty where all is well."""
+    rows = tables.fault_table(snapshot).rows
+    return "".join(f"<p>{_cell(name)}: {_cell(message)}</p>" for name, message in rows)
+
+
+def loop_table(snapshot: Snapshot) -> str:
+    """The loop's timing: the newest cycle, and what its diagnostics have counted."""
+    return html(tables.loop_table(snapshot))
+
+
+def counter_table(snapshot: Snapshot) -> str:
+    """What went wrong on the line, counted by servo and by port."""
+    return html(tables.counter_table(snapshot))
+
+
+def controller_table(snapshot: Snapshot) -> str:
+    """Components and controllers with their states, each controller's newest goal, and how goals ended."""
+    results = tables.result_table(snapshot)
+    return html(tables.controller_table(snapshot)) + (html(results) if results.rows else "")
+
+
+def html(table: Table) -> str:
+    """A table in HTML; what is in its cells is text and no markup."""
+    lines = [f"<th>{'</th><th>'.join(map(escape, table.head))}</th>"]
+    lines += [f"<td>{'</td><td>'.join(map(_cell, row))}</td>" for row in table.rows]
+    return f"<table {STYLE}><tr {ROW}>{f'</tr><tr {ROW}>'.join(lines)}</tr></table>"
+
+
+def _cell(cell: Cell) -> str:
+    text = escape(cell.text)
+    return f'<b style="color:#d2322d">{text}</b>' if cell.level else text
+
+
+NO_JOINTS: Final = ("–",)
+RED: Final = "#d2322d"
+LOST_S: Final = 5
+"""A page that receives nothing for so many seconds shows that its connection is lost."""
+_STATUS: Final = f"""<style>
+@keyframes answered {{{{ to {{{{ visibility: hidden; position: absolute }}}} }}}}
+@keyframes lost {{{{ to {{{{ visibility: visible; position: static }}}} }}}}
+</style><p style='margin:0.5em 1em' data-beat='{{beat}}'>
+<b style='color:{{color}};animation:answered 0s {LOST_S}s forwards'>{{text}}</b>
+<b style='color:{RED};visibility:hidden;position:absolute;animation:lost 0s {LOST_S}s forwards'>
+the connection to servoloop view is lost: what is shown is old</b></p>"""
+"""The animations run in the browser, so the text changes even if the program has ended."""
+
+
+def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
+    """Find the arm in ``folder``, or else the arm in config/arms with this robot description; None if there is none.
+
+    Raises ArmFileError if the file of the arm has mistakes.
+    """
+    if folder is not None and (folder / ARM_FILE).is_file():
+        return read_arm(folder)
+    return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
+
+
+def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
+    """The things that stand around an arm, and those that lie there; none of an arm that nobody knows."""
+    if known is None or not known.scene.is_file():
+        return (), ()
+    return scene_shapes(known.scene), thing_shapes(known.scene)
+
+
+class Page:
+    """What all browsers see that have the page open."""
+
+    def __init__(self, server: viser.ViserServer, folder: Path | None = None) -> None:
+        """``folder``: the arm's own; without it, the arm is looked for in config/arms by its robot description."""
+        self._server, self._folder = server, folder
+        self._arm: ArmScene | None = None
+        self._description: Description | None = None
+        self._model: ArmModel | None = None
+        self._joints: tuple[str, ...] = ()
+        self._xml = ""
+        self._goal: GoalPath | None = None
+        add_ground(server)
+        gui = server.gui
+        gui.add_html(LAYOUT)
+        self._status = gui.add_html("")
+        controls = gui.add_folder("Arm")
+        self.above_arm = controls.order - 0.5
+        """The place in the page for what is to be seen first."""
+        with controls:
+            self._colours = gui.add_dropdown("Colour", CHOICES, initial_value=PLAIN)
+            self._frames = gui.add_checkbox("Frames", initial_value=False)
+            self._ghost = gui.add_checkbox("Commanded (ghost)", initial_value=True)
+        with gui.add_folder("Last minute"):
+            self._joint = gui.add_dropdown("Joint", NO_JOINTS)
+            self._strips = Strips(server)
+        self._faults, self._servos, self._counters, self._loop, self._controllers = self._tables(gui)
+        self._frames.on_update(self._chosen)
+        self._ghost.on_update(self._chosen)
+
+    def status(self, text: str, well: bool = True, beat: int = 0) -> None:
+        """Show the state of the source: a running stack, a recording, or, in red, a stack that has ended.
+
+        A browser that receives no new ``beat`` for ``LOST_S`` shows that the connection is lost.
+        """
+        content = _STATUS.format(text=escape(text), color="inherit" if well else RED, beat=beat)
+        if content != self._status.content:
+            self._status.content = content
+
+    def show_arm(self, watched: Watched) -> None:
+        """Move the arm; cheap enough for every cycle."""
+        snapshot = watched.state.snapshot
+        if not snapshot.joints or not snapshot.description_xml:
+            return
+        if (snapshot.description_xml, snapshot.joints) != (self._xml, self._joints):
+            self._build(snapshot)
+        if self._arm is None:
+            return
+        self._arm.show(snapshot.position, snapshot.command)
+        self._arm.show_things(snapshot.scene)
+        self._show_goal(watched, snapshot)
+
+    def show_numbers(self, watched: Watched) -> None:
+        """Renew texts, colours and strips; a few times a second."""
+        snapshot = watched.state.snapshot
+        if self._arm is None or self._description is None or snapshot.joints != self._joints:
+            return
+        said = health(snapshot)
+        wanted = shares(self._colours.value, said.temperature_c, snapshot.effort, self._limits(snapshot))
+        self._arm.colour(wanted, servo_faults(snapshot))
+        self._faults.content = faults(snapshot)
+        self._servos.content = servo_table(snapshot, self._description.joints)
+        self._counters.content = counter_table(snapshot)
+        self._loop.content = loop_table(snapshot)
+        self._controllers.content = controller_table(snapshot)
+        self._strips.show(watched, self._joints.index(self._joint.value))
+
+    def _tables(self, gui: viser.GuiApi) -> Sequence[viser.GuiHtmlHandle]:
+        panel = gui.add_panel()
+        with panel.add_tab("Servos"):
+            servos = [gui.add_html("") for _ in range(3)]
+        with panel.add_tab("Loop"):
+            loop = [gui.add_html("") for _ in range(2)]
+        panel.dock_left()
+        gui.main_panel.dock_right()
+        return [*servos, *loop]
+
+    def _build(self, snapshot: Snapshot) -> None:
+        """Draw the arm anew: the first time, and when another one has come."""
+        if self._arm is not None:
+            self._arm.remove()
+        self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
+        self._description = parse_urdf(snapshot.description_xml)
+        self._model = ArmModel(self._description.joints, snapshot.joints)
+        if self._model.reach_m > 0.0:
+            place_camera(self._server, self._model.reach_m)
+        known = known_arm(self._xml, self._folder)
+        if known is None:
+            visuals, missing = shapes(self._xml)
+        else:
+            visuals, missing = arm_shapes(self._xml, known.urdf.parent, known.scene.parent)
+        self._arm = ArmScene(self._server, self._model, visuals, *_around(known))
+        self._chosen()
+        self._joint.options = snapshot.joints
+        if missing:
+            names = ", ".join(missing)
+            self._server.gui.add_html(f"<p style='margin:0.5em 1em'>not drawn, cannot be read: {escape(names)}</p>")
+
+    def _chosen(self, _: object = None) -> None:
+        """Show what the check boxes say."""
+        if self._arm is not None:
+            self._arm.show_frames(self._frames.value)
+            self._arm.show_ghost(self._ghost.value)
+
+    def _show_goal(self, watched: Watched, snapshot: Snapshot) -> None:
+        """Draw the path of the newest goal while it is under way."""
+        going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
+        goal = max(going, key=lambda goal: goal.begun_s, default=None)
+        if goal is self._goal or self._arm is None or self._model is None:
+            return
+        self._goal = goal
+        points = None if goal is None else self._model.path(goal.joints, goal.positions, watched.start(goal))
+        self._arm.show_path(points)
+
+    def _can_draw(self, goal: GoalPath) -> bool:
+        """Whether a goal has several joints, all of them measured and in the robot description."""
+        known = set(self._description.joints if self._description else ()) & set(self._joints)
+        return len(goal.joints) > 1 and set(goal.joints) <= known
+
+    def _limits(self, snapshot: Snapshot) -> FloatArray:
+        """The largest efforts (n,) of the robot description, N m or N."""
+        joints = self._description.joints if self._description else {}
+        return np.array([joints[name].effort if name in joints else np.inf for name in snapshot.joints])

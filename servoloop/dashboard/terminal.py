@@ -1,0 +1,244 @@
+"""The screen: joints, strips of the one that is chosen, what is wrong, counters, the loop, controllers and goals."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar, Final
+
+from rich.console import Group
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.coordinate import Coordinate
+from textual.widgets import DataTable, Footer, Static
+
+from hal.robot_description.description import UrdfJoint, parse_urdf
+from servoloop.dashboard.tables import (
+    JOINT_COLUMNS,
+    STRIPS,
+    Cell,
+    Table,
+    controller_table,
+    counter_table,
+    fault_table,
+    joint_table,
+    loop_table,
+    result_table,
+)
+from servoloop.dashboard.terminal_chart import StripChart
+from servoloop.recording.robot_state import Snapshot, Watched
+from servoloop.recording.sources import SPEEDS, Playback, Source
+
+STYLES: Final = ("", "bold yellow", "bold red")
+"""By the level of a cell."""
+
+
+def rich_cell(cell: Cell) -> Text:
+    """The text in the colour of its level."""
+    return Text(cell.text, style=STYLES[min(cell.level, len(STYLES) - 1)])
+
+
+def rich_table(table: Table) -> RichTable:
+    """A table as wide as there is room."""
+    found = RichTable(*table.head, box=None, expand=True, padding=(0, 1, 0, 0), header_style="bold cyan")
+    for row in table.rows:
+        found.add_row(*map(rich_cell, row))
+    return found
+
+
+class JointsTable(DataTable[Text]):
+    """All joints of the newest snapshot."""
+
+    def __init__(self) -> None:
+        super().__init__(id="joints", cursor_type="row", cursor_foreground_priority="renderable")
+        self._joints: tuple[str, ...] = ()
+        self._cells: tuple[tuple[Cell, ...], ...] = ()
+        self._xml = ""
+        self._described: Mapping[str, UrdfJoint] = {}
+
+    def on_mount(self) -> None:
+        """Name the columns."""
+        self.add_columns("joint", *JOINT_COLUMNS)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Renew what has changed."""
+        if snapshot.description_xml != self._xml:
+            self._xml = snapshot.description_xml
+            self._described = parse_urdf(self._xml).joints
+        rows = joint_table(snapshot, self._described).rows
+        if snapshot.joints != self._joints:
+            self._joints = snapshot.joints
+            self.clear()
+            for row in rows:
+                self.add_row(*(_text(cell, column) for column, cell in enumerate(row)))
+        else:
+            for place, (before, row) in enumerate(zip(self._cells, rows, strict=True)):
+                self._renew(place, before, row)
+        self._cells = rows
+
+    def _renew(self, place: int, before: Sequence[Cell], row: Sequence[Cell]) -> None:
+        """Write the cells that have changed; a column is measured anew only for a text of another length."""
+        for column, (old, new) in enumerate(zip(before, row, strict=True)):
+            if new != old:
+                wider = len(new.text) != len(old.text)
+                self.update_cell_at(Coordinate(place, column), _text(new, column), update_width=wider)
+
+
+def _text(cell: Cell, column: int) -> Text:
+    text = rich_cell(cell)
+    if 0 < column < len(JOINT_COLUMNS):  # numbers
+        text.justify = "right"
+    return text
+
+
+JOINTS_S: Final = 0.25
+"""So often the joints' numbers are renewed,"""
+ALL: Final = 4
+"""and every so many times all else, which costs more."""
+END_S: Final = 0.1
+"""So often the end is asked for."""
+SEEK_S: Final = 1.0
+KEYS: Final = {"p": "position", "e": "error", "v": "velocity", "l": "load", "u": "voltage", "t": "temperature"}
+"""Of the strips, in their order;"""
+AT_FIRST: Final = ("p", "e", "l")
+"""those of them that are drawn at first."""
+OF_RECORDINGS: Final = ("pause", "seek", "speed")
+"""Actions that a running stack has not."""
+
+
+class MonitorApp(App[None]):
+    """The screen of one source. It only looks: no key moves the arm."""
+
+    TITLE = "servoloop monitor"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #status { height: 1; text-style: bold; padding: 0 1; background: $primary-muted; }
+    #status.unwell { background: $error; }
+    #faults { height: auto; max-height: 5; padding: 0 1; }
+    #joints { height: auto; max-height: 50%; }
+    #strips { width: 3fr; }
+    .strip { height: 1fr; min-height: 3; padding: 0 1; }
+    #scroll { width: 2fr; padding-left: 1; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "quit", "end", priority=True),
+        Binding("ctrl+c", "quit", show=False, priority=True),
+        *(Binding(key, f"strip({place})", name) for place, (key, name) in enumerate(KEYS.items())),
+        *(Binding(str(number), f"joint({number - 1})", show=False) for number in range(1, 10)),
+        Binding("space", "pause", "pause", priority=True),
+        Binding("left", f"seek({-SEEK_S})", "back", priority=True),
+        Binding("right", f"seek({SEEK_S})", "forward", priority=True),
+        Binding("minus", "speed(-1)", "slower"),
+        Binding("plus", "speed(1)", "faster"),
+    ]
+
+    def __init__(self, source: Source, stop: Callable[[], bool] = lambda: False) -> None:
+        """``stop`` is asked many times a second whether to end."""
+        super().__init__()
+        self._source, self._stop = source, stop
+        self._watched: Watched | None = None
+        self._turn = 0
+        self._wrong: Table | None = None
+        self._joints = JointsTable()
+        self._charts = [StripChart(strip) for strip in STRIPS]
+        self._status, self._faults, self._tables = Static(id="status"), Static(id="faults"), Static()
+
+    def compose(self) -> ComposeResult:
+        """Put the parts in their places."""
+        yield self._status
+        yield self._faults
+        yield self._joints
+        with Horizontal():
+            yield Vertical(*self._charts, id="strips")
+            yield VerticalScroll(self._tables, id="scroll")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin."""
+        for key, chart in zip(KEYS, self._charts, strict=True):
+            chart.display = key in AT_FIRST
+        self.set_interval(JOINTS_S, self._renew)
+        self.set_interval(END_S, self._look_for_the_end)
+        self.call_after_refresh(self.show)
+
+    def show(self) -> None:
+        """Renew all that is shown."""
+        snapshot = self._show_joints()
+        self._draw()
+        tables = (loop_table(snapshot), controller_table(snapshot), counter_table(snapshot), result_table(snapshot))
+        self._tables.update(Group(*(Padding(rich_table(table), (0, 0, 1, 0)) for table in tables if table.rows)))
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Whether a key means something: those that play a recording do not where a stack runs."""
+        return action not in OF_RECORDINGS or isinstance(self._source, Playback)
+
+    def action_strip(self, place: int) -> None:
+        """Draw a strip, or draw it no more."""
+        self._charts[place].display = not self._charts[place].display
+        self.call_after_refresh(self._draw)
+
+    def action_joint(self, place: int) -> None:
+        """Choose a joint."""
+        self._joints.move_cursor(row=place)
+
+    def on_data_table_row_highlighted(self) -> None:
+        """Draw the joint that has just been chosen."""
+        self._draw()
+
+    def on_resize(self) -> None:
+        """Draw as large as there is room."""
+        self.call_after_refresh(self._draw)
+
+    def action_pause(self) -> None:
+        """Stop at this moment, or play on."""
+        self._playback.toggle()
+
+    def action_seek(self, seconds: float) -> None:
+        """Go forward or back."""
+        self._playback.seek(self._playback.time_s + seconds)
+        self.show()
+
+    def action_speed(self, steps: int) -> None:
+        """Play faster or slower."""
+        place = SPEEDS.index(self._playback.speed) + steps
+        self._playback.speed = SPEEDS[min(max(place, 0), len(SPEEDS) - 1)]
+
+    @property
+    def _playback(self) -> Playback:
+        assert isinstance(self._source, Playback)
+        return self._source
+
+    def _renew(self) -> None:
+        """Show what is due."""
+        self._turn += 1
+        if self._turn % ALL:
+            self._show_joints()
+        else:
+            self.show()
+
+    def _show_joints(self) -> Snapshot:
+        """The joints' numbers, above them the status line and what is wrong."""
+        self._watched = self._source.watched
+        snapshot = self._watched.state.snapshot
+        self._joints.show(snapshot)
+        self._status.update(self._source.status, layout=False)
+        self._status.set_class(not self._source.well, "unwell")
+        wrong = fault_table(snapshot)
+        if wrong != self._wrong:
+            self._wrong, self._faults.display = wrong, bool(wrong.rows)
+            self._faults.update(rich_table(wrong))
+        return snapshot
+
+    def _draw(self) -> None:
+        """The strips of the chosen joint."""
+        if self._watched is None or not self._joints.row_count:
+            return
+        minute = self._watched.minute()
+        for chart in self._charts:
+            if chart.display:
+                chart.show(minute, self._joints.cursor_row)
+
+    def _look_for_the_end(self) -> None:
+        if self._stop():
+            self.exit()

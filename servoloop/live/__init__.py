@@ -1,1 +1,0 @@
-"""Looking on at a running stack, or at a recording of one."""

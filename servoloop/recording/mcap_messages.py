@@ -1,0 +1,140 @@
+"""The messages of an MCAP file or stream, as far as it goes."""
+
+import logging
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
+
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import NonSeekingReader
+from mcap.records import Channel, Message, Schema
+
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.message_types import (
+    CYCLE,
+    DIAGNOSTICS,
+    GOAL_RESULT,
+    JOINT_STATE,
+    STRING,
+    TF,
+    TRAJECTORY,
+    typestore,
+)
+
+LOG = logging.getLogger("servoloop")
+
+STATES, COMMANDS, CYCLES = "/joint_states", "/servoloop/commands", "/servoloop/cycles"
+STATUSES, SCENE, URDF = "/diagnostics", "/servoloop/scene", "/robot_description"
+GOAL, RESULT = "/goal", "/goal_result"
+MAGIC: Final = b"\x89MCAP"
+OTHER_FORMATS: Final = {
+    b"SQLite format 3": "is a rosbag2 database: convert it with `ros2 bag convert`",
+    b"#ROSBAG V": "is a recording of ROS 1: convert it with `rosbags-convert`",
+    b"\x28\xb5\x2f\xfd": "is compressed: decompress it with `zstd -d`",
+    b"\x1f\x8b": "is compressed: decompress it with `gunzip`",
+}
+"""The first bytes of files that are mistaken for recordings, and what they are."""
+KINDS: Final = {
+    STATES: (JOINT_STATE,),
+    COMMANDS: (JOINT_STATE,),
+    CYCLES: (CYCLE,),
+    STATUSES: (DIAGNOSTICS,),
+    SCENE: (TF,),
+    URDF: (STRING,),
+}
+Encoded = tuple[Schema, Channel, Message]
+OpenFile = Callable[[Path], IO[bytes]]
+
+
+class Received(NamedTuple):
+    """A message with its topic; ``sequence`` counts the cycles of a live stack, so that a gap is seen."""
+
+    topic: str
+    stamp_ns: int
+    """ROS time."""
+    message: Any
+    sequence: int
+
+
+def kinds_of(topic: str) -> tuple[str, ...]:
+    """Return the message types with which a topic tells a robot's state; none for all other topics."""
+    if topic.endswith(GOAL):
+        return TRAJECTORY, JOINT_STATE
+    return (GOAL_RESULT,) if topic.endswith(RESULT) else KINDS.get(topic, ())
+
+
+def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encoded]:
+    """Yield the messages of a reader until its stream ends, is closed or is damaged.
+
+    Args:
+        reader: The reader of a stream.
+        file: The file's name, for the warning that the file is damaged; None for a live stream.
+    """
+    try:
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if schema is not None:
+                yield schema, channel, message
+    except (EndOfFile, struct.error):  # cut off in the middle of a record
+        return
+    except Exception as error:  # each compression has errors of its own for damaged data
+        if file is not None:
+            LOG.warning("%s is damaged and is read only up to the damage: %s", file, error)
+
+
+def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
+    """Yield the messages that tell a robot's state. A message that does not fit its type is left out."""
+    decode = typestore().deserialize_cdr
+    for schema, channel, message in messages:
+        if schema.name not in kinds_of(channel.topic) or channel.message_encoding != "cdr":
+            continue
+        try:
+            content = decode(message.data, schema.name)
+        except Exception:  # damaged, or of another version of the type
+            LOG.debug("a message of %s does not fit %s", channel.topic, schema.name)
+            continue
+        yield Received(channel.topic, message.log_time, content, message.sequence)
+
+
+def open_file(path: Path) -> IO[bytes]:
+    """Open a file for reading."""
+    return path.open("rb")
+
+
+def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Received]:
+    """Yield the messages of a recording that tell a robot's state, also of one that was not ended.
+
+    Args:
+        path: The file.
+        open_file: Opens it; a caller that shows progress puts a counter around it.
+
+    Raises:
+        RecordingError: The file cannot be read, or it is not an MCAP file.
+    """
+    try:
+        with open_file(path) as stream:
+            _require_mcap(stream, path)
+            reader = NonSeekingReader(stream, validate_crcs=True, record_size_limit=path.stat().st_size)
+            yield from decoded(encoded(reader, str(path)))
+    except (OSError, McapError) as error:
+        raise RecordingError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _require_mcap(stream: IO[bytes], path: Path) -> None:
+    """Check the first bytes of a file. Raises RecordingError."""
+    head = stream.read(512)
+    stream.seek(0)
+    if head.startswith(MAGIC):
+        return
+    found = next((text for start, text in OTHER_FORMATS.items() if head.startswith(start)), None)
+    if found is None:
+        found = f"is {_described(head)}, not an MCAP recording: name a file that --record has written"
+    raise RecordingError(f"{path} {found}")
+
+
+def _described(head: bytes) -> str:
+    if not head:
+        return "an empty file"
+    text = head.decode("utf-8", errors="ignore")  # the last character may be cut off
+    plain = len(text.encode()) > len(head) - 4 and all(letter.isprintable() or letter.isspace() for letter in text)
+    return "a text file" if plain else "a file of another format"

@@ -1,0 +1,176 @@
+"""A reader of recordings: the numbers of a run as arrays, from a whole file or from what a killed program has left."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.mcap_messages import (
+    COMMANDS,
+    CYCLES,
+    RESULT,
+    STATES,
+    STATUSES,
+    OpenFile,
+    Received,
+    open_file,
+    read_messages,
+)
+
+ERROR: Final = 2
+"""The level of diagnostic_msgs/DiagnosticStatus."""
+BACK_S: Final = 1.0
+"""Publishers' stamps may be so far out of order; a larger step back is a clock that was set anew."""
+
+
+@dataclass(slots=True)
+class RecordedRun:
+    """The numbers of a run; times in s since its first cycle, arrays (n,) or (n, joints), rad or m and per second.
+
+    Joints are matched by name, message by message. A message that lacks a joint has the value between those before and
+    after it; NaN where there are none.
+    """
+
+    joints: tuple[str, ...] = ()
+    begin_s: float = 0.0
+    """ROS time of the first cycle."""
+    time_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Strictly increasing."""
+    position: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    velocity: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    effort: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    command: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    """Positions that the safety gate let pass; NaN where none is commanded."""
+    cycle_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    late_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    busy_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    missed: int = 0
+    faults: list[tuple[str, float, float]] = field(default_factory=list)
+    """What the diagnostics call an error, with its begin and end."""
+    results: list[tuple[float, str]] = field(default_factory=list)
+    """The ends of goals."""
+
+
+def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
+    """Read a recording of servoloop or of another program, also one that was not ended. Raises RecordingError."""
+    received: dict[str, list[Received]] = {}
+    command_rows: list[int] = []
+    for one in read_messages(path, open_file):
+        received.setdefault(one.topic, []).append(one)
+        if one.topic == COMMANDS:
+            command_rows.append(len(received.get(STATES, ())) - 1)
+    states = [one for one in received.get(STATES, []) if len(one.message.position)]
+    if not states:
+        raise RecordingError(f"{path} has no positions in {STATES}: it is no recording of a run")
+    return _Numbers(received, command_rows).run
+
+
+class _Numbers:
+    """The messages of a run as arrays."""
+
+    def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
+        """``command_rows``: the place of the state to which each command belongs."""
+        self._received = received
+        self._states = received[STATES]
+        self._stamped = _are_stamped(self._states)
+        times_s = self._times_s(STATES)
+        order = np.argsort(times_s, kind="stable")
+        sorted_s = times_s[order]
+        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # of equal times the last
+        self._time_s = times_s[self._rows]
+        self._begin_s = float(self._time_s[0])
+        joints = tuple(dict.fromkeys(name for one in self._states for name in one.message.name))
+        cycles = received.get(CYCLES, [])
+        self.run = RecordedRun(
+            joints,
+            self._begin_s,
+            self._time_s - self._begin_s,
+            position=self._column(joints, "position"),
+            velocity=self._column(joints, "velocity"),
+            effort=self._column(joints, "effort"),
+            command=self._commands(joints, command_rows),
+            cycle_s=self._times_s(CYCLES) - self._begin_s,
+            late_s=np.array([one.message.late_s for one in cycles]),
+            busy_s=np.array([one.message.busy_s for one in cycles]),
+            missed=int(cycles[-1].message.missed) if cycles else 0,
+            faults=list(self._faults()),
+            results=list(self._results()),
+        )
+
+    def _times_s(self, topic: str) -> FloatArray:
+        """ROS times of a topic's messages (n,): stamps, or the times of the file where stamps are of no use."""
+        found = self._received.get(topic, [])
+        return np.array([self._time_of(one) for one in found], dtype=np.float64)
+
+    def _time_of(self, one: Received) -> float:
+        return stamp_s(one.message) if self._stamped else one.stamp_ns * 1e-9
+
+    def _column(self, joints: Sequence[str], kind: str) -> FloatArray:
+        """One kind of measurement of all joints (n, joints), by the names of each message."""
+        table: FloatArray = _by_name([one.message for one in self._states], joints, kind)[self._rows]
+        for column in table.T:
+            known = np.isfinite(column)
+            if known.any() and not known.all():
+                inside = np.arange(len(column)) >= int(np.argmax(known))
+                column[inside] = np.interp(self._time_s[inside], self._time_s[known], column[known])
+        return table
+
+    def _commands(self, joints: Sequence[str], rows: Sequence[int]) -> FloatArray:
+        commands = [one.message for one in self._received.get(COMMANDS, [])]
+        found: FloatArray = np.full((len(self._states), len(joints)), np.nan)
+        found[rows] = _by_name(commands, joints, "position")
+        found = found[self._rows]
+        return found
+
+    def _faults(self) -> Iterator[tuple[str, float, float]]:
+        begun: dict[str, float] = {}
+        for one in self._received.get(STATUSES, []):
+            now_s, statuses = self._time_of(one) - self._begin_s, one.message.status
+            wrong = {each.name.partition(": ")[2] or each.name for each in statuses if _level(each.level) >= ERROR}
+            for name in [name for name in begun if name not in wrong]:
+                yield name, begun.pop(name), now_s
+            for name in wrong:
+                begun.setdefault(name, now_s)
+        for name, since_s in begun.items():
+            yield name, since_s, float(self._time_s[-1]) - self._begin_s
+
+    def _results(self) -> Iterator[tuple[float, str]]:
+        for topic, received in self._received.items():
+            if topic.endswith(RESULT):
+                controller = topic.removesuffix(RESULT).strip("/")
+                for one in received:
+                    text = f"{controller}: {one.message.status} {one.message.error_string}".strip()
+                    yield self._time_of(one) - self._begin_s, text
+
+
+def _are_stamped(states: Iterable[Received]) -> bool:
+    """Whether the headers have times that go on: not zeros, one time for all, or the times of a clock set anew."""
+    stamps = np.array([stamp_s(one.message) for one in states])
+    back_s = np.maximum.accumulate(stamps) - stamps
+    return bool(stamps.all() and back_s.max() < BACK_S and (len(stamps) == 1 or np.ptp(stamps) > 0.0))
+
+
+def _by_name(messages: Sequence[Any], joints: Sequence[str], kind: str) -> FloatArray:
+    """A row for each JointState and a column for each joint; NaN where a message has no finite value."""
+    places = {name: place for place, name in enumerate(joints)}
+    found = np.full((len(messages), len(joints)), np.nan)
+    for row, message in zip(found, messages, strict=True):
+        for name, value in zip(message.name, getattr(message, kind).tolist(), strict=False):
+            if name in places and math.isfinite(value):
+                row[places[name]] = value
+    return found
+
+
+def _level(level: Any) -> int:
+    return level[0] if isinstance(level, bytes) else int(level)
+
+
+def stamp_s(message: Any) -> float:
+    """Return the time in a message's header, in seconds."""
+    stamp = message.header.stamp
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9

@@ -1,0 +1,189 @@
+"""The recordings of ``servoloop up``: a file where it is asked for, those of faults, and the feed of who looks on."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+from controller.loop import ControlLoop
+from drivers.clock import Clock
+from drivers.port import Port
+from hal.types import JointState
+from servoloop.recording.bus_tap import BusTaps
+from servoloop.recording.fault_files import FOLDER, FaultFiles
+from servoloop.recording.feed import LiveFeed
+from servoloop.recording.mcap import McapFile, RecordingError
+from servoloop.recording.mcap_messages import GOAL, RESULT, STATES, Encoded
+from servoloop.recording.messages import Messages
+from servoloop.recording.recorder import FLUSH_S, Recorder, RecordingFile, Sink
+from servoloop.recording.sampler import Sampler, Scene
+from servoloop.recording.stream import LiveError, MessageStream, make_live_folder, socket_path
+from servoloop.stack.robot_files import Files, servo_ids
+
+LOG = logging.getLogger("servoloop")
+
+
+class StackRecording:
+    """The recording of one stack. Its taps are there first: a line is opened before the loop runs."""
+
+    def __init__(self, path: Path | None) -> None:
+        """``path``: of the file, None to keep only faults."""
+        self._path = path
+        self._taps = BusTaps()
+
+    def tap(self, port: Port, clock: Clock) -> Port:
+        """The port, with a tap."""
+        return self._taps.tap(port, clock)
+
+    @contextmanager
+    def of(
+        self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool], scene: Scene = dict
+    ) -> Iterator[None]:
+        """Record what the loop does while the context lasts, behind its other observers.
+
+        ``offset_s``: from the loop's clock to ROS time; ``failed`` is asked in the end; ``scene`` in the recorder's
+        thread. Raises RecordingError.
+        """
+        hardware, shown = loop.hardware, loop.on_cycle
+        messages = Messages(files.description, hardware.joints, hardware.command_interfaces, offset_s)
+        sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
+        if self._path is not None:
+            sinks.append(RecordingFile(self._path, messages))
+        sinks += _live_feed(files, messages)
+        sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
+        recorder = Recorder(sampler, self._taps, sinks, scene)
+
+        def on_cycle(state: JointState) -> None:
+            shown(state)
+            recorder.post(state)
+
+        loop.on_cycle = on_cycle
+        recorder.start()
+        try:
+            yield
+        finally:
+            recorder.close(failed())
+
+
+def _live_feed(files: Files, messages: Messages) -> list[Sink]:
+    """The feed of those who look on; an arm without one works as well."""
+    try:
+        make_live_folder()
+        return [LiveFeed(socket_path(files.arm, os.getpid()), messages, files.folder)]
+    except LiveError as error:
+        LOG.warning("%s", error)
+        return []
+
+
+LOOK_S: Final = 0.1
+"""So often the end is asked for."""
+
+
+@dataclass(slots=True)
+class RecordedCycles:
+    """What a recording has of a run."""
+
+    cycles: int = 0
+    length_s: float = 0.0
+    """From its first cycle to its last."""
+    lost_cycles: int = 0
+    """Cycles between them that are missing: this program was too slow to take them."""
+    stack_ended: bool = False
+
+
+def record(stream: MessageStream, path: Path, seconds: float | None, stop: Callable[[], bool]) -> RecordedCycles:
+    """Record into the new file ``path`` until ``stop`` says so, the stack ends, or it has so many seconds of its time.
+
+    A stack without a single cycle leaves no file. Raises RecordingError; the file has what came before.
+    """
+    with stream:
+        recording = _LiveRecording(stream, McapFile(path), seconds)
+        recording.run(stop)
+    if not recording.recorded.cycles:
+        path.unlink()
+        raise RecordingError(
+            "not one cycle has come, so there is no recording: is the stack paused, or hangs its port?"
+        )
+    return recording.recorded
+
+
+class _LiveRecording:
+    """A thread takes the messages; the one that calls ``run`` hands them to the system and looks for the end."""
+
+    def __init__(self, stream: MessageStream, file: McapFile, seconds: float | None) -> None:
+        self.recorded = RecordedCycles()
+        self._stream, self._file = stream, file
+        self._longest_ns = None if seconds is None else round(seconds * 1e9)
+        self._begun_ns = 0
+        self._sequence = 0
+        self._stopped = False
+        self._error: RecordingError | None = None
+        self._file_lock = threading.Lock()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Record until the end, and end the file. Raises RecordingError."""
+        thread = threading.Thread(target=self._take_all, name="live feed", daemon=True)
+        thread.start()
+        looks = 0
+        while thread.is_alive() and not stop():
+            thread.join(LOOK_S)
+            looks += 1
+            if looks % round(FLUSH_S / LOOK_S) == 0:
+                with self._file_lock:
+                    self._file.flush()
+        self._stopped = True  # behind a whole cycle,
+        thread.join(FLUSH_S)
+        self._stream.close()  # unless there are no more cycles
+        thread.join()
+        if self._error is not None:
+            raise self._error
+        self._file.close()
+
+    def _take_all(self) -> None:
+        try:
+            for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
+                cycle = list(messages)  # whole when the next one begins
+                with self._file_lock:
+                    if not self._count(cycle):
+                        return
+                    self._write(cycle)
+                if self._stopped:
+                    return
+            self.recorded.stack_ended = not self._stopped
+        except RecordingError as error:
+            self._error = error
+
+    def _count(self, cycle: Sequence[Encoded]) -> bool:
+        """Count a cycle; whether it is still of the recording."""
+        recorded = self.recorded
+        for message in (message for _, channel, message in cycle if channel.topic == STATES):
+            if recorded.cycles == 0:
+                self._begun_ns, self._sequence = message.log_time, message.sequence - 1
+            length_ns = message.log_time - self._begun_ns
+            if self._longest_ns is not None and length_ns > self._longest_ns:
+                return False
+            recorded.lost_cycles += message.sequence - self._sequence - 1
+            self._sequence = message.sequence
+            recorded.cycles += 1
+            recorded.length_s = length_ns * 1e-9
+        return True
+
+    def _write(self, cycle: Sequence[Encoded]) -> None:
+        for schema, channel, message in cycle if self.recorded.cycles > 1 else _without_past_goals(cycle):
+            if not self._file.knows(channel.topic):
+                self._file.add_channel(channel.topic, schema.name, schema.data.decode())
+            self._file.add_message(channel.topic, message.log_time, message.data)
+
+
+def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
+    """The first cycle without the goals that had ended before it, of which the feed tells too."""
+    begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
+    past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
+    ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}
+    over = {name + end for name in ended for end in (GOAL, RESULT)}
+    return [one for one in cycle if one[1].topic not in over or one[2].log_time >= begun_ns]

@@ -1,0 +1,253 @@
+"""``servoloop emulate``: the virtual bus with its world."""
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from commissioning.calibrate.seam import joint_counting
+from commissioning.provision import persistent_registers
+from commissioning.registers.tables import rates_of
+from drivers.servos import sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import PROTOCOL_2
+from hal.errors import RobotFileError
+from hal.joint import Joint
+from hal.robot_description.description import Vector
+from hal.robot_description.kinematics import Quaternion
+from hal.robot_file.robot import Robot
+from servoloop.stack.devices import device_paths
+from servoloop.stack.processes import realtime_priority
+from servoloop.stack.robot_files import ServoFiles
+from sim_backend.box import FACTORY_ID, VirtualBox, plugged
+from sim_backend.control import ControlServer, Handler, control_path
+from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.eeprom import keep_eeprom
+from sim_backend.emulator import serve_all
+from sim_backend.faults.control import obey_faults
+from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.player import FaultPlayer, require_possible
+from sim_backend.faults.targets import Targets
+from sim_backend.mechanics.build import Build
+from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
+from sim_backend.mechanics.rig import Supply
+from sim_backend.mechanics.spread import NOMINAL, Spread
+from sim_backend.scene.feeder import Feeder
+from sim_backend.scene.hand import Hand, obey
+from sim_backend.scene.picture import Recorder
+from sim_backend.scene.scene_check import require_scene
+from sim_backend.scene.world import World
+from sim_backend.scene.world_feed import WorldFeed, WorldFeedClient, feed_path
+from sim_backend.sts.servo import VirtualServo
+from sim_backend.wire.bus import VirtualBus
+from sim_backend.wire.common import CommonPlant
+from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.wire.line import ServoLine
+from sim_backend.wire.pty_link import PtyAdapter
+
+_Wiring = tuple[dict[str, ServoLine[Any]], Handler]
+"""The lines by the buses' names, and what does the commands of a person beside them."""
+
+
+def couplings(robot: Robot) -> list[Coupling]:
+    """The couplings of the virtual arm's servos to its joints, as the robot file has them."""
+    return [
+        Coupling(
+            servo_id=joint.servo_id,
+            joint=joint.name,
+            sign=joint.sign,
+            zero_counts=joint.zero_counts + (joint_counting(joint).seam(joint.model) or 0),
+            transmission=joint.transmission,
+            counts_per_turn=joint.model.counts_per_turn,
+        )
+        for joint in robot.joints
+    ]
+
+
+def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
+    """A virtual bus with the servos that the robot file names for it, at its rate and with its settings.
+
+    ``spread``: of STS servos and their supply. Raises RobotFileError where a servo cannot be set to the rate.
+    """
+    line = _line(robot, plant, bus, spread)
+    baud = robot.file.lines()[bus].baud
+    for joint in robot.joints:
+        if joint.bus == bus:
+            values = {rate: value for value, rate in rates_of(joint.model).items()}
+            if baud not in values:
+                known = ", ".join(map(str, sorted(values)))
+                raise RobotFileError(
+                    f"{joint.name}: a {joint.model.name} knows {known} baud, not {baud}: change `baud`"
+                )
+            registers, servo = persistent_registers(joint.model), line.servo(joint.servo_id)
+            for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():
+                servo.memory.save(registers[name], value)
+            if joint.settings:
+                servo.power_cycle()  # a power-on takes limits over into the RAM
+    return line
+
+
+def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any]:
+    joints = [joint for joint in robot.joints if joint.bus == bus]
+    models = {joint.servo_id: joint.model for joint in joints}
+    if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
+        line: ServoLine[Any] = VirtualDynamixelBus.of(plant, models)
+    else:
+        line = VirtualBus.of(plant, models, spread=spread)
+    for joint in joints:
+        _count_as_calibrated(line.servo(joint.servo_id), joint)
+    return line
+
+
+def _count_as_calibrated(servo: Any, joint: Joint) -> None:
+    """Have a virtual servo hold the homing offset and the mode with which its joint was calibrated."""
+    if joint.homing_offset and isinstance(servo, VirtualServo):
+        servo.memory.save(sts.homing_offset, joint.homing_offset)
+    if isinstance(servo, VirtualXServo):
+        servo.memory.save(x.homing_offset, joint.homing_offset or 0)
+        servo.memory.save(x.operating_mode, x.EXTENDED_POSITION_MODE if joint.extended else x.POSITION_MODE)
+        servo.power_cycle()
+
+
+def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:
+    """The virtual buses of the robot file by name, all over the one plant."""
+    names = list(robot.file.lines())
+    if len(names) == 1:
+        return {names[0]: virtual_bus(robot, plant, names[0], spread)}
+    common = CommonPlant(plant)
+    lines: dict[str, ServoLine[Any]] = {}
+    for name in names:
+        part = common.part([joint.name for joint in robot.joints if joint.bus == name])
+        lines[name] = virtual_bus(robot, part, name, spread)
+        common.join(lines[name])
+    return lines
+
+
+def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> VirtualBox:
+    """The arm's servos as they came from the factory, fastened to its joints already. Raises RobotFileError."""
+    models = [joint.model for joint in robot.joints]
+    if len(robot.file.lines()) > 1 or any(series_of(model).protocol is PROTOCOL_2 for model in models):
+        raise RobotFileError("a virtual box has servos of one bus, and no Dynamixels of protocol 2.0 yet")
+    return VirtualBox(models, plant, spread.supply(Supply(min(model.rated_voltage_v for model in models))))
+
+
+def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
+    """The couplings of servos that all have the factory's ID still."""
+    return [replace(one, servo_id=FACTORY_ID) for one in ways]
+
+
+class EmulatedArm:
+    """A virtual arm: its world with a hand in it, its servos behind adapters, their faults, and pictures."""
+
+    def __init__(self, files: ServoFiles, link: Path, build: Build, pictured: bool) -> None:
+        """Raises ArmFileError where the scene does not have the joints of the servos."""
+        ways = build.mounted(couplings(files.robot))
+        require_scene(files.scene, [one.joint for one in ways])
+        self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
+        self.world.hold_until_driven()
+        if build.practice_seed is not None:
+            self.world.clear_table()
+        self._feeder = Feeder()
+        self._hand = Hand(self.world, {one.joint: one.transmission for one in ways})
+        self.recorder = Recorder(self.world) if pictured else None
+        self.lines, handle = self._boxed(files, build, ways) if build.in_box else self._wired(files, build, ways)
+        self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
+        # The servos of a box have one ID: none can be named.
+        self.player = FaultPlayer(Targets({} if build.in_box else self.lines, self.world, self._adapters))
+        self.handle: Handler = partial(obey_faults, self.player, lambda: self.world.time_s, handle)
+        """Does what a client of the control socket asks for."""
+
+    def serve(
+        self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
+    ) -> None:
+        """Serve every bus, the feed and the control socket until ``stop``."""
+
+        def on_tick(now_s: float) -> None:
+            feed.tick(now_s, self.world, max(line.dropped_s for line in self.lines.values()))
+            control.tick()
+
+        buses = {self._adapters[name]: line for name, line in self.lines.items()}
+        serve_all(buses, stop=stop, on_tick=on_tick, on_ready=on_ready)
+
+    def _wired(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
+        """The lines of servos that are set up, and the commands of a person beside them."""
+        lines = virtual_lines(files.robot, WorldPlant(self.world, ways, self._after_step), build.spread)
+        return lines, self._obeyed
+
+    def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
+        """The line of servos from the factory, and the commands of a person who also plugs them in."""
+        box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
+        lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
+        return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
+
+    @property
+    def _obeyed(self) -> Handler:
+        return partial(obey, self._hand, self.world.lay_table)
+
+    def _after_step(self, time_s: float) -> None:
+        self.player.update(time_s)
+        self._feeder.update(self.world, time_s)
+        self._hand.update()
+        if self.recorder:
+            self.recorder.update(time_s)
+
+
+def emulate(
+    files: ServoFiles,
+    link: Path,
+    pictures: Path | None,
+    build: Build,
+    eeprom: Path | None,
+    faults: Sequence[FaultEvent],
+    stop: Callable[[], bool],
+    on_ready: Callable[[], None],
+) -> None:
+    """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
+
+    ``eeprom``: a file that keeps what the servos save. ``faults``: what is to go wrong, in times since the emulator
+    was ready. Raises PortBusy where a path is taken, EepromError where the file does not fit, FaultError where
+    something cannot go wrong with these servos, ArmFileError where the scene does not have their joints.
+    """
+    arm = EmulatedArm(files, link, build, pictured=pictures is not None)
+    if eeprom is not None:
+        keep_eeprom(eeprom, arm.lines.values())
+    require_possible(faults, arm.player.targets.inventory)
+
+    def begin() -> None:
+        arm.player.play(faults, arm.world.time_s)
+        on_ready()
+
+    with (
+        WorldFeed(feed_path(link)) as feed,
+        ControlServer(control_path(link), arm.handle) as control,
+        realtime_priority(),
+    ):
+        arm.serve(feed, control, stop, begin)
+    if arm.recorder and pictures:
+        arm.recorder.save(pictures)
+
+
+Pose = tuple[Vector, Quaternion]
+"""Metres, and x, y, z, w."""
+
+
+class EmulatedScene:
+    """The newest poses that an emulator published, for any thread."""
+
+    def __init__(self, client: WorldFeedClient) -> None:
+        self._client = client
+        self._poses: dict[str, Pose] = {}
+        self._lock = threading.Lock()
+
+    def __call__(self) -> Mapping[str, Pose]:
+        """The poses by name; empty before the first publication."""
+        with self._lock:
+            newest = self._client.newest()
+            if newest is not None:
+                self._poses = {
+                    name: (tuple(pose["position_m"]), tuple(pose["quaternion_xyzw"]))
+                    for name, pose in newest["poses"].items()
+                }
+            return self._poses

@@ -1,0 +1,226 @@
+"""Whether an arm's folder is right: all that is wrong with it, at once."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
+from controller.manager.parameter_file import read_parameter_file
+from hal.errors import ArmFileError, DescriptionError, RobotFileError
+from hal.robot_description.description import Description, HardwareInfo, merged
+from hal.robot_description.description_check import description_problems, servo_problems
+from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
+from hal.robot_file.robot import Robot, assemble
+from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
+from hal.yaml_nodes import compose
+from servoloop.stack.arm_folders import ARM_FILE, Arm, ArmFile, read_arm
+from servoloop.stack.pick_place import (
+    PickPlace,
+    controller_problems,
+    load_pick_place,
+    load_problems,
+    pose_problems,
+    ready_problems,
+)
+from servoloop.stack.robot_files import read_description
+from sim_backend.scene.scene_check import scene_problems
+from sim_backend.scene.scene_file import scene_model
+
+INTERFACES: Final = ("position", "velocity", "effort")
+
+
+class _Check:
+    """The check of one folder. Every file is read, whatever is wrong with the others.
+
+    A scene and pick-place parameters may be missing: an arm of a user's own needs neither with its real servos.
+    """
+
+    def __init__(self, arm: Arm, names_known: bool = True) -> None:
+        """``names_known``: whether ``arm.yaml`` could be read; else files that are not there may have other names."""
+        self.problems: list[str] = []
+        self._arm = arm
+        self._names_known = names_known
+
+    def run(self) -> list[str]:
+        """Look at everything."""
+        description = self._description()
+        robot_file = self._robot_file()
+        pick_place = self._pick_place()
+        self._say(self._arm.robot, unprotected(robot_file) if robot_file else [])
+        component = merged(description.components) if description else _component_of(robot_file)
+        if component and self._names_known:
+            self._say(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
+        controllers = self._controllers(robot_file, component)
+        if description is None or component is None:
+            self._scene(None, ())
+            return self.problems
+        self._say(self._arm.urdf, description_problems(description))
+        self._scene(description.xml, component.joints)
+        self._meshes(description)
+        robot = self._robot(robot_file, description, component) if robot_file else None
+        if robot:
+            self._say(self._arm.urdf, servo_problems(robot.joints))
+        if pick_place:
+            self._check_pick_place(pick_place, description, controllers, robot)
+        return self.problems
+
+    def _check_pick_place(
+        self, pick_place: PickPlace, description: Description, controllers: ControllersFile | None, robot: Robot | None
+    ) -> None:
+        self._say(self._arm.pick_place, pose_problems(pick_place, description))
+        self._say(self._arm.pick_place, ready_problems(pick_place, self._arm.scene))
+        if controllers:
+            self._say(self._arm.pick_place, controller_problems(pick_place, controllers, description))
+        if robot:
+            try:
+                self._say(self._arm.pick_place, load_problems(pick_place, robot, description))
+            except DescriptionError as error:  # masses that make no sense
+                self._say(self._arm.urdf, [str(error)])
+
+    def _scene(self, urdf_xml: str | None, driven: Sequence[str]) -> None:
+        """Compare the scene with the URDF, or only read it if the URDF cannot be read."""
+        path, cell = self._arm.scene, self._arm.pick_place.exists()
+        if not self._wanted("scene") and not cell:
+            return
+        if urdf_xml is not None:
+            self._say(path, scene_problems(path, urdf_xml, driven, cell))
+            return
+        try:
+            scene_model(path)
+        except ArmFileError as error:
+            self._failed(error)
+
+    def _wanted(self, name: str) -> bool:
+        """Whether to read an optional file: it exists, or ``arm.yaml`` names it."""
+        return self._exists(name) or name in self._arm.file.model_fields_set
+
+    def _exists(self, name: str) -> bool:
+        path: Path = getattr(self._arm, name)
+        return path.exists()
+
+    def _needed(self, name: str) -> bool:
+        """Whether to read a file that every arm has; not if its name is unknown and the default name does not exist."""
+        return self._names_known or self._exists(name)
+
+    def _say(self, path: Path, problems: Iterable[str]) -> None:
+        self.problems += [p if p.startswith(str(path)) else f"{path}: {p}" for p in problems]
+
+    def _description(self) -> Description | None:
+        if not self._needed("urdf"):
+            return None
+        try:
+            return read_description(self._arm.urdf)
+        except DescriptionError as error:
+            self._failed(error)
+            return None
+
+    def _robot_file(self) -> RobotFile | None:
+        if not self._needed("robot"):
+            return None
+        try:
+            return load_robot_file(self._arm.robot)
+        except RobotFileError as error:
+            self._failed(error)
+            return None
+
+    def _meshes(self, description: Description) -> None:
+        folder = self._arm.scene.parent
+        try:
+            meshes = link_meshes(folder)
+        except ArmFileError as error:
+            self._failed(error)
+            return
+        links = dict.fromkeys(mesh.link for mesh in meshes if mesh.link not in description.links)
+        self._say(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
+        for path in dict.fromkeys(mesh.path for mesh in meshes):
+            try:
+                read_stl(path)
+            except ArmFileError as error:
+                self._failed(error)
+
+    def _pick_place(self) -> PickPlace | None:
+        if not self._wanted("pick_place"):
+            return None
+        try:
+            return load_pick_place(self._arm.pick_place)
+        except ArmFileError as error:
+            self._failed(error)
+            return None
+
+    def _robot(self, file: RobotFile, description: Description, component: HardwareInfo) -> Robot | None:
+        try:
+            return assemble(file, description, component)
+        except RobotFileError as error:
+            self._say(self._arm.robot, str(error).splitlines())
+            return None
+
+    def _controllers(self, file: RobotFile | None, component: HardwareInfo | None) -> ControllersFile | None:
+        if not self._needed("controllers"):
+            return None
+        try:
+            path = self._arm.controllers
+            origin = compose(self._arm.robot, RobotFileError) if file else None
+            defaults = file.controller_defaults if file else {}
+            return load_controllers_file(path, defaults, component or _named_component(path), origin)
+        except ControllersFileError as error:
+            self._failed(error)
+            return None
+
+    def _failed(self, error: Exception) -> None:
+        self.problems += str(error).splitlines()
+
+
+def _plan_problems(arm: Arm, component: HardwareInfo) -> Iterator[str]:
+    """Yields joints whose calibration nobody has described, and descriptions of none of the arm's joints."""
+    plan = arm.file.calibration
+    named = {*plan.joints, *plan.auto.start, *plan.auto.clear, *plan.auto.stops, *plan.auto.drive}
+    yield from (f"calibration says nothing of {name}" for name in component.joints if name not in plan.joints)
+    yield from (f"calibration names {name}, which has no servo" for name in sorted(named - set(component.joints)))
+
+
+def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:
+    """The joints of the robot file in place of a URDF that cannot be read; None without either."""
+    return None if robot_file is None else _component(robot_file.joints, ("position",))
+
+
+def _named_component(controllers: Path) -> HardwareInfo:
+    """The joints that the controllers themselves name, if neither URDF nor robot file can be read."""
+    _, content = read_parameter_file(controllers, ControllersFileError)
+    return _component(dict.fromkeys(_joint_names(content)), INTERFACES)
+
+
+def _component(joints: Iterable[str], commands: tuple[str, ...]) -> HardwareInfo:
+    names = list(joints)
+    return HardwareInfo("", "system", "", {}, dict.fromkeys(names, commands), dict.fromkeys(names, INTERFACES))
+
+
+def _joint_names(content: Any) -> Iterator[str]:
+    """Yields the entries of all lists ``joints``."""
+    for key, value in content.items() if isinstance(content, Mapping) else ():
+        if key == "joints" and isinstance(value, list):
+            yield from map(str, value)
+        else:
+            yield from _joint_names(value)
+
+
+def check_arm(folder: Path) -> list[str]:
+    """All that is wrong with the arm in a folder; nothing where it is right.
+
+    If ``arm.yaml`` has mistakes, the other files are checked under the names that they have by default.
+    """
+    try:
+        return _Check(read_arm(folder)).run()
+    except ArmFileError as error:
+        home = folder.resolve()
+        without = Arm(home.name, home, ArmFile(description=home.name))
+        return [*str(error).splitlines(), *_Check(without, names_known=False).run()]
+
+
+def missing_parts(arm: Arm) -> list[str]:
+    """The functions that the arm lacks because an optional file is missing."""
+    parts = {
+        "scene": "emulate and up without --port need a scene: `servoloop arms new` writes one",
+        "pick_place": "pick, demo and simulated jobs need pick-place parameters: docs/arms/README.md describes them",
+    }
+    paths = {name: getattr(arm, name) for name in parts}
+    return [f"without {path.name}: {parts[name]}" for name, path in paths.items() if not path.exists()]
