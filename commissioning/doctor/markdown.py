@@ -36,7 +36,7 @@ def _lines(report: Report, robot: Path | None) -> Iterator[str]:
     yield from ("", "## Adapters", "")
     yield from (f"- {one}" for one in report.adapters or ("none is known",))
     for bus in report.buses:
-        yield from _bus(bus)
+        yield from _bus_lines(bus)
     if robot is not None:
         yield from ("", f"## {robot.name}", "", "```yaml", robot.read_text().rstrip(), "```")
 
@@ -59,7 +59,7 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _bus(bus: BusFigures) -> Iterator[str]:
+def _bus_lines(bus: BusFigures) -> Iterator[str]:
     yield from ("", f"## Bus {bus.name} {bus.port}, {bus.baud} baud".replace("  ", " "), "")
     if bus.problem:
         yield f"- port: {bus.problem}"
