@@ -5,12 +5,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from commissioning.calibrate.file import save
+from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.calibrate.store import save
 from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
-from commissioning.whole_file import write_whole
 from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path, load_calibration

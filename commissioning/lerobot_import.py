@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from commissioning.calibrate.flow import as_joint
+from commissioning.calibrate.by_hand import as_joint
 from commissioning.calibrate.plan import JointPlan, Zero
 from commissioning.calibrate.result import (
     SWEPT_SHARE,

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from commissioning.tune.run import tune
+from commissioning.tune.report import tune
 from commissioning.tune.tuner import Ending, Tuner
 from drivers.bus.bus import Bus
 from drivers.servos import sts

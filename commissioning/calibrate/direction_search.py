@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from commissioning.calibrate.flow import Guide
+from commissioning.calibrate.by_hand import Guide
 from commissioning.calibrate.plan import ArmPlan
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.stop_search import SEEK_RAD_S

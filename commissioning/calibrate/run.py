@@ -4,16 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from calibration.eeprom import Change
-from commissioning.calibrate.file import set_aside
-from commissioning.calibrate.flow import ByHand, Guide, as_joint, place_shows_direction
+from commissioning.calibrate.by_hand import ByHand, Guide, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
 from commissioning.calibrate.seam import joint_counting
-from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import check, first_way
+from commissioning.calibrate.store import set_aside, store
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
@@ -21,6 +19,39 @@ from drivers.clock import Clock
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import falls, release_question, servo_name
+
+WAY_RAD: Final = 0.2
+"""How far each servo turns, there and back."""
+OFF_SHARE: Final = 0.3
+"""Sag is the same at both ends of the way; so much of it may be missing by friction and dead band."""
+
+
+def check(arm: SlowArm, say: Callable[[str], None]) -> None:
+    """Move every joint there and back. Raises CalibrationError with the joint that does not follow."""
+    for index, joint in enumerate(arm.joints):
+        say(f"{joint.name} moves")
+        _there_and_back(arm, index)
+
+
+def first_way(arm: SlowArm, index: int) -> float:
+    """The way that the check moves a joint first, towards the middle of its limits, rad or m."""
+    joint = arm.joints[index]
+    middle = 0.5 * (joint.limits.lower + joint.limits.upper)
+    return WAY_RAD * joint.transmission * (1.0 if float(arm.command[index]) < middle else -1.0)
+
+
+def _there_and_back(arm: SlowArm, index: int) -> None:
+    joint, start, before = arm.joints[index], float(arm.command[index]), arm.measured(index)
+    way = first_way(arm, index)
+    arm.go(index, start + way)
+    moved = arm.measured(index) - before
+    arm.go(index, start)
+    if abs(moved - way) > OFF_SHARE * abs(way):
+        raise CalibrationError(
+            f"{joint.name} (servo {joint.servo_id}) was to move by {way:+.3f} and moved by {moved:+.3f}: "
+            "is something in its way, is it at a stop, or is its calibration wrong?"
+        )
+
 
 STORE = "Store this calibration?"
 TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
@@ -32,7 +63,6 @@ HOLD = "The arm goes limp: hold it"
 UNTRIED = "the calibration is stored, and was not tried to the end"
 HANDS_S = 2.0
 """So long hands may need to do what they were told."""
-
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
 

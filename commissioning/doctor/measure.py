@@ -1,20 +1,96 @@
 """The measuring of one bus: who is there, the whole tables, states at rest, the line. Only pings and reads."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final
 
-from commissioning.doctor.hearing import Hearing, hear
-from commissioning.doctor.line_quality import hears_itself, line_figures
-from commissioning.doctor.search import Search, search_line
-from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapshot
-from commissioning.doctor.table import read_table
+from commissioning.doctor.line_quality import Hearing, hear, hears_itself, line_figures
+from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapshot, Stranger
+from commissioning.scan.scan import scan
 from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
+from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial, ServoError
 from drivers.port import Port
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import Make, series_of
+from drivers.servos.register import Access, ByteOrder, Register
+from drivers.servos.series import Series
 from hal.joint import Joint
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """``bauds``: rates of missing servos, by ID."""
+
+    bauds: Mapping[int, int] = field(default_factory=dict)
+    strangers: tuple[Stranger, ...] = ()
+
+
+Search = Callable[[Port, Clock, Make, Sequence[int], Sequence[int]], Found]
+"""Is given the port, the clock, the make, the IDs that are missing and all IDs of the robot."""
+
+
+def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> Found:
+    """Look at all rates of the make for the missing ones, and at the port's own for strangers. Raises PortLost."""
+    former = port.baud
+    elsewhere = scan(port, clock, servo_ids=missing, makes=(make,)).servos if missing else ()
+    here = scan(port, clock, bauds=(former,), makes=(make,)).servos
+    strangers = tuple(Stranger(one.servo_id, one.baud, one.model) for one in here if one.servo_id not in known)
+    return Found({one.servo_id: one.baud for one in elsewhere if one.baud != former}, strangers)
+
+
+LARGEST_BLOCK: Final = 60
+LARGEST_GAP: Final = 8
+"""Bytes that no table names; servos answer them too."""
+
+
+def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
+    """Every register by name, as far as it can be read. Raises PortLost once the line is gone."""
+    values: dict[str, int] = {}
+    for block in blocks(series.registers):
+        values |= _read_block(bus, servo_id, block, series.protocol.byte_order)
+    return values
+
+
+def blocks(registers: Sequence[Register]) -> Iterator[tuple[Register, ...]]:
+    """The registers (by address) in runs that one read can fetch."""
+    run: list[Register] = []
+    for register in registers:
+        end = run[-1].address + run[-1].size if run else 0
+        too_long = run and register.address + register.size - run[0].address > LARGEST_BLOCK
+        if run and (register.address - end > LARGEST_GAP or too_long):
+            yield tuple(run)
+            run = []
+        run.append(register)
+    if run:
+        yield tuple(run)
+
+
+def _read_block(bus: Bus, servo_id: int, block: Sequence[Register], order: ByteOrder) -> Mapping[str, int]:
+    start = block[0].address
+    size = max(register.address + register.size for register in block) - start
+    try:
+        whole = retry(partial(bus.read, servo_id, Register("block", start, size, Access.READ)))
+    except ServoError:
+        return _one_by_one(bus, servo_id, block) if len(block) > 1 else {}
+    data = whole.to_bytes(size, order)
+    return {
+        register.name: register.decode(data[register.address - start :][: register.size], order) for register in block
+    }
+
+
+def _one_by_one(bus: Bus, servo_id: int, block: Sequence[Register]) -> Mapping[str, int]:
+    """A servo with an older table may not answer beyond its end; what lies before that is still wanted."""
+    values: dict[str, int] = {}
+    for register in block:
+        try:
+            values[register.name] = retry(partial(bus.read, servo_id, register))
+        except ServoError:
+            if not values:
+                break  # the first failed too: it is the servo that does not answer
+    return values
+
 
 PROBLEMS: Final[tuple[tuple[type[PortError], PortProblem], ...]] = (
     (PortMissing, "missing"),
@@ -25,7 +101,6 @@ PROBLEMS: Final[tuple[tuple[type[PortError], PortProblem], ...]] = (
     (PortError, "unsuitable"),
 )
 DELAYS: Final = ("return_delay", "return_delay_time")
-
 OpenPort = Callable[[str, int], Port]
 """Opens a device at a rate."""
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from commissioning.doctor.finding import Finding
+from commissioning.doctor.findings import Finding
 from commissioning.doctor.measure import OpenPort
 from commissioning.doctor.snapshot import BusSnapshot, Snapshot
 from commissioning.drive_trial import DriveTrial, JointMotion

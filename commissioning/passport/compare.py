@@ -6,7 +6,7 @@ from functools import partial
 
 from commissioning.passport.file import Passport, PassportError, ServoPassport
 from commissioning.provision import persistent_registers
-from commissioning.who import who_answers
+from commissioning.scan.answers import who_answers
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.servos.catalog import known_as, series_of

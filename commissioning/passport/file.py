@@ -6,10 +6,9 @@ from typing import Final, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from commissioning.errors import CommissioningError
+from commissioning.atomic_write import cannot_write, write_whole
+from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD, CommissioningError
 from commissioning.provision import persistent_registers
-from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
-from commissioning.whole_file import cannot_write, write_whole
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
 from hal.plausible import Baud, RegisterValue, ServoId

@@ -7,7 +7,7 @@ from calibration.eeprom import ANSWERS_NO_READ, LEAVES_THE_LINE, Change
 from commissioning.passport.compare import require_model, servo_differences
 from commissioning.passport.file import Passport, PassportError
 from commissioning.provision import drives, persistent_registers, provision
-from commissioning.who import Answer, who_answers
+from commissioning.scan.answers import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError

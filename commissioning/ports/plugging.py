@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from commissioning.errors import CommissioningError
-from commissioning.ports.adapters import Adapter, ports
-from commissioning.ports.complaints import machine_complaints
+from commissioning.ports.adapters import Adapter, machine_complaints, ports
 from commissioning.ports.machine import Machine
 from drivers.clock import Clock, MonotonicClock
 

@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from typing import Final
 
 from commissioning.errors import CommissioningError
-from commissioning.scan.modes import MODES
+from commissioning.scan.examine import MODES
 from drivers.servos import ax_mx, sts, x, xl320
 from drivers.servos.catalog import known_as, series_of
 from drivers.servos.dynamixel1 import AX_MX

@@ -6,8 +6,102 @@ from typing import Final
 
 from commissioning.errors import CommissioningError
 from commissioning.registers.tables import meaning
-from commissioning.registers.units import unit_of
+from drivers.servos import ax_mx, sts, x, xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import XL, X
+from drivers.servos.dynamixel1 import AX_MX
+from drivers.servos.feetech import SCS, STS
 from drivers.servos.register import Access, Register, ServoModel
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """``scale``: how many of the unit one count is."""
+
+    symbol: str
+    scale: float = 1.0
+
+
+COUNTS, COUNTS_S, CELSIUS, PERCENT = Unit("counts"), Unit("counts/s"), Unit("°C"), Unit("%")
+DECIVOLT, PER_MILLE, MS = Unit("V", 0.1), Unit("%", 0.1), Unit("ms")
+DELAY, ACCELERATION = Unit("µs", 2), Unit("counts/s²", 100)
+STS_CURRENT, PWM, PER_1023 = Unit("A", 0.0065), Unit("%", 100 / x.FULL_PWM), Unit("%", 100 / 1023)
+X_SPEED, X_ACCELERATION, XL_SPEED = Unit("rpm", 0.229), Unit("rev/min²", 214.577), Unit("rpm", 0.111)
+NO_UNIT: Final = Unit("")
+_FEETECH: Final = {
+    **dict.fromkeys(("min_position", "max_position", "cw_dead_zone", "ccw_dead_zone", "present_position"), COUNTS),
+    **dict.fromkeys(("max_temperature", "present_temperature"), CELSIUS),
+    **dict.fromkeys(("max_voltage", "min_voltage", "present_voltage"), DECIVOLT),
+    **dict.fromkeys(("max_torque", "minimum_startup_force", "present_load"), PER_MILLE),
+    **dict.fromkeys(("protective_torque", "overload_torque"), PERCENT),
+    **dict.fromkeys(("goal_velocity", "present_velocity"), COUNTS_S),
+    "goal_position": COUNTS,
+    "return_delay": DELAY,
+    "dts": MS,
+}
+_DYNAMIXEL: Final = {
+    **dict.fromkeys(("temperature_limit", "present_temperature"), CELSIUS),
+    **dict.fromkeys(("max_voltage_limit", "min_voltage_limit", "present_voltage"), DECIVOLT),
+    **dict.fromkeys(("goal_position", "present_position"), COUNTS),
+    "return_delay": DELAY,
+}
+_LIMITED: Final = {
+    **_DYNAMIXEL,
+    **dict.fromkeys(("cw_angle_limit", "ccw_angle_limit"), COUNTS),
+    **dict.fromkeys(("max_torque", "torque_limit", "present_load"), PER_1023),
+}
+"""The AX, the MX of protocol 1.0 and the XL-320."""
+UNITS: Final[dict[str, dict[str, Unit]]] = {
+    STS.name: {
+        **_FEETECH,
+        **dict.fromkeys(("protection_current", "present_current"), STS_CURRENT),
+        **dict.fromkeys(("protection_time", "overcurrent_time"), Unit("ms", 10)),
+        **dict.fromkeys(("acceleration", "max_acceleration"), ACCELERATION),
+        **dict.fromkeys(("goal_time", "torque_limit"), PER_MILLE),
+        **dict.fromkeys(("homing_offset", "present_target"), COUNTS),
+        "hts": Unit("ns", 20.83),
+        "max_velocity": Unit("rpm", 0.732),
+    },
+    SCS.name: {
+        **_FEETECH,
+        **dict.fromkeys(("moving_threshold", "min_velocity", "max_velocity"), Unit("counts/s", 50)),
+        "protection_time": Unit("ms", 40),
+        "goal_time": MS,
+    },
+    X.name: {
+        **_DYNAMIXEL,
+        **dict.fromkeys(("homing_offset", "max_position_limit", "min_position_limit", "position_trajectory"), COUNTS),
+        **dict.fromkeys(("moving_threshold", "velocity_limit", "goal_velocity", "profile_velocity"), X_SPEED),
+        **dict.fromkeys(("present_velocity", "velocity_trajectory"), X_SPEED),
+        **dict.fromkeys(("profile_acceleration", "acceleration_limit"), X_ACCELERATION),
+        **dict.fromkeys(("pwm_limit", "goal_pwm", "present_pwm"), PWM),
+        "present_load": PER_MILLE,
+        "realtime_tick": MS,
+        "bus_watchdog": Unit("ms", 20),
+    },
+    XL.name: {**_LIMITED, **dict.fromkeys(("moving_speed", "present_speed"), XL_SPEED)},
+    AX_MX.name: {
+        **_LIMITED,
+        **dict.fromkeys(("cw_compliance_margin", "ccw_compliance_margin"), COUNTS),
+        "realtime_tick": MS,
+        "goal_acceleration": Unit("°/s²", 8.583),
+    },
+}
+"""By series and register. What is not here is a number without a unit, or one of the model's own."""
+
+
+assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == sts.CURRENT_UNIT_A
+
+
+def unit_of(model: ServoModel, register: Register) -> Unit:
+    """The unit of a register; of some it is the model's own."""
+    name = register.name
+    if isinstance(model, x.Model) and name in ("present_current", "goal_current", "current_limit"):
+        return Unit("A", model.current_unit_a or 1.0)
+    if isinstance(model, ax_mx.Model) and name in ("moving_speed", "present_speed"):
+        return Unit("rpm", round(model.speed_unit_counts_s * 60.0 / model.counts_per_turn, 6))
+    return UNITS[series_of(model).name].get(name, NO_UNIT)
+
 
 _QUANTITY: Final = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(\S*)\s*")
 _SPELLED: Final = {"c": "°c", "degc": "°c", "us": "µs", "μs": "µs", "counts/s^2": "counts/s²", "rev/min^2": "rev/min²"}

@@ -12,8 +12,8 @@ from types import ModuleType
 from typing import Final
 
 from commissioning.errors import CommissioningError
+from commissioning.scan.examine import look
 from commissioning.scan.identify import Identity, identify, surely
-from commissioning.scan.look import look
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Wire
 from drivers.bus.bus import Bus

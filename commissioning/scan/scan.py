@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from commissioning.scan.look import ServoLook, look
+from commissioning.scan.examine import ServoLook, look
 from commissioning.scan.problems import Problem
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Heard, Wire

@@ -8,12 +8,19 @@ from typing import Final, Literal, Protocol
 from calibration.eeprom import Change
 from commissioning.provision import provision
 from commissioning.registers.tables import rates_of
-from commissioning.set_up.gear import GearLook, judge_gear, rivals
-from commissioning.set_up.only_one import NotYet, only_servo, require_fit, voltage
-from commissioning.set_up.place import FACTORY_ID, Place, SetUpError, in_order
-from commissioning.set_up.rate import bring_to_rate
-from commissioning.set_up.turn import WAY_RAD, turn_loose
-from commissioning.who import Answer, who_answers
+from commissioning.scan.answers import Answer, who_answers
+from commissioning.set_up.only_one import (
+    FACTORY_ID,
+    NotYet,
+    Place,
+    SetUpError,
+    bring_to_rate,
+    in_order,
+    only_servo,
+    require_fit,
+    voltage,
+)
+from commissioning.set_up.turn import WAY_RAD, GearLook, judge_gear, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError

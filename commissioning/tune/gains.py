@@ -2,18 +2,24 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
+from calibration.eeprom import HOLDS, EepromError, update
+from commissioning.errors import CommissioningError
 from commissioning.registers.tables import registers_of
-from commissioning.tune.errors import TuneError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings
 from hal.joint import Joint
+
+
+class TuneError(CommissioningError):
+    """A joint cannot be measured, or a gain cannot be what somebody wants."""
+
 
 LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
     "P": ("position_p", "position_p_gain", "p_gain"),
@@ -93,3 +99,43 @@ def with_gains(joint: Joint, values: Mapping[str, int]) -> Joint:
         settings=tuple({**dict(joint.settings), **saved}.items()),
         position_p=values["P"] if in_ram else joint.position_p,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """One gain that was changed."""
+
+    gain: str
+    register: str
+    old: int
+    new: int
+
+
+def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
+    """Make the joint's servo hold these gains, by name; what had to be changed.
+
+    Raises ServoError where a servo holds torque or does not take one, PortLost once the line is gone.
+    """
+    known = gains_of(joint.model)
+    names = {known[name]: name for name in values}
+    saved = {register: values[name] for register, name in names.items() if register.persistent}
+    changes = update(bus, joint.servo_id, series_of(joint.model).lock, saved) if saved else ()
+    done = [Written(names[one.register], one.register.name, one.old, one.new) for one in changes]
+    for register, name in names.items():
+        if not register.persistent and (old := _set(bus, joint, register, values[name])) is not None:
+            done.append(Written(name, register.name, old, values[name]))
+    return tuple(done)
+
+
+def _set(bus: Bus, joint: Joint, register: Register, value: int) -> int | None:
+    """Write a register of RAM, if it holds something else; what that was."""
+    held = partial(bus.read, joint.servo_id, register)
+    old = retry(held)
+    if old == value:
+        return None
+    if bus.torque_is_on(joint.servo_id):
+        raise EepromError(joint.servo_id, register, f"is not written: {HOLDS}")
+    retry(partial(bus.write, joint.servo_id, register, value))
+    if (now := retry(held)) != value:
+        raise EepromError(joint.servo_id, register, f"stays {now}, not {value}: the servo does not take it")
+    return old

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from commissioning.tune.figures import Figures
-from commissioning.tune.law import Law, Predicted
-from commissioning.tune.plan import Plan
+from commissioning.tune.predict import Law, Predicted
+from commissioning.tune.trial import Plan
 from drivers.servos import sts
 from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint

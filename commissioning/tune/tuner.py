@@ -7,12 +7,9 @@ from typing import Final
 
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm, StoppedError
-from commissioning.tune.errors import TuneError
 from commissioning.tune.figures import Figures, Trace, figures
-from commissioning.tune.gains import as_held, read_gains, with_gains
-from commissioning.tune.plan import FASTEST_RAD_S, Plan, plan_for
-from commissioning.tune.trial import Trial
-from commissioning.tune.write import Written, write_gains
+from commissioning.tune.gains import TuneError, Written, as_held, read_gains, with_gains, write_gains
+from commissioning.tune.trial import FASTEST_RAD_S, Plan, Trial, plan_for
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoState
 from drivers.clock import Clock

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.options import ArmOption

@@ -79,7 +79,7 @@ def _require_writable(robot: Path) -> None:
 
 
 def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "Outcome":
-    from commissioning.calibrate.driven import by_itself
+    from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock

@@ -17,7 +17,7 @@ from servoloop.commands.console import Keyboard, print_table
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
-    from commissioning.calibrate.flow import Task
+    from commissioning.calibrate.by_hand import Task
     from commissioning.calibrate.run import Difference
 
 NOTHING, STORED = "nothing was stored", "the calibration is stored, and was not tried"

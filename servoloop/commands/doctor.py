@@ -50,8 +50,8 @@ def doctor(
     """
     from rich.console import Console
 
-    from commissioning.doctor.examine import doctor as examine
-    from commissioning.doctor.markdown import markdown
+    from commissioning.doctor.doctor import doctor as examine
+    from commissioning.doctor.report import markdown
     from commissioning.ports.machine import Machine
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration

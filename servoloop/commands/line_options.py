@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import end_signals
 

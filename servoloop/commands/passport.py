@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from calibration.eeprom import Change
+from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all
-from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.servos.catalog import MODELS

@@ -62,7 +62,7 @@ def _wait(timeout_s: float, json: bool) -> None:
 
 def print_report(report: "PortsReport", console: "Console") -> None:
     """For people."""
-    from commissioning.ports.udev import RELOAD, RULE_FILE
+    from commissioning.ports.adapters import RELOAD, RULE_FILE
 
     for adapter in report.adapters:
         _print_adapter(adapter, console)

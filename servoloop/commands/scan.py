@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.rates import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json, print_table
 from servoloop.stack.processes import Interrupted
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from commissioning.scan.look import ServoLook
+    from commissioning.scan.examine import ServoLook
     from commissioning.scan.scan import Progress, ScanReport
     from drivers.servos.catalog import Make
     from drivers.servos.register import ServoModel

@@ -70,7 +70,7 @@ def factory_reset(
     It keeps its ID, but for Dynamixels of protocol 1.0, which get 1; the rate may change.
     Example: `servoloop factory-reset 3 --port /dev/ttyACM0`
     """
-    from commissioning.registers.reset import factory_reset as reset
+    from commissioning.registers.address import factory_reset as reset
 
     with servo_at(port, servo_id, baud) as servo:
         confirm(f"servo {servo_id} ({servo.name}) loses its settings, homing offset and limits too: go on?", yes)
@@ -94,7 +94,7 @@ def reboot(
 
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
     """
-    from commissioning.registers.reset import reboot as restart
+    from commissioning.registers.address import reboot as restart
     from hal.servos.limp_arm import falls
 
     with servo_at(port, servo_id, baud) as servo:

@@ -36,7 +36,7 @@ def setup(
     Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.set_up.flow import SetUp
-    from commissioning.set_up.place import places_of
+    from commissioning.set_up.only_one import places_of
     from drivers.clock import MonotonicClock
 
     file = known_arm(arm, urdf, robot).file

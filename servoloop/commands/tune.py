@@ -92,7 +92,7 @@ def tune(
 
 
 def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -> None:
-    from commissioning.tune.errors import TuneError
+    from commissioning.tune.gains import TuneError
 
     if more and not write:
         raise TuneError(f"{' '.join(more)}: gains are written where --write says so: --write {' '.join(more)}")
@@ -155,7 +155,7 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
 
 def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, end: str) -> str:
     """Everything that is going to happen. Raises TuneError where it cannot."""
-    from commissioning.tune.plan import plan_for, said
+    from commissioning.tune.trial import plan_for, said
 
     tuner.check_write(bool(values or apply))
     others = [joint.name for joint in tuner.joints if joint.name != tuner.joint.name]
@@ -174,7 +174,7 @@ def _tuned(
     tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, signals: "Signals"
 ) -> "Report":
     from commissioning.slow_arm import StoppedError
-    from commissioning.tune.run import tune as run
+    from commissioning.tune.report import tune as run
     from servoloop.stack.processes import Interrupted
 
     try:

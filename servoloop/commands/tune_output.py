@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from commissioning.tune.figures import Figures, Trace
-from commissioning.tune.law import Predicted
+from commissioning.tune.predict import Predicted
 from commissioning.tune.report import Report
 from commissioning.tune.tuner import Measurement
 from hal.types import FloatArray

@@ -8,7 +8,7 @@ from typing import Final
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from commissioning.whole_file import write_whole
+from commissioning.atomic_write import write_whole
 from drivers.errors import DriverError
 from hal.errors import ArmFileError
 from hal.plausible import Position

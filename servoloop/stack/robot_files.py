@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from commissioning.whole_file import cannot_write, write_whole
+from commissioning.atomic_write import cannot_write, write_whole
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
 from drivers.errors import DriverError
 from hal.errors import DescriptionError, RobotFileError

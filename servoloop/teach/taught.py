@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from commissioning.whole_file import write_whole
+from commissioning.atomic_write import write_whole
 from controller.teach.hand_path import HandPath, excess, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.errors import DriverError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.angles import Travel
-from commissioning.calibrate.flow import Task
+from commissioning.calibrate.by_hand import Task
 from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import Found, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.place import Place
+from commissioning.set_up.only_one import Place
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel

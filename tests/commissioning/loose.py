@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import tau
 
 from commissioning.drive_trial import JointMotion
-from commissioning.set_up.place import Place
+from commissioning.set_up.only_one import Place
 from commissioning.set_up.turn import turn_loose
 from drivers.bus.bus import Bus
 from drivers.servos import sts

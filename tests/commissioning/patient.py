@@ -5,8 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from commissioning.doctor.examine import doctor
-from commissioning.doctor.finding import Finding
+from commissioning.doctor.doctor import doctor
+from commissioning.doctor.findings import Finding
 from commissioning.doctor.motion import Move, no_move
 from commissioning.doctor.report import Report
 from commissioning.ports.machine import Machine

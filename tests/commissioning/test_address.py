@@ -7,8 +7,7 @@ import pytest
 from calibration.eeprom import EepromError
 from commissioning.errors import CommissioningError
 from commissioning.registers.access import write_register
-from commissioning.registers.address import set_baud, set_id
-from commissioning.registers.reset import factory_reset, reboot
+from commissioning.registers.address import factory_reset, reboot, set_baud, set_id
 from commissioning.registers.tables import rates_of
 from commissioning.scan.find import find_servo
 from drivers.errors import PortError, ServoRefused

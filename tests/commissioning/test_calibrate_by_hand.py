@@ -4,7 +4,7 @@ from typing import Any, cast
 
 import pytest
 
-from commissioning.calibrate.flow import ByHand, as_joint
+from commissioning.calibrate.by_hand import ByHand, as_joint
 from commissioning.calibrate.result import doubts
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X

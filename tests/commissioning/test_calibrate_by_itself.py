@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from commissioning.calibrate.driven import ByItself
+from commissioning.calibrate.by_itself import ByItself
 from commissioning.calibrate.result import CalibrationError, doubts, turns_freely
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.calibrate.flow import ByHand, Task
+from commissioning.calibrate.by_hand import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, by_hand, to_turn_round
 from commissioning.calibrate.sweep import Swept

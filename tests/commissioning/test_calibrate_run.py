@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from commissioning.calibrate.flow import ByHand, Task
+from commissioning.calibrate.by_hand import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, doubts
 from commissioning.calibrate.run import (
     DIRECTIONS,

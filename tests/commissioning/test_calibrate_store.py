@@ -9,8 +9,8 @@ import pytest
 
 from calibration.eeprom import OPEN, EepromError
 from commissioning.calibrate.result import CalibrationError
+from commissioning.calibrate.run import check
 from commissioning.calibrate.store import store
-from commissioning.calibrate.verify import check
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x

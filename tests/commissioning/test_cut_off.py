@@ -7,8 +7,7 @@ import pytest
 
 from commissioning.provision import provision
 from commissioning.registers.access import write_register
-from commissioning.registers.address import set_baud, set_id
-from commissioning.registers.reset import factory_reset, reboot
+from commissioning.registers.address import factory_reset, reboot, set_baud, set_id
 from commissioning.scan.find import FoundServo, find_servo
 from drivers.errors import DriverError
 from drivers.servos import sts

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from commissioning.doctor.kinds import KINDS
+from commissioning.doctor.findings import KINDS
 from drivers.servos import x
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from commissioning.doctor.judge import judge
+from commissioning.doctor.doctor import judge
 from commissioning.doctor.snapshot import BusSnapshot, LineFigures, ServoSnapshot, Snapshot
 from drivers.bus.types import ServoState
 from tests.commissioning.patient import files_of, perfect

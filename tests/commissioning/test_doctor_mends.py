@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from commissioning.registers.access import write_register
-from commissioning.registers.address import set_baud, set_id
-from commissioning.registers.reset import reboot
+from commissioning.registers.address import reboot, set_baud, set_id
 from commissioning.scan.find import find_servo
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.doctor.finding import SEVERITIES, Finding, Place, ranked
-from commissioning.doctor.judge import judge
-from commissioning.doctor.kinds import KINDS, finding
+from commissioning.doctor.doctor import judge
+from commissioning.doctor.findings import KINDS, SEVERITIES, Finding, Place, finding, ranked
 from commissioning.doctor.snapshot import BusSnapshot, Heard, LineFigures, ServoSnapshot, Snapshot
 from drivers.bus.types import ServoState
 from tests.commissioning.patient import files_of

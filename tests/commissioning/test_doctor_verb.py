@@ -11,7 +11,7 @@ import pytest
 import typer
 import yaml
 
-from commissioning.doctor.markdown import markdown, without_names
+from commissioning.doctor.report import markdown, without_names
 from drivers.servos import sts
 from servoloop import cli
 from servoloop.stack.arm_folders import find_arm, read_arm_files

@@ -7,8 +7,7 @@ from math import sqrt, tau
 import pytest
 
 from commissioning.drive_trial import JointMotion
-from commissioning.set_up.gear import GearLook, called, judge_gear, rivals, v_s_rad
-from commissioning.set_up.turn import WAY_RAD
+from commissioning.set_up.turn import WAY_RAD, GearLook, called, judge_gear, rivals, v_s_rad
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost
 from drivers.servos import sts

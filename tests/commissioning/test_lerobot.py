@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrations import built_signs, calibration_rows, export_calibration, import_calibration
 from commissioning.lerobot import LerobotFile, LerobotJoint, lerobot_text, to_lerobot
 from commissioning.lerobot_import import Imported, from_lerobot
-from commissioning.whole_file import write_whole
 from drivers.servos.sts import STS3215
 from drivers.servos.x import MODELS as X_MODELS
 from hal.joint import Joint

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from commissioning.errors import CommissioningError
-from commissioning.ports import permission as permissions
+from commissioning.ports import machine as permissions
 from commissioning.ports.adapters import only_port, ports
 from commissioning.ports.chips import CHIPS, chip_text
 from commissioning.ports.machine import Holder, Machine, User

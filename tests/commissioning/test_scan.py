@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from commissioning.registers.tables import rates_of
+from commissioning.scan.examine import ServoLook
 from commissioning.scan.identify import identity_of
-from commissioning.scan.look import ServoLook
 from commissioning.scan.scan import ScanReport, scan
 from commissioning.scan.steps import steps
 from commissioning.scan.wire import Wire, _v1_replies

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from commissioning.set_up.flow import TRIES, SetUp, Task
-from commissioning.set_up.place import Place, SetUpError, in_order, places_of
+from commissioning.set_up.only_one import Place, SetUpError, in_order, places_of
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel

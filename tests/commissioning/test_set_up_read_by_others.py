@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.place import Place
+from commissioning.set_up.only_one import Place
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort

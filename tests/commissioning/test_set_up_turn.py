@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.place import Place
+from commissioning.set_up.only_one import Place
 from commissioning.slow_arm import StoppedError
 from drivers.bus.bus import Bus
 from drivers.servos import sts

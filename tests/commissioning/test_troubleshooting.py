@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
-from commissioning.doctor.kinds import KINDS
+from commissioning.doctor.findings import KINDS
 from commissioning.scan.problems import Kind as ScanKind
 from drivers.servos import sts
 from tests.commissioning.patient import Patient
@@ -88,7 +88,7 @@ def test_no_ailment_of_the_doctor_lacks_a_test() -> None:
 def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     patient.put(3, sts.operating_mode, 1)
-    monkeypatch.setattr("commissioning.doctor.examine._serial", lambda clock, device, baud: patient.open(device, baud))
+    monkeypatch.setattr("commissioning.doctor.doctor._serial", lambda clock, device, baud: patient.open(device, baud))
     monkeypatch.setattr("drivers.clock.MonotonicClock", lambda: patient.clock)
     exec(code(NAME, "python"), {})
     assert "fault joint3 (servo 3)" in capsys.readouterr().out

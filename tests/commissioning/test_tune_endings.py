@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import pytest
 
 from commissioning.slow_arm import StoppedError
-from commissioning.tune.errors import TuneError
-from commissioning.tune.run import tune
+from commissioning.tune.gains import TuneError
+from commissioning.tune.report import tune
 from commissioning.tune.tuner import Ending, Tuner
 from drivers.bus.bus import Bus
 from drivers.errors import DriverError

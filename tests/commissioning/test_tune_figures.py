@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.tune.errors import TuneError
 from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response, rest_error
-from commissioning.tune.gains import gains_of, parse_gains, with_gains
-from commissioning.tune.plan import LIFT_RAD, STEP_RAD, Plan, plan_for, said
+from commissioning.tune.gains import TuneError, gains_of, parse_gains, with_gains
+from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, said
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from hal.joint import Joint

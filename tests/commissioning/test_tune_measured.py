@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from commissioning.slow_arm import SPEED_SHARE
-from commissioning.tune.law import Law
-from commissioning.tune.run import tune
+from commissioning.tune.predict import Law
+from commissioning.tune.report import tune
 from commissioning.tune.tuner import Ending, Measurement, Tuner
 from drivers.bus.bus import Bus
 from drivers.servos import sts, x

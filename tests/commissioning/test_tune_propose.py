@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from commissioning.tune.figures import Figures
 from commissioning.tune.gains import with_gains
-from commissioning.tune.law import Law, Loop
-from commissioning.tune.plan import plan_for
+from commissioning.tune.predict import Law, Loop
 from commissioning.tune.propose import FACTORY_P, UNKNOWN, Proposal, propose
 from commissioning.tune.report import kept
+from commissioning.tune.trial import plan_for
 from drivers.servos import scs, sts, x
 from hal.joint import Joint
 from tests.hal.bench import JOINTS

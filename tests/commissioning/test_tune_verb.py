@@ -10,7 +10,9 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from commissioning.tune import law, plan, propose, trial
+from commissioning.tune import predict as law
+from commissioning.tune import propose, trial
+from commissioning.tune import trial as plan
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.servos import sts

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from commissioning.errors import CommissioningError
 from commissioning.registers.tables import meaning, rates_of, register_named, registers_of
-from commissioning.registers.units import UNITS, Unit, unit_of
-from commissioning.registers.values import parse, value_of
+from commissioning.registers.values import UNITS, Unit, parse, unit_of, value_of
 from drivers.servos import ax_mx, scs, sts, x, xl320
 from drivers.servos.catalog import MODELS, SERIES, series_of
 from drivers.servos.register import ServoModel

@@ -38,7 +38,7 @@ def test_all_rooms_but_nodes_import_without_ros() -> None:
 
 def test_the_tools_for_ports_and_servos_need_nothing_that_is_compiled_for_a_machine() -> None:
     """Neither physics nor ROS nor numbers: they start on whatever a servo's adapter can be plugged into."""
-    tools = "commissioning.ports.plugging, commissioning.scan.scan, commissioning.registers.reset"
+    tools = "commissioning.ports.plugging, commissioning.scan.scan, commissioning.registers.address"
     heavy = ("mujoco", "numba", "numpy", "ruckig", "rclpy", "PIL")
     program = f"import sys, {tools}, commissioning.registers.access; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from commissioning.calibrate.flow import Task
+from commissioning.calibrate.by_hand import Task
 from commissioning.calibrate.run import STORE, TRY
 from commissioning.set_up.flow import Task as Connect
 from commissioning.slow_arm import StoppedError

@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 from commissioning.calibrate.result import JointCalibration, doubts
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import on, write
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, write
 from hal.robot_file.calibration_file import CalibrationFile
 from hal.servos.activation import counted_turns
 from hal.types import far_outside

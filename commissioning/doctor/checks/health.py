@@ -4,10 +4,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import let_go, on, show
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, let_go, on, show
 from drivers.servos.catalog import series_of
 
 WARM_C: Final = 8

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
+from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
 from drivers.servos.catalog import known_as, series_of
 

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
+from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, LineFigures, Snapshot
 from drivers.port.latency import HELD_BACK
 

@@ -4,10 +4,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import write
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, write
 from commissioning.drive_trial import STUCK_SHARE, JointMotion
 from hal.joint import Joint
 

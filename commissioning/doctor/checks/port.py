@@ -4,11 +4,9 @@ from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
 
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
+from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, PortProblem, Snapshot
-from commissioning.ports.adapters import Adapter, PortsReport
-from commissioning.ports.complaints import Complaint
+from commissioning.ports.adapters import Adapter, Complaint, PortsReport
 
 UNPLUGGED: Final = "the adapter's port is not there"
 SYMPTOMS: Final[dict[PortProblem, tuple[str, str]]] = {

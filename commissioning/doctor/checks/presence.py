@@ -2,10 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from commissioning.doctor.commands import on
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on
 
 FACTORY_ID = 1
 

@@ -4,10 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import show, write
-from commissioning.doctor.finding import Finding
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, finding
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, show, write
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 

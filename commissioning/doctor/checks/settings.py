@@ -4,10 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import on, write
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X

@@ -4,10 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.commands import write
-from commissioning.doctor.finding import Finding, Place
-from commissioning.doctor.kinds import finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
+from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, write
 from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0

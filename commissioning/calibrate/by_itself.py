@@ -12,8 +12,8 @@ from math import ceil, floor
 from typing import Final
 
 from calibration.angles import Travel
+from commissioning.calibrate.by_hand import ByHand, anchor_counts, require_poses
 from commissioning.calibrate.direction_search import DirectionSearch, Watcher
-from commissioning.calibrate.flow import ByHand, anchor_counts, require_poses
 from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, turns_freely, unit
 from commissioning.calibrate.stop_search import StopSearch

@@ -5,22 +5,56 @@ for finding in report.findings:
     print(finding.severity, finding.symptom, finding.cause, finding.command)
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
-from commissioning.doctor.judge import judge
+from commissioning.doctor.checks.arm import check_arm
+from commissioning.doctor.checks.health import check_health
+from commissioning.doctor.checks.identity import check_identity
+from commissioning.doctor.checks.line import check_line
+from commissioning.doctor.checks.motion import check_motion
+from commissioning.doctor.checks.port import check_ports
+from commissioning.doctor.checks.presence import check_presence
+from commissioning.doctor.checks.protection import check_protection
+from commissioning.doctor.checks.settings import check_settings
+from commissioning.doctor.checks.voltage import check_voltage
+from commissioning.doctor.findings import KINDS, Finding, ranked
 from commissioning.doctor.measure import OpenPort, measure_bus
 from commissioning.doctor.motion import Move, no_move
 from commissioning.doctor.report import Report, report_of
 from commissioning.doctor.snapshot import Snapshot
-from commissioning.ports.adapters import ports
+from commissioning.ports.adapters import PortsReport, ports
 from commissioning.ports.machine import Machine
 from drivers.clock import Clock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.robot_file.calibration_file import CalibrationFile
 from hal.robot_file.robot import Robot
+
+CHECKS: Final[tuple[Callable[[Snapshot], Iterable[Finding]], ...]] = (
+    check_presence,
+    check_line,
+    check_identity,
+    check_settings,
+    check_protection,
+    check_voltage,
+    check_health,
+    check_arm,
+    check_motion,
+)
+
+
+def judge(snapshot: Snapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
+    """All findings, the likeliest root of the others first."""
+    return ranked(_all(snapshot, ports), KINDS)
+
+
+def _all(snapshot: Snapshot, ports: PortsReport | None) -> Iterator[Finding]:
+    yield from check_ports(snapshot, ports)
+    for check in CHECKS:
+        yield from check(snapshot)
 
 
 def doctor(

@@ -13,7 +13,7 @@ from typing import Final
 
 from commissioning.tune.figures import Figures
 from commissioning.tune.gains import with_gains
-from commissioning.tune.plan import Plan
+from commissioning.tune.trial import Plan
 from drivers.servos import sts
 from hal.compensation.servo_compliance import STS_DRIVE_PER_COUNT, STS_FRICTION_SHARE
 from hal.joint import Joint

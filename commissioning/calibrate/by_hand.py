@@ -7,7 +7,6 @@ from statistics import median
 from typing import Final, Protocol
 
 from calibration.angles import Travel, shortest
-from commissioning.calibrate.direction import last_way
 from commissioning.calibrate.hands import Hands
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import (
@@ -25,7 +24,7 @@ from commissioning.calibrate.result import (
 )
 from commissioning.calibrate.seam import Counting, counting_of
 from commissioning.calibrate.stops import Stops
-from commissioning.calibrate.sweep import Sweep
+from commissioning.calibrate.sweep import Sweep, last_way
 from drivers.bus.bus import Bus
 from hal.joint import Joint
 
