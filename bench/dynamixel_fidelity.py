@@ -12,15 +12,15 @@ from bench.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, x, xl320
 from drivers.servos.register import Register, ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel.motors import IDENTIFIED
-from sim_backend.dynamixel.protocol1_models import MX_64, MX_106
+from sim_backend.line.line import ServoLine
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Supply
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.dynamixel.motors import IDENTIFIED
+from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
 
 RPM = 2.0 * pi / 60.0
 X330, XL = x.XL330_M288, xl320.XL320

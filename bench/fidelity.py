@@ -24,11 +24,11 @@ from drivers.bus.bus import Bus
 from drivers.protocol import v1
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Supply
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 
 COUNTS_PER_RAD = 4096 / (2.0 * pi)
 MIDDLE = 2048

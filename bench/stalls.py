@@ -31,7 +31,7 @@ from servoloop.demo.jobs import Live
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.processes import LOOP_PRIORITY
 from servoloop.stack.robot_files import read_files
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 SIDES: Final[Mapping[str, Sequence[str]]] = {

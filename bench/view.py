@@ -29,7 +29,7 @@ from servoloop.demo.cell import ADDRESS, Cell, cell
 from servoloop.demo.jobs import Live
 from servoloop.recording.reader import read_recording
 from servoloop.stack.arm_folders import find_arm
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 
 PERIOD_S: Final = 0.05
 GRADES: Final = "ABC"

@@ -11,12 +11,12 @@ from typing import Any, Final
 
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
+from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.control import Command, Handler
-from sim_backend.generic.packet_servo import PacketServo
+from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.plant import BenchPlant, Plant
-from sim_backend.mechanics.rig import Rig, Supply
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus, servo_of
+from sim_backend.servos.generic.packet_servo import PacketServo
+from sim_backend.servos.sts.servo import VirtualServo
 
 FACTORY_ID: Final = 1
 FACTORY_RETURN_DELAY: Final = 250

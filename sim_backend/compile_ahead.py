@@ -5,10 +5,10 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.scene.mujoco_hardware import drive
 from sim_backend.scene.picture import View
-from sim_backend.wire.bus import VirtualBus
 
 PICTURED: Final = """<mujoco><worldbody>
 <light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>

@@ -15,8 +15,8 @@ from hal.plausible import Number, RegisterValue
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from sim_backend.flash import Flash
-from sim_backend.generic.packet_servo import WiredServo
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
+from sim_backend.servos.generic.packet_servo import WiredServo
 
 _HEADER: Final = "# EEPROM of virtual servos. Written while they run: edit it when they do not.\n"
 

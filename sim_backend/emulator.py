@@ -13,8 +13,8 @@ from select import select
 from typing import Any, Final
 
 from drivers.clock import Clock, MonotonicClock
-from sim_backend.wire.line import Reply, ServoLine
-from sim_backend.wire.pty_link import PtyAdapter, PtyLink
+from sim_backend.buses.pty_link import PtyAdapter, PtyLink
+from sim_backend.line.line import Reply, ServoLine
 
 TICK_S: Final = 0.005
 LONGEST_CATCH_UP_S: Final = 0.2

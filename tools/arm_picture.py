@@ -11,7 +11,7 @@ from servoloop.simulation.simulate import SETTLED_S
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.picture import Recorder
 
 GRADE = {"koch": "B"}

@@ -17,8 +17,8 @@ from hal.joint import Joint
 from servoloop.commands.tune_output import picture
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
 
 ARM, JOINT, AT = "so101", "shoulder_lift", 0.9
 POSE: Final = {"shoulder_lift": 0.6, "elbow_flex": -0.6}

@@ -15,7 +15,7 @@ from servoloop.campaign.invariant import Invariant, complains
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event
-from sim_backend.sts.servo import VirtualServo
+from sim_backend.servos.sts.servo import VirtualServo
 
 _POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
 

@@ -16,7 +16,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.robot_files import Files
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,12 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import ByteOrder, Register
 from drivers.servos.series import Series
 from hal.joint import Joint
-from sim_backend.wire import dynamixel_wire, sts_wire
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_groups import bulk_entries, sync_entries
-from sim_backend.wire.instructions import Instruction, Parser
-from sim_backend.wire.line import ServoLine
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.line.line import ServoLine
+from sim_backend.packets import dynamixel as dynamixel_wire
+from sim_backend.packets import sts as sts_wire
+from sim_backend.packets.dynamixel_groups import bulk_entries, sync_entries
+from sim_backend.packets.instructions import Instruction, Parser
 
 MEASURED_WITHIN_COUNTS: Final = 3
 """Free joints sag between the measurement and the torque."""

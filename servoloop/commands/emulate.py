@@ -82,8 +82,8 @@ def emulate(
     """
     from servoloop.stack.emulator import emulate as run
     from servoloop.stack.signals import Signals
+    from sim_backend.buses.build import Build
     from sim_backend.compiled import compilation_announced
-    from sim_backend.mechanics.build import Build
 
     log_to_terminal()
     if view:

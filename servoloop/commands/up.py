@@ -131,7 +131,7 @@ def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
         return None
     from servoloop.simulation.pace import Pace, parse_factor
     from servoloop.simulation.real_clients import SimulatedTime
-    from sim_backend.mechanics.build import Build
+    from sim_backend.buses.build import Build
 
     return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))
 
@@ -189,7 +189,7 @@ def demo(
     from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.jobs import Live
-    from sim_backend.mechanics.build import Build
+    from sim_backend.buses.build import Build
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:

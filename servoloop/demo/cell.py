@@ -19,7 +19,7 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.processes import Processes
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from servoloop.demo.jobs import Live, Run
 from servoloop.simulation.recording import worst
 from servoloop.stack.arm_folders import Arm
 from servoloop.stack.robot_files import write_file
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 
 IDLE_S = 3.0
 FADING_S = 1.5

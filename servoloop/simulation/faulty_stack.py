@@ -11,9 +11,9 @@ from servoloop.simulation.goal_log import GoalLog, LoggedGoal
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from servoloop.simulation.touches import Touches
+from sim_backend.buses.port import VirtualAdapter
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
-from sim_backend.wire.port import VirtualAdapter
 
 
 class FaultyStack(SimulatedStack):

@@ -14,8 +14,8 @@ from servoloop.stack.background_worker import SameThreadWorker
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.robot_files import Files
 from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
 
 if TYPE_CHECKING:
     from nodes.surface import Surface

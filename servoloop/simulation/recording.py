@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.types import FloatArray
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.wire.port import VirtualPort
 
 MOVING_RAD_S = 0.01
 REST_S = 0.5

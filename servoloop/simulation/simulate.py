@@ -22,9 +22,9 @@ from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import inventory_of
 from servoloop.stack.robot_files import Files, servo_ids
+from sim_backend.buses.build import Build
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import Inventory
-from sim_backend.mechanics.build import Build
 
 
 class Digest:

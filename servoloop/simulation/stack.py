@@ -26,11 +26,11 @@ from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.stack.robot_files import Files, read_files
 from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import Build
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
+from sim_backend.line.line import ServoLine
 from sim_backend.scene.mujoco_hardware import MujocoHardware
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 
 NOMINAL_BUILD = Build()
 AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)

@@ -10,8 +10,9 @@ from drivers.servos.catalog import series_of, wire_protocol
 from hal.joint import Joint
 from servoloop.simulation.cycle_recorder import CycleRecord, Recording
 from sim_backend.faults.text import text_of
-from sim_backend.wire import dynamixel_wire, sts_wire
-from sim_backend.wire.instructions import Instruction
+from sim_backend.packets import dynamixel as dynamixel_wire
+from sim_backend.packets import sts as sts_wire
+from sim_backend.packets.instructions import Instruction
 
 ANY_SIZE = frozenset(range(1, 256))
 """Bytes of data that a reply may have."""

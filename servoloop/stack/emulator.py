@@ -22,17 +22,21 @@ from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import realtime_priority
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
+from sim_backend.buses.build import Build
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.pty_link import PtyAdapter
 from sim_backend.control import ControlServer, Handler, control_path
-from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
 from sim_backend.faults.control import obey_faults
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import FaultPlayer, require_possible
 from sim_backend.faults.targets import Targets
-from sim_backend.mechanics.build import Build
+from sim_backend.line.common_plant import CommonPlant
+from sim_backend.line.line import ServoLine
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
-from sim_backend.mechanics.rig import Supply
 from sim_backend.mechanics.spread import NOMINAL, Spread
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.hand import Hand, obey
@@ -40,12 +44,8 @@ from sim_backend.scene.picture import Recorder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
 from sim_backend.scene.world_feed import WorldFeed, WorldFeedClient, feed_path
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.common import CommonPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.pty_link import PtyAdapter
+from sim_backend.servos.dynamixel.servo import VirtualXServo
+from sim_backend.servos.sts.servo import VirtualServo
 
 _Wiring = tuple[dict[str, ServoLine[Any]], Handler]
 """The lines by the buses' names, and what does the commands of a person beside them."""

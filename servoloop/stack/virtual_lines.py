@@ -6,12 +6,12 @@ from drivers.clock import Clock
 from drivers.port import Port
 from servoloop.stack.emulator import Pose, couplings, virtual_lines
 from servoloop.stack.robot_files import ServoFiles
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
+from sim_backend.buses.port import VirtualPort
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
-from sim_backend.wire.port import VirtualPort
 
 
 class VirtualLines:

@@ -15,11 +15,11 @@ from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from sim_backend.buses.build import Build
 from sim_backend.faults.draw import draw
 from sim_backend.faults.event import Event
 from sim_backend.faults.script import script_text
 from sim_backend.faults.text import parse
-from sim_backend.mechanics.build import Build
 
 
 class ArmTestError(DriverError):

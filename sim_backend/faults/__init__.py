@@ -4,6 +4,6 @@
 write them, ``draw`` makes a random schedule. ``wire`` has the switches for single replies that a line looks at.
 """
 
-from sim_backend.faults.wire import Disturbance, WireFaults
+from sim_backend.packets.faults import Disturbance, WireFaults
 
 __all__ = ["Disturbance", "WireFaults"]

@@ -14,7 +14,7 @@ from sim_backend.faults.event import Lasting, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
 from sim_backend.faults.tails import either_way, log_uniform
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.generic.packet_servo import PacketServo
+from sim_backend.servos.generic.packet_servo import PacketServo
 
 READ_IN_CYCLES: Final = (
     *("present_velocity", "present_speed", "present_load", "present_pwm", "present_current"),

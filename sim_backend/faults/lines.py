@@ -14,8 +14,8 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, OfBus, OfServo, any_servo
 from sim_backend.faults.tails import about, log_uniform
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.mechanics.power import feed, restart, watch_supply
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
+from sim_backend.line.power import feed, restart, watch_supply
 
 READ, WRITE = 2, 3
 """The instructions, in all protocols."""

@@ -10,8 +10,8 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies
 from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.faults.wire import LONGEST_NOISE
-from sim_backend.wire.line import overlaid
+from sim_backend.line.line import overlaid
+from sim_backend.packets.faults import LONGEST_NOISE
 
 
 class _OnTheWire(Replies):

@@ -13,7 +13,7 @@ from hal.plausible import Celsius, Chance, Duration
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.tails import about, log_uniform
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.mechanics.power import restart
+from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
 """The highest temperature at which a servo drives its motor, as it comes from the factory."""

@@ -13,13 +13,13 @@ from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Access, Register, ServoModel
 from hal.plausible import Baud, Number, RegisterValue, ServoId
 from sim_backend.box import FACTORY_ID
-from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
 from sim_backend.faults.targets import Inventory, Targets
-from sim_backend.mechanics.power import restart
-from sim_backend.sts.servo import VirtualServo
+from sim_backend.line.power import restart
+from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
+from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
 """The values of ``operating_mode`` by series; the others have no such register."""

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, Protocol
 from drivers.servos.register import ServoModel
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.holds import Holds
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
 
 Upset = Literal["raises", "nan", "jumps"]
 """What a controller does when it is upset."""

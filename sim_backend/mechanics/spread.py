@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.motor import MotorConstants
-from sim_backend.mechanics.rig import Supply
 
 SHARE: Final = 0.1
 """The largest deviation of a value, as a share of it; all within are equally likely."""

@@ -8,7 +8,7 @@ from nodes.pick_place.settings import Settings
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import PickPlace, load_pick_place
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.world import World
 from tests.drivers.fault_lines import CYCLES
 from tests.stack.rig import UnpacedJob

@@ -14,7 +14,7 @@ from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import find_arm, read_arm, read_arm_files
 from servoloop.stack.robot_check import check_arm
 from servoloop.stack.virtual_lines import VirtualLines
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.world import World
 
 RUNNER = CliRunner()

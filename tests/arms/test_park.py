@@ -5,7 +5,7 @@ import pytest
 
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 
 ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so101_leader", "so100", "koch")
 LATER_S = 6.0

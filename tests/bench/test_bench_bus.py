@@ -19,8 +19,8 @@ from drivers.errors import DriverError
 from drivers.servos import sts
 from servoloop.bench.bus import bench_bus, parse_ids
 from servoloop.cli import app
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
 from tests.servoloop.served import eventually, served
 
 pytestmark = pytest.mark.slow

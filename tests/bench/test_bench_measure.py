@@ -19,11 +19,11 @@ from drivers.servos.indirect import block_for
 from drivers.servos.register import ServoModel
 from servoloop.bench.bus import Figures, measure, standing_still
 from servoloop.bench.goals import present_goals
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
 from tests.drivers.ports import WatchedPort
 
 IDS = (1, 2, 3, 4, 5, 6, 7)

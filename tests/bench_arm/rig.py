@@ -8,8 +8,8 @@ from drivers.servos import sts
 from servoloop.bench.arm import Measured, bench_arm
 from servoloop.stack.arm_folders import Arm, find_arm, read_arm_files
 from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
 
 
 class Lying:

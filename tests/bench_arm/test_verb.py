@@ -17,8 +17,8 @@ from drivers.servos import sts
 from servoloop import cli
 from servoloop.bench.figures import ArmFigures, MachineFigures, Timing
 from servoloop.cli import app
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
 from tests.pages import commands
 from tests.servoloop.served import served

@@ -12,10 +12,10 @@ from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import ByteOrder
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 
 counts = st.integers(0, TURN - 1)
 turns = st.integers(-7 * TURN, 7 * TURN)

@@ -14,10 +14,10 @@ from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts, xl320
 from drivers.servos.register import Register
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 from tests.drivers.fault_lines import CYCLES
 
 LOCK = sts.lock

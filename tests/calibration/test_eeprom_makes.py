@@ -11,10 +11,10 @@ from drivers.errors import ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x
 from drivers.servos.register import Register, ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 from tests.drivers.ports import WatchedPort
 
 WRITE = 0x03

@@ -9,12 +9,12 @@ import numpy as np
 from drivers.errors import PortBusy, PortDenied, PortLost
 from drivers.servos import sts
 from hal.robot_file.calibration_file import CalibrationFile
+from sim_backend.buses.feetech import VirtualBus, servo_of
+from sim_backend.buses.port import VirtualPort
 from sim_backend.faults import Disturbance
-from sim_backend.mechanics.power import feed, restart
-from sim_backend.mechanics.rig import Rig, Supply
-from sim_backend.wire.bus import VirtualBus, servo_of
-from sim_backend.wire.port import VirtualPort
-from sim_backend.wire.sts_wire import Code
+from sim_backend.line.power import feed, restart
+from sim_backend.line.rig import Rig, Supply
+from sim_backend.packets.sts import Code
 from tests.commissioning.patient import Patient
 
 ELBOW = 3

@@ -16,13 +16,13 @@ from hal.joint import Joint
 from hal.types import FloatArray
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings, virtual_bus
+from sim_backend.buses.build import Build
+from sim_backend.buses.mounting import Mounting
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
-from sim_backend.mechanics.mounting import Mounting
 from sim_backend.mechanics.plant import Coupling, WorldPlant
 from sim_backend.scene.hand import Hand
 from sim_backend.scene.world import World
-from sim_backend.wire.port import VirtualPort
 
 FILES = read_arm_files(find_arm())
 JOINTS: Sequence[Joint] = FILES.robot.joints

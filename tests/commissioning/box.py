@@ -9,10 +9,10 @@ from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
 from sim_backend.box import VirtualBox
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.rig import Supply
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.port import VirtualPort
+from sim_backend.line.rig import Supply
+from sim_backend.servos.sts.servo import VirtualServo
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 GRIPPER = (("position_p", 16), ("protection_current", 250), ("max_torque", 500))

@@ -11,7 +11,7 @@ from drivers.servos.register import Register
 from hal.joint import Joint
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings
-from sim_backend.mechanics.mounting import Mounting
+from sim_backend.buses.mounting import Mounting
 from sim_backend.mechanics.plant import Coupling
 
 STEP_RAD = 0.2

@@ -8,13 +8,13 @@ from commissioning.scan.scan import ScanReport, scan
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
+from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig, Supply
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 
 
 class ToolLine:

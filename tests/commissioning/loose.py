@@ -9,13 +9,13 @@ from commissioning.set_up.turn import turn_loose
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.motor import sts_motor
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig, Supply
 from sim_backend.mechanics.spread import Spread
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.commissioning.box import Port
 
 

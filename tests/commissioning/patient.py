@@ -19,12 +19,12 @@ from hal.servos.servo_hardware import ServoHardware
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.robot_files import CONFIG, Files, read_files
+from sim_backend.buses.build import Build
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 
 NOBODYS_MACHINE = Machine(Path("/nowhere"), list)
 """It has no adapter and no rule."""

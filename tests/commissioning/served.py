@@ -12,10 +12,10 @@ import pytest
 from drivers.servos import x
 from drivers.servos.register import ServoModel
 from servoloop import cli
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
 from tests.servoloop.served import served as served_line
 
 

@@ -11,8 +11,8 @@ from commissioning.registers.address import factory_reset, reboot, set_baud, set
 from commissioning.scan.find import FoundServo, find_servo
 from drivers.errors import DriverError
 from drivers.servos import sts
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.wire.port import VirtualPort
 from tests.commissioning.lines import ToolLine
 
 TOOLS: dict[str, Callable[[FoundServo], Any]] = {

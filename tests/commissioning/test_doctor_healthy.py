@@ -3,7 +3,7 @@
 import pytest
 
 from servoloop.stack.arm_folders import arms
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from tests.commissioning.patient import Patient
 from tests.drivers.fault_lines import CYCLES
 

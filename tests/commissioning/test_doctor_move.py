@@ -11,7 +11,7 @@ from commissioning.doctor.report import Report
 from commissioning.slow_arm import SPEED_SHARE
 from drivers.servos import sts
 from hal.compensation.gravity import Gravity
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 

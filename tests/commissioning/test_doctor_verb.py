@@ -16,7 +16,7 @@ from drivers.servos import sts
 from servoloop import cli
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import CONFIG
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served
 from tests.commissioning.test_doctor_faults import FIRST

@@ -15,14 +15,14 @@ from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.x import MODELS as X_MODELS
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus, servo_of
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
+from sim_backend.line.rig import Rig
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus, servo_of
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.servo import VirtualServo
 
 IDS = (1, 2, 3)
 REBOOT = 8

@@ -18,9 +18,9 @@ from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
+from sim_backend.buses.port import VirtualPort
 from sim_backend.faults import Disturbance
-from sim_backend.wire.line import Reply
-from sim_backend.wire.port import VirtualPort
+from sim_backend.line.line import Reply
 from tests.commissioning.lines import ToolLine
 from tests.drivers.ports import EchoingPort, WatchedPort
 

@@ -13,9 +13,9 @@ from drivers.servos import sts
 from servoloop.commands.set_up import _run
 from servoloop.stack.processes import Interrupted
 from sim_backend.box import VirtualBox
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.commissioning.box import GRIPPER
 
 LIFT, JAW = 0, 1

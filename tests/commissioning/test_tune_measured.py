@@ -14,11 +14,11 @@ from drivers.bus.bus import Bus
 from drivers.servos import sts, x
 from drivers.servos.register import Register
 from hal.joint import Joint
+from sim_backend.buses.build import Build
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
 from tests.commissioning.patient import Patient
 from tests.commissioning.tuned import TuneBench
 from tests.hal.bench import JOINTS

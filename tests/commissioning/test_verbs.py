@@ -22,7 +22,7 @@ from hal.joint import Joint
 from hal.servos.servo_settings import settings_of
 from servoloop import cli
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
 from tests.commissioning.machines import SmallMachine
 from tests.commissioning.served import run, served
 from tests.pages import code, commands

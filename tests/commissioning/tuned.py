@@ -12,10 +12,10 @@ from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import Register
 from hal.joint import Joint
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 from tests.hal.bench import JOINTS
 
 LOAD_NM = 0.6

@@ -9,13 +9,13 @@ from drivers.bus.types import Reading, ServoFault, ServoState
 from drivers.servos import x
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.register import ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_wire import Code, InstructionParser
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.dynamixel import Code, InstructionParser
+from sim_backend.packets.instructions import Instruction
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 
 PERIOD_S = 0.015
 BUDGET_S = 0.012

@@ -15,13 +15,13 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ByteOrder, Register, ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)

@@ -1,7 +1,7 @@
 """Adapters with habits, above the virtual wire."""
 
-from sim_backend.wire.line import Reply
-from sim_backend.wire.port import VirtualPort
+from sim_backend.buses.port import VirtualPort
+from sim_backend.line.line import Reply
 
 
 class EchoingPort(VirtualPort):

@@ -13,10 +13,10 @@ import drivers.clock
 import drivers.port.serial_port
 from drivers.bus.bus import Bus
 from drivers.servos import catalog, dynamixel, scs
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 from tests.pages import codes
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ from drivers.bus.late_replies import HELD_S
 from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.catalog import series_of
-from sim_backend.dynamixel.servo import VirtualXServo
-from sim_backend.wire.line import Reply
+from sim_backend.line.line import Reply
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind
 from tests.drivers.ports import WatchedPort
 

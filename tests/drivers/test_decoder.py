@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.protocol import v1, v2
-from sim_backend.wire.dynamixel_wire import status_packet
+from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.test_feetech_wire import frame
 
 SIZE = 6

@@ -20,13 +20,13 @@ from hal.errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import Reply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_wire import Code, InstructionParser
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.line import Reply
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.dynamixel import Code, InstructionParser
+from sim_backend.packets.instructions import Instruction
 
 MODELS = {1: x.XL430_W250, 2: x.XM430_W350, 7: x.XC330_T288}
 IDS = tuple(MODELS)

@@ -14,13 +14,13 @@ from drivers.protocol import v2 as wire
 from drivers.servos import x
 from drivers.servos.dynamixel import X
 from drivers.servos.series import StateBlock
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_wire import Code, InstructionParser
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.dynamixel import Code, InstructionParser
+from sim_backend.packets.instructions import Instruction
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4)

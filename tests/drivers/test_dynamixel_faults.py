@@ -7,8 +7,8 @@ from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.dynamixel import PROTOCOL_2, X
 from drivers.servos.x import hardware_error_status
-from sim_backend.wire.dynamixel_wire import status_packet
-from sim_backend.wire.line import Reply
+from sim_backend.line.line import Reply
+from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.fault_lines import IDS, KINDS, Line
 
 BLOCK = X.blocks[0]

@@ -20,11 +20,11 @@ from drivers.servos import indirect, x, xl320
 from drivers.servos.dynamixel import ALARMED
 from drivers.servos.indirect import AT_208, AT_224, MAP, block_for
 from drivers.servos.register import Register
-from sim_backend.dynamixel.indirect import windows_of
-from sim_backend.dynamixel.protocol2_memory import ACCESS, DATA_RANGE
-from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.faults import Disturbance
-from sim_backend.wire.dynamixel_wire import Code
+from sim_backend.packets.dynamixel import Code
+from sim_backend.servos.dynamixel.indirect import windows_of
+from sim_backend.servos.dynamixel.protocol2_memory import ACCESS, DATA_RANGE
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 from tests.drivers.cycles import exchange
 from tests.drivers.dynamixel_lines import TrueLine
 from tests.drivers.fault_lines import CYCLES

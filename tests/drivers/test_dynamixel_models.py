@@ -16,12 +16,12 @@ from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import XL, X
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_wire import Code, InstructionParser, status_packet
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.dynamixel import Code, InstructionParser, status_packet
+from sim_backend.packets.instructions import Instruction
 from tests.drivers.cycles import exchange
 
 MODELS = {model.name: model for series in (X, XL) for model in series.models}

@@ -13,7 +13,7 @@ from drivers.bus.read_plan import ReadPlan
 from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos import x
-from sim_backend.wire.dynamixel_wire import Code
+from sim_backend.packets.dynamixel import Code
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth
 from tests.drivers.ports import WatchedPort

@@ -16,7 +16,7 @@ from drivers.protocol import v2 as wire
 from drivers.servos import x as x_series
 from drivers.servos.x import XL430_W250
 from sim_backend.clock import SimulatedClock
-from sim_backend.wire.dynamixel_wire import InstructionParser, status_packet
+from sim_backend.packets.dynamixel import InstructionParser, status_packet
 from tests.drivers.tape import Tape
 
 # By name, because it has no types.

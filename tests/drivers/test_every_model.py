@@ -10,13 +10,13 @@ from drivers.servos import sts
 from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import Access, Register, ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus, servo_of
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus, servo_of
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
-from sim_backend.wire.sts_wire import Code
+from sim_backend.packets.sts import Code
+from sim_backend.servos.sts.servo import VirtualServo
 
 IDS = (1, 2)
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda m: m.name)

@@ -14,11 +14,11 @@ from drivers.port import Port
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
 from drivers.servos.register import Register
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.sts.memory import StsMemory
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.memory import StsMemory
 from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)

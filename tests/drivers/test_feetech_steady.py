@@ -9,10 +9,10 @@ from drivers.bus.types import Reading, ServoGoal, ServoState
 from drivers.errors import ServoSilent
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import IDS, KINDS, Line, Truth
 from tests.drivers.ports import WatchedPort

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from drivers.bus.types import ServoState
-from sim_backend.wire.port import VirtualPort
+from sim_backend.buses.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, READ_EACH, Kind, Line
 
 FLOOD_S = 1.0

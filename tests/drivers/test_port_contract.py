@@ -17,10 +17,10 @@ from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.protocol import v1 as wire
 from servoloop.recording.bus_tap import BusTaps
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 
 PING = wire.packet(1, 1, b"")
 PONG = wire.packet(1, 0, b"")

@@ -12,9 +12,9 @@ from drivers.errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x
-from sim_backend.wire.dynamixel_wire import status_packet
-from sim_backend.wire.line import Reply
-from sim_backend.wire.port import VirtualPort
+from sim_backend.buses.port import VirtualPort
+from sim_backend.line.line import Reply
+from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, mixed
 from tests.drivers.ports import WatchedPort
 

@@ -11,11 +11,11 @@ from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.drivers.ports import WatchedPort
 
 LATE_S = 0.045

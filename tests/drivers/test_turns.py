@@ -6,10 +6,10 @@ from drivers.bus.bus import Bus
 from drivers.bus.turns import Turns
 from drivers.bus.types import ServoGoal, ServoState, fault
 from drivers.servos import x
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
 
 
 def at(counts: int) -> ServoState:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
@@ -18,7 +19,6 @@ from sim_backend.faults.replies import FlippedReplies, LostReplies
 from sim_backend.faults.servos import Hot
 from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
 from tests.faults.strategies import TWO_LINES
 
 

@@ -14,6 +14,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
 from servoloop.testing.arm import VirtualArm
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.player import FaultPlayer
@@ -21,7 +22,6 @@ from sim_backend.faults.script import read_script
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import matching, parse, text_of
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
 from tests.complaint import complaint
 from tests.faults.rig import FaultRig, files_of
 from tests.faults.strategies import TWO_LINES

@@ -14,6 +14,9 @@ from drivers.servos.dynamixel import PROTOCOL_2
 from drivers.servos.register import ServoModel
 from hal.lifecycle import LifecycleState
 from servoloop.simulation.stack_faults import inventory_of
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualAdapter
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
@@ -21,12 +24,9 @@ from sim_backend.faults.events import KINDS
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import matching, parse, text_of
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualAdapter
-from sim_backend.wire.sts_wire import Code, checksum
+from sim_backend.packets.sts import Code, checksum
 from tests.faults.rig import FaultRig, files_of, told
 
 IDS = (1, 2, 3)

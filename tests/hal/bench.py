@@ -12,14 +12,14 @@ from drivers.servos.register import Register
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
-from sim_backend.wire.sts_wire import InstructionParser
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import InstructionParser
+from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsVariant
+from sim_backend.servos.sts.servo import VirtualServo
 
 PERIOD_S = 0.05
 IDS = (1, 2, 7)

@@ -8,7 +8,7 @@ from drivers.servos import sts
 from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
-from sim_backend.wire.instructions import Instruction
+from sim_backend.packets.instructions import Instruction
 from tests.hal.bench import IDS, JOINTS, Bench, at, switches_torque_on
 
 CALIBRATED = (replace(JOINTS[0], homing_offset=600, settings=(("position_p", 16),)), *JOINTS[1:])

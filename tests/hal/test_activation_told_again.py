@@ -10,9 +10,9 @@ from drivers.errors import DriverError
 from drivers.servos import sts
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
-from sim_backend.sts.firmware import StsVariant
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.sts_wire import Code
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import Code
+from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, Bench, switches_torque_on
 
 BEFORE = (2048, 2000, 1500)

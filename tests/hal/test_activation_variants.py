@@ -8,7 +8,7 @@ from drivers.errors import DriverError
 from drivers.servos import sts
 from hal.errors import ActivationError
 from sim_backend.faults import Disturbance
-from sim_backend.sts.firmware import StsVariant
+from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, Bench
 
 VARIANTS = [StsVariant(*said) for said in product((True, False), repeat=3)]

@@ -14,14 +14,14 @@ from drivers.servos import scs, sts, xl320
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
 from hal.servos.diagnose import BAUD_RATES, TRIES, diagnose
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
+from sim_backend.line.rig import Rig
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.drivers.ports import WatchedPort
 
 IDS = (1, 2, 3, 4)

@@ -11,10 +11,10 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
 from tests.hal.faults import fault_texts
 
 MODELS = {1: x_series.XM430_W350, 2: x_series.XL430_W250}

@@ -24,14 +24,14 @@ from hal.robot_file.robot import assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointState
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import Coupling, WorldPlant
 from sim_backend.scene.mujoco_hardware import MujocoHardware
 from sim_backend.scene.world import World
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 
 ROOT = Path(__file__).resolve().parents[2]
 PERIOD_S = 0.05

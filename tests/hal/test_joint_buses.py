@@ -23,12 +23,12 @@ from hal.mock_hardware import MockHardware
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.instructions import Instruction
 from tests.hal.bench import JOINTS, PERIOD_S, WatchedPort, at, switches_torque_on
 from tests.hal.faults import fault_texts
 

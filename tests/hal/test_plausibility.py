@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.leaps import OVERSPEED, Plausibility
-from sim_backend.generic.packet_servo import WiredServo
+from sim_backend.servos.generic.packet_servo import WiredServo
 from tests.hal.bench import JOINTS, PERIOD_S, Bench, at
 
 SHOULDER = JOINTS[0]

@@ -10,11 +10,11 @@ from drivers.servos import x as x_series
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
 
 LIMITS = JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0)
 

@@ -15,7 +15,7 @@ from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand
 from sim_backend.clock import SimulatedClock
-from sim_backend.wire.instructions import Instruction
+from sim_backend.packets.instructions import Instruction
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of, switches_torque, switches_torque_on
 
 UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE

@@ -17,7 +17,7 @@ from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
 from sim_backend.mechanics.gears import Gears
-from sim_backend.sts.firmware import StsVariant
+from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
 from tests.hal.faults import fault_texts
 

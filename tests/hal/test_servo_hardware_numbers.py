@@ -9,10 +9,10 @@ from drivers.servos import sts
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits
+from sim_backend.buses.feetech import VirtualBus, servo_of
+from sim_backend.buses.port import VirtualPort
 from sim_backend.faults import Disturbance
-from sim_backend.mechanics.rig import Rig, Supply
-from sim_backend.wire.bus import VirtualBus, servo_of
-from sim_backend.wire.port import VirtualPort
+from sim_backend.line.rig import Rig, Supply
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 from tests.hal.bench import JOINTS, Bench, WatchedPort, at
 

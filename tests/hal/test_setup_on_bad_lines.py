@@ -16,14 +16,14 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults import Disturbance
+from sim_backend.line.rig import Rig
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.instructions import Instruction
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line
 from tests.hal.bench import JOINTS, Bench
 

@@ -14,8 +14,8 @@ from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
 from sim_backend.faults.text import parse
-from sim_backend.mechanics.power import feed
-from sim_backend.wire.instructions import Instruction
+from sim_backend.line.power import feed
+from sim_backend.packets.instructions import Instruction
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 from tests.faults.rig import FaultRig
 from tests.hal.bench import Bench

@@ -23,7 +23,7 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_check import check_arm
 from servoloop.stack.robot_files import CONFIG, Files, initial_states
 from servoloop.stack.virtual_lines import VirtualLines
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.scene_check import require_scene, scene_problems
 from sim_backend.scene.world import World
 from tests.mutated.kind import SO101, Kind, files_of, of_paths

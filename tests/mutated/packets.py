@@ -11,11 +11,12 @@ from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from drivers.servos.xl320 import XL320
 from sim_backend.box import VirtualBox
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire import dynamixel_wire, sts_wire
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
+from sim_backend.packets import dynamixel as dynamixel_wire
+from sim_backend.packets import sts as sts_wire
 from tests.mutated import raw
 
 IDS: Final = (1, 2)

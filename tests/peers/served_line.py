@@ -10,10 +10,10 @@ from pathlib import Path
 
 from drivers.servos.catalog import MODELS, series_of
 from servoloop.stack.processes import realtime_priority
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 
 
 def main() -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from servoloop.stack.emulator import couplings
 from servoloop.stack.robot_files import read_files
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
-from sim_backend.wire.bus import VirtualBus
 
 SILENT_ID = 4
 

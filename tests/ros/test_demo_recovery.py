@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from servoloop.demo.cell import cell
 from servoloop.demo.jobs import Live
 from servoloop.stack.arm_folders import find_arm
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.emulator import couplings
-from sim_backend.mechanics.mounting import Mounting
+from sim_backend.buses.mounting import Mounting
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 from tests.commissioning.practice import UPRIGHT, follow, take, tell
 from tests.pages import commands

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim_backend.emulator import serve
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.trace_file import PacketText
 from sim_backend.faults.text import parse
-from sim_backend.wire import dynamixel_wire, sts_wire
+from sim_backend.packets import dynamixel as dynamixel_wire
+from sim_backend.packets import sts as sts_wire
 
 LIMITS = JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)
 TEXT_1 = [Joint("a", 1, STS3215, LIMITS), Joint("b", 2, STS3215, LIMITS)]

@@ -11,7 +11,7 @@ import pytest
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import emulate
 from servoloop.stack.processes import PRIORITY, realtime_priority
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from sim_backend.scene.picture import Recorder
 
 

@@ -10,11 +10,11 @@ from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.hardware import servo_bus
 from servoloop.stack.line_rate import check_rates
 from servoloop.stack.robot_files import CONFIG, read_files
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 
 FILE = Path("arm_controllers.yaml")
 

@@ -16,9 +16,9 @@ from drivers.servos.register import Register
 from servoloop.cli import app
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.processes import Interrupted
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.complaint import complaint
 from tests.pages import commands
 from tests.servoloop.served import served

@@ -18,10 +18,10 @@ from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import HOME, read_files
+from sim_backend.buses.build import Build
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.script import read_script
 from sim_backend.faults.text import parse
-from sim_backend.mechanics.build import Build
 from tests.complaint import complaint
 from tests.pages import code, commands
 

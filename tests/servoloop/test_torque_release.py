@@ -18,10 +18,10 @@ from drivers.servos import sts
 from servoloop import cli
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.emulator import virtual_bus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 from tests.servoloop.served import served
 
 SO101 = read_arm_files(find_arm("so101")).robot

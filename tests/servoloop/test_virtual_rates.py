@@ -8,10 +8,10 @@ from hal.errors import RobotFileError
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.hardware import servo_bus
 from servoloop.stack.robot_files import CONFIG, read_files
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
-from sim_backend.wire.port import VirtualPort
 
 
 @pytest.mark.parametrize(

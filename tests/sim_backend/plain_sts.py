@@ -1,7 +1,7 @@
 """An STS servo written a second time, slowly and plainly, to hold the compiled one against.
 
 Objects instead of a record, names instead of addresses, whole numbers of Python. It works on decoded settings and
-shares no code with ``sim_backend.sts``.
+shares no code with ``sim_backend.servos.sts``.
 """
 
 import math

@@ -4,10 +4,10 @@ from math import pi
 
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
+from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Rig, Supply
-from sim_backend.sts.firmware import AS_REIMPLEMENTED, StsVariant
-from sim_backend.sts.servo import VirtualServo
+from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsVariant
+from sim_backend.servos.sts.servo import VirtualServo
 
 DT_S = 0.001
 COUNTS_PER_RAD = 4096 / (2 * pi)

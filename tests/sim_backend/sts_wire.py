@@ -3,10 +3,10 @@
 from math import pi
 
 from drivers.servos import sts
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Supply
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.servos.sts.servo import VirtualServo
 
 COUNTS_PER_RAD = 4096 / (2 * pi)
 

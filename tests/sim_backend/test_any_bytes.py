@@ -15,18 +15,19 @@ from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from drivers.servos.xl320 import XL320
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.control import ControlServer
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.faults.control import obey_faults
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
+from sim_backend.packets import dynamixel as dynamixel_wire
+from sim_backend.packets import sts as sts_wire
 from sim_backend.scene.hand import Hand, obey
 from sim_backend.scene.world import World
-from sim_backend.wire import dynamixel_wire, sts_wire
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
 
 IDS = (1, 2)
 PACKET_S = 0.003

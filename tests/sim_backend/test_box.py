@@ -6,9 +6,9 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault
 from drivers.servos import sts
 from sim_backend.box import VirtualBox, plugged
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.servo import VirtualServo
 
 
 class Line:

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from drivers.servos import sts
+from sim_backend.buses.feetech import Reply, VirtualBus
+from sim_backend.line.rig import Rig
 from sim_backend.mechanics.plant import BenchPlant, Coupling, JointArrays, WorldPlant
-from sim_backend.mechanics.rig import Rig
-from sim_backend.sts.firmware import StsVariant
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import Reply, VirtualBus
-from sim_backend.wire.sts_wire import Code, checksum, status_packet
+from sim_backend.packets.sts import Code, checksum, status_packet
+from sim_backend.servos.sts.firmware import StsVariant
+from sim_backend.servos.sts.servo import VirtualServo
 
 BYTE_S = 1e-5
 DELAY_S = BYTE_S

@@ -6,10 +6,10 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
 
 IDS = (1, 2, 3)
 every_model = pytest.mark.parametrize("model", dxl.MODELS)

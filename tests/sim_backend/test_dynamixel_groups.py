@@ -10,11 +10,11 @@ from drivers.bus.sdk_adapter import SdkAdapter
 from drivers.port.line import Line
 from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, crc16, packet, span
 from drivers.servos import x
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.dynamixel_wire import BROADCAST, Code, fast_block, fast_head, fast_length
-from sim_backend.wire.port import VirtualPort
+from sim_backend.packets.dynamixel import BROADCAST, Code, fast_block, fast_head, fast_length
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

@@ -7,8 +7,8 @@ import pytest
 
 from drivers.servos import x
 from drivers.servos.register import Register
-from sim_backend.dynamixel.indirect import LONG, MIDDLE, SHORT, Window, windows_of
-from sim_backend.dynamixel.servo import VirtualXServo
+from sim_backend.servos.dynamixel.indirect import LONG, MIDDLE, SHORT, Window, windows_of
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 
 USUAL = 46
 ALL = pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)

@@ -9,12 +9,12 @@ from drivers.bus.sdk_adapter import SdkAdapter
 from drivers.port.line import Line
 from drivers.servos import x
 from drivers.servos.register import Access, Register
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel.protocol2_servo import REBOOT_S
-from sim_backend.dynamixel.servo import VirtualXServo
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

@@ -22,15 +22,15 @@ from drivers.servos.register import Register, ServoModel
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import as_delivered, couplings, virtual_box
 from sim_backend.box import VirtualBox
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.eeprom import EepromError, keep_eeprom
+from sim_backend.line.line import ServoLine
+from sim_backend.line.power import feed
 from sim_backend.mechanics.plant import BenchPlant, WorldPlant
-from sim_backend.mechanics.power import feed
 from sim_backend.scene.world import World
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.line import ServoLine
-from sim_backend.wire.port import VirtualPort
 from tests.complaint import complaint
 
 

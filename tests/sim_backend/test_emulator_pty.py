@@ -17,11 +17,11 @@ import pytest
 from drivers.clock import MonotonicClock
 from drivers.errors import PortBusy, PortError
 from drivers.servos import sts
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.pty_link import PtyLink
 from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.pty_link import PtyLink
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
@@ -31,7 +31,7 @@ IDS = (1, 2, 3)
 EMULATE = """
 import signal, sys
 from pathlib import Path
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.emulator import serve
 from sim_backend.mechanics.plant import BenchPlant
 ended = []

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.servos import sts
-from sim_backend.generic.motion_profile import UNLIMITED, MotionProfile
 from sim_backend.mechanics.motor import MotorConstants, Thermometer
+from sim_backend.servos.generic.motion_profile import UNLIMITED, MotionProfile
 
 DT_S = 0.001
 

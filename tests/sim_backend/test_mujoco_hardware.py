@@ -9,8 +9,8 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.hardware import HardwareKind, build
 from servoloop.stack.robot_files import read_files
 from servoloop.stack.virtual_lines import VirtualLines
+from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
 from sim_backend.scene.mujoco_hardware import MujocoHardware
 from sim_backend.scene.world import World
 

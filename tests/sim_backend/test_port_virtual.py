@@ -7,11 +7,11 @@ import pytest
 from drivers.errors import PortLost
 from drivers.port import Port
 from drivers.servos import sts
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
-from sim_backend.wire.sts_wire import Code, checksum, status_packet
+from sim_backend.packets.sts import Code, checksum, status_packet
 
 
 def packet(servo_id: int, code: int, parameters: bytes = b"") -> bytes:

@@ -5,13 +5,13 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoState
 from drivers.servos import sts, x
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.power import BROWN_OUT_V, feed, restart, watch_supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.power import BROWN_OUT_V, feed, restart, watch_supply
-from sim_backend.sts.servo import REBOOT_S
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.sts.servo import REBOOT_S
 
 IDS = (1, 2)
 

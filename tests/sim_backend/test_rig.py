@@ -3,12 +3,12 @@
 import pytest
 
 from drivers.servos import sts
-from sim_backend.generic.packet_servo import PacketServo
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.plant import Coupling, WorldPlant
-from sim_backend.mechanics.rig import Rig, Supply
 from sim_backend.scene.world import World
-from sim_backend.sts.servo import VirtualServo
-from sim_backend.wire.bus import VirtualBus
+from sim_backend.servos.generic.packet_servo import PacketServo
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.sim_backend.robot_arm import JOINTS
 
 COUPLINGS = [

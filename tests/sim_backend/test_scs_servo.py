@@ -10,11 +10,11 @@ from drivers.bus.types import ServoGoal, ServoState
 from drivers.protocol import v1 as wire
 from drivers.servos import feetech as models
 from drivers.servos import scs
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.generic.scs_servo import VirtualScsServo
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.wire.bus import VirtualBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.generic.scs_servo import VirtualScsServo
 
 IDS = (1, 2)
 

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.sts.firmware import StsVariant
+from sim_backend.servos.sts.firmware import StsVariant
 from tests.sim_backend.sts_bench import COUNTS_PER_RAD, StsBench
 
 

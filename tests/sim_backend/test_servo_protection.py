@@ -4,8 +4,8 @@ import pytest
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.mechanics.rig import Supply
-from sim_backend.wire.sts_wire import status_packet
+from sim_backend.line.rig import Supply
+from sim_backend.packets.sts import status_packet
 from tests.sim_backend.sts_bench import StsBench
 
 VOLTAGE, TEMPERATURE, CURRENT, OVERLOAD = 1 << 0, 1 << 2, 1 << 3, 1 << 5

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from sim_backend.sts.servo import REBOOT_S, VirtualServo
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.sts_wire import Code, status_packet
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import Code, status_packet
+from sim_backend.servos.sts.servo import REBOOT_S, VirtualServo
 
 DT_S = 0.001
 

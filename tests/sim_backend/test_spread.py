@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from drivers.servos import sts
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.motor import STS3215_12V
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Supply
 from sim_backend.mechanics.spread import NOMINAL, SHARE, Quantity, Spread
 from sim_backend.scene.world import SCENE, World
-from sim_backend.wire.bus import VirtualBus
 
 
 def test_the_nominal_arm_has_no_spread() -> None:

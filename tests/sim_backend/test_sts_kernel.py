@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from drivers.servos import sts
 from drivers.servos.register import Register
 from sim_backend.mechanics.motor import STS3215_12V
-from sim_backend.sts import kernel
-from sim_backend.sts.firmware import StsVariant, sts_states
-from sim_backend.sts.memory import StsMemory
-from sim_backend.sts.servo import VirtualServo
+from sim_backend.servos.sts import kernel
+from sim_backend.servos.sts.firmware import StsVariant, sts_states
+from sim_backend.servos.sts.memory import StsMemory
+from sim_backend.servos.sts.servo import VirtualServo
 from tests.sim_backend.plain_sts import PlainServo, Settings
 
 DT_S = 0.001

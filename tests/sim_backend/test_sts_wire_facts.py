@@ -5,7 +5,7 @@ docs/simulation.md says which test holds which fact. Numbers are register addres
 
 import pytest
 
-from sim_backend.mechanics.power import feed
+from sim_backend.line.power import feed
 from tests.sim_backend.sts_wire import Wire, packet, word
 
 OFF, ON, MIDDLE = b"\x00", b"\x01", b"\x80"

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_backend.wire.instructions import Instruction
-from sim_backend.wire.sts_wire import Code, InstructionParser, StsParser, checksum, status_packet
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import Code, InstructionParser, StsParser, checksum, status_packet
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("scservo_sdk")

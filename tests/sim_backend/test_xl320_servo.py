@@ -11,14 +11,14 @@ from drivers.bus.types import ServoFault, ServoGoal, ServoState
 from drivers.port.line import Line
 from drivers.servos import x, xl320
 from drivers.servos.register import Access, Register
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.dynamixel.protocol2_servo import REBOOT_S
-from sim_backend.dynamixel.xl320_memory import FACTORY
-from sim_backend.dynamixel.xl320_servo import VirtualXl320Servo
+from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.rig import Supply
-from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
-from sim_backend.wire.port import VirtualPort
+from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
+from sim_backend.servos.dynamixel.xl320_memory import FACTORY
+from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 
 # By name, because it has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")

@@ -15,7 +15,7 @@ from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
 from servoloop.bench.bus import measure
-from sim_backend.wire.port import VirtualPort
+from sim_backend.buses.port import VirtualPort
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 
 CYCLES = 5

@@ -7,7 +7,7 @@ from controller.action_goals import GoalStatus
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
-from sim_backend.mechanics.build import Build
+from sim_backend.buses.build import Build
 from tests.drivers.fault_lines import CYCLES
 from tests.stack.rig import BINS, UnpacedJob
 

@@ -18,9 +18,9 @@ from servoloop.stack.virtual_lines import VirtualLines
 from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
 from servoloop.teleop.attendance import HINT, Attendance
 from servoloop.teleop.screen import said
+from sim_backend.buses.build import Build
+from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.mechanics.build import Build
-from sim_backend.wire.port import VirtualPort
 
 LEADER, FOLLOWER = read_arm_files(find_arm("so101_leader")), read_arm_files(find_arm("so101"))
 REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_flex": 0.6, "wrist_roll": 0.0}

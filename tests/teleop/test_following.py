@@ -16,7 +16,7 @@ from servoloop.teleop.arms import TeleopError, release_leader
 from servoloop.teleop.attendance import HINT
 from servoloop.teleop.screen import rows, said
 from sim_backend.clock import SimulatedClock
-from sim_backend.wire.line import ServoLine
+from sim_backend.line.line import ServoLine
 from tests.teleop.rig import FOLLOWER, LEADER, REST, Lines, Rig, delay_s, sine
 
 PAN = "shoulder_pan"

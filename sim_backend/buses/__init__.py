@@ -1,0 +1,1 @@
+"""Virtual buses: lines of servos behind a port of this process or behind a pseudo-terminal."""

@@ -1,0 +1,155 @@
+"""Virtual Dynamixel servos on one wire: bytes and a time in, bytes and their arrival out.
+
+From the e-manual: no reply to a broadcast other than a ping, which all answer in turn; a sync read and a
+bulk read are answered in the order in which they name the servos. What a servo does whose predecessor
+stays silent, the e-manual does not say: here its turn is a slot in time, or, with ``chained``, it waits
+in vain. A fast read is answered by one packet, to which each servo adds its block; with the checksums in
+it "integrity between Dynamixels" is confirmed. Assumed of it:
+- a servo adds its block when that before its own has come whole, else nothing; so after a silent servo,
+  or one whose firmware knows no fast reads, only the beginning of the packet is on the wire;
+- the first servo's return delay counts, the others add theirs at once;
+- nobody answers one whose length two bytes cannot say.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from operator import and_
+from typing import Final
+
+from drivers.servos.register import ServoModel
+from drivers.servos.xl320 import XL320
+from sim_backend.line.line import Reply, ServoLine, Turn, named
+from sim_backend.line.rig import Rig, Supply
+from sim_backend.mechanics.plant import Plant
+from sim_backend.packets.dynamixel import (
+    BROADCAST,
+    LONGEST_REPLY,
+    STATUS_OVERHEAD,
+    Code,
+    InstructionParser,
+    ends_whole,
+    fast_head,
+    fast_length,
+)
+from sim_backend.packets.dynamixel_groups import Entry, Span, bulk_entries, bulk_spans, sync_entries, sync_spans
+from sim_backend.packets.instructions import Instruction
+from sim_backend.servos.dynamixel.protocol2_servo import Protocol2Servo
+from sim_backend.servos.dynamixel.servo import VirtualXServo
+from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
+
+_ID_AT: Final = 4
+
+
+class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
+    """A line of X series servos and XL-320. Times are the caller's clock; the rig's time begins with the first call."""
+
+    def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
+        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
+        super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
+        self.chained = False
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        models: Mapping[int, ServoModel],
+        *,
+        supply: Supply | None = None,
+        paced: bool = True,
+        firmware: Mapping[int, int] | None = None,
+    ) -> "VirtualDynamixelBus":
+        """A bus with a servo (its model by its ID) for each coupling of ``plant``.
+
+        They are set up as for an arm: 1 Mbit/s and no return delay. Without ``supply``, those of one rated
+        voltage share a supply of it, as where a converter feeds the 5 V servos of a 12 V arm.
+        ``firmware``: versions by ID, where they are not the usual one.
+        """
+        ids = [coupling.servo_id for coupling in plant.couplings]
+        servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]
+        for servo in servos:
+            servo.memory.put(servo.REGISTERS.baud_rate, servo.memory.BAUD_RATES.index(1_000_000))
+            servo.memory.put(servo.REGISTERS.return_delay, 0)
+        rated = {voltage_v: Supply(voltage_v) for voltage_v in {s.model.rated_voltage_v for s in servos}}
+        return cls(Rig(servos, plant, supply or [rated[s.model.rated_voltage_v] for s in servos]), paced=paced)
+
+    def _obey(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
+    ) -> list[Reply]:
+        parameters = instruction.parameters
+        match instruction.code:
+            case Code.SYNC_WRITE:
+                return _write(sync_entries(parameters), servos)
+            case Code.BULK_WRITE:
+                return _write(bulk_entries(parameters), servos)
+            case Code.SYNC_READ:
+                return self._in_turn(self._reads(sync_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+            case Code.BULK_READ:
+                return self._in_turn(self._reads(bulk_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+            case Code.FAST_SYNC_READ:
+                return self._fast(sync_spans(parameters), servos, at_s, byte_s)
+            case Code.FAST_BULK_READ:
+                return self._fast(bulk_spans(parameters), servos, at_s, byte_s)
+        broadcast = instruction.servo_id == BROADCAST
+        turns = self._answers(instruction, servos if broadcast else named(instruction.servo_id, servos))
+        if broadcast and instruction.code != Code.PING:
+            return []
+        return self._in_turn(turns, at_s, byte_s, 0.0)
+
+    def _reads(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], byte_s: float) -> list[Turn]:
+        """A turn for each who is there; who is not leaves a gap as long as the reply would have been."""
+        turns: list[Turn] = []
+        gap_s = 0.0
+        for servo_id, address, size in spans:
+            asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
+            if asked:
+                delay_s = gap_s + max(servo.return_delay_s for servo in asked)
+                turns.append((delay_s, [servo.read_status(address, size) for servo in asked]))
+                gap_s = 0.0
+            elif self.chained:
+                break
+            else:
+                gap_s += (STATUS_OVERHEAD + size) * byte_s
+        return turns
+
+    def _fast(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float) -> list[Reply]:
+        """One packet, block by block, as far as each servo finds the block before its own in order."""
+        knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
+        wire, replies = b"", list[Reply]()
+        length = fast_length(size for _, _, size in spans)
+        if length > LONGEST_REPLY:
+            return []
+        for servo_id, address, size in spans:
+            asked = named(servo_id, knowing)
+            if not asked:
+                break
+            begun = wire or fast_head(length)
+            block = _overlaid([servo.read_block(address, size, begun) for servo in asked])
+            sent = block if wire else begun + block
+            at_s += len(sent) * byte_s
+            if not wire and self.paced:
+                at_s += max(servo.return_delay_s for servo in asked)
+            heard = self.faults.pass_reply(servo_id, sent)
+            replies.append(Reply(at_s, heard, self.faults.held_s(servo_id)))
+            wire += heard
+            if not heard or not ends_whole(wire):
+                break
+        return replies
+
+
+def _servo_of(model: ServoModel, servo_id: int, firmware: int | None) -> Protocol2Servo:
+    return VirtualXl320Servo(servo_id) if model == XL320 else VirtualXServo(model, servo_id, firmware)
+
+
+def _overlaid(blocks: Sequence[bytes]) -> bytes:
+    """Blocks of one length sent at once, by servos that share an ID."""
+    if len(blocks) == 1:
+        return blocks[0]
+    return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
+
+
+def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[Reply]:
+    """Each servo's share of a group write. There is no reply."""
+    for servo_id, address, data in entries:
+        for servo in named(servo_id, servos):
+            servo.write(address, data)
+    return []

@@ -1,0 +1,191 @@
+"""Virtual servos on one wire, Feetech's and Dynamixels of protocol 1.0: bytes and a time in, bytes and times out.
+
+STS servos answer as docs/simulation.md says: when the line is silent, to whatever came in one piece; a sync read and
+a broadcast ping each at its own time, without listening to each other; a broadcast read all at once. From the manuals
+of the others: no reply to a broadcast; a bulk read is answered in the order in which it names the servos, and each
+waits for the reply before its own: one that is silent hides those after it. Assumed of them: a broadcast ping is
+answered one after the other by rising ID.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import ceil
+
+from drivers.servos import ax_mx as dynamixel1
+from drivers.servos import sts
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
+from sim_backend.line.line import Reply, ServoLine, Turn, named
+from sim_backend.line.rig import Rig, Supply
+from sim_backend.mechanics.motor import sts_motor
+from sim_backend.mechanics.plant import Plant
+from sim_backend.mechanics.spread import NOMINAL, Spread
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import BROADCAST, LONGEST_DATA, Code, InstructionParser, StsParser
+from sim_backend.servos.dynamixel.protocol1_servo import VirtualAxServo, VirtualMxServo
+from sim_backend.servos.generic.packet_servo import PacketServo
+from sim_backend.servos.generic.scs_servo import VirtualScsServo
+from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsVariant
+from sim_backend.servos.sts.servo import VirtualServo
+from sim_backend.servos.sts.state import TABLE_SIZE
+
+__all__ = ["Reply", "VirtualBus"]
+
+_ID_AT = 2
+_SLOT_PAUSE = 3
+"""Bytes' times between two answers to a sync read."""
+_PING_SLOT = 9
+"""Bytes' times in an STS servo's slot of a broadcast ping, which is the one of its ID."""
+_LONGEST_ENTRY = 125
+"""Bytes for each servo in a sync write; with more the instruction is dropped."""
+
+
+class VirtualBus(ServoLine[PacketServo]):
+    """A line of servos with one kind of packet. Times are the caller's clock; the rig's begins with the first call."""
+
+    def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
+        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
+        others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
+        super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
+        self._waiting: dict[VirtualServo, bytes] = {}
+        """Answers of STS servos, each of which waits for the line to be silent."""
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        model: ServoModel | Mapping[int, ServoModel] = sts.STS3215,
+        *,
+        supply: Supply | None = None,
+        paced: bool = True,
+        variant: StsVariant = AS_REIMPLEMENTED,
+        spread: Spread = NOMINAL,
+    ) -> "VirtualBus":
+        """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
+
+        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant`` and motors of
+        ``spread``. Without ``supply``, those of one rated voltage share a supply of it, give or take the spread.
+        """
+        models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
+        servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
+        usual = {servo.model.rated_voltage_v: Supply(servo.model.rated_voltage_v) for servo in servos}
+        rated = {voltage_v: spread.supply(one) for voltage_v, one in usual.items()}
+        return cls(Rig(servos, plant, supply or [rated[servo.model.rated_voltage_v] for servo in servos]), paced=paced)
+
+    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
+        """Let ``servos`` do one instruction; whatever comes back, in order."""
+        parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
+        meant = servos if broadcast else named(instruction.servo_id, servos)
+        if instruction.code == Code.SYNC_READ:
+            return self._sync_read(parameters, at_s, byte_s, meant)
+        if instruction.code == Code.BULK_READ:
+            knowing = [servo for servo in meant if servo.GROUP_READ == Code.BULK_READ]
+            if knowing:
+                return self._in_turn(_bulk_read(parameters, knowing), at_s, byte_s, 0.0)
+        if instruction.code == Code.SYNC_WRITE:
+            _sync_write(parameters, meant)
+        if broadcast:
+            return self._broadcast(instruction, at_s, byte_s, meant)
+        self._keep_back(meant, instruction)
+        others = [servo for servo in meant if not isinstance(servo, VirtualServo)]
+        return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
+
+    def _keep_back(self, servos: Sequence[PacketServo], instruction: Instruction) -> None:
+        """STS servos' answers for when the line is silent: after those that wait, but a read overwrites these."""
+        for servo in servos:
+            packet = servo.answer(instruction) if isinstance(servo, VirtualServo) else None
+            if isinstance(servo, VirtualServo) and packet is not None:
+                before = b"" if instruction.code == Code.READ else self._waiting.get(servo, b"")
+                self._waiting[servo] = before + packet
+
+    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+        turns: dict[float, list[bytes]] = {}
+        for servo, packets in self._waiting.items():
+            turns.setdefault(servo.return_delay_s if self.paced else 0.0, []).append(packets)
+        self._waiting.clear()
+        return [self._reply(packets, at_s + delay_s, byte_s) for delay_s, packets in sorted(turns.items())]
+
+    def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
+        """Address, size, and then the IDs: a slot for each of them; a servo that is named twice answers once."""
+        if len(parameters) < 2:
+            return []
+        address, size = parameters[:2]
+        replies = []
+        knowing = [servo for servo in servos if servo.GROUP_READ == Code.SYNC_READ and address < TABLE_SIZE]
+        listed = parameters[2:]
+        for servo_id in dict.fromkeys(listed):
+            asked = named(servo_id, knowing)
+            packets = [servo.read_status(address, size) for servo in asked]
+            for servo in asked:
+                self._waiting.pop(servo, None)  # type: ignore[call-overload]
+            if packets:
+                slot_s = (len(packets[0]) + _SLOT_PAUSE) * _timed_byte_s(byte_s)
+                replies.append(self._reply(packets, at_s + max(byte_s, listed.index(servo_id) * slot_s), byte_s))
+        return replies
+
+    def _broadcast(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
+    ) -> list[Reply]:
+        """What comes back from an instruction to all: of most of them nothing."""
+        own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
+        others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
+        if instruction.code == Code.READ:
+            self._keep_back(own_time, instruction)
+            return []
+        turns = self._answers(instruction, own_time)
+        if instruction.code != Code.PING:
+            return []
+        replies = [
+            self._reply(packets, at_s + max(byte_s, _PING_SLOT * packets[0][_ID_AT] * _timed_byte_s(byte_s)), byte_s)
+            for _, packets in turns
+        ]
+        return replies + self._in_turn(others, at_s, byte_s, 0.0)
+
+
+def servo_of(
+    model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
+) -> PacketServo:
+    """A new servo of ``model``, as those of its series are; an STS with this firmware and a motor of this spread."""
+    if isinstance(model, dynamixel1.Model):
+        servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
+        servo.memory.save(dynamixel1.baud_rate, 1)
+        servo.memory.save(dynamixel1.return_delay, 0)
+        return servo
+    alone = series_of(model).make == "feetech" and series_of(model).protocol.group_read == "none"
+    if alone:
+        return VirtualScsServo(model, servo_id)
+    return VirtualServo(model, servo_id, spread.motor(sts_motor(model), servo_id), variant)
+
+
+def _timed_byte_s(byte_s: float) -> float:
+    """A byte's time as the timer of an STS servo counts it, in whole microseconds."""
+    return ceil(byte_s * 1e6 - 1e-6) * 1e-6
+
+
+def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
+    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain.
+
+    A servo that is asked for more bytes than an answer can hold stays silent (assumed).
+    """
+    turns: list[Turn] = []
+    for at in range(1, len(parameters) - 2, 3):
+        size, servo_id, address = parameters[at : at + 3]
+        asked = named(servo_id, servos)
+        if not asked or size > LONGEST_DATA:
+            break
+        turns.append((asked[0].return_delay_s, [servo.read_status(address, size) for servo in asked]))
+    return turns
+
+
+def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
+    """Address, size, and then an ID and ``size`` bytes for each: the last entry of an ID counts.
+
+    An STS takes half an entry as far as it goes.
+    """
+    if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
+        return
+    address, size = parameters[:2]
+    entries = {parameters[at]: parameters[at + 1 : at + 1 + size] for at in range(2, len(parameters), size + 1)}
+    for servo_id, data in entries.items():
+        for servo in named(servo_id, servos):
+            if data and (len(data) == size or isinstance(servo, VirtualServo)):
+                servo.write(address, data)

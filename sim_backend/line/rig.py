@@ -1,0 +1,139 @@
+"""Servos on a plant with their power supplies, advanced together in fixed steps. Deterministic."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.mechanics.gears import Gears
+from sim_backend.mechanics.plant import Plant
+from sim_backend.servos.sts.firmware import StsFirmware
+from sim_backend.servos.sts.kernel import step_all
+from sim_backend.servos.sts.state import STATE, SUPPLY, Supplies
+
+
+@dataclass(frozen=True, slots=True)
+class Supply:
+    """A power supply with its leads: the voltage sags by resistance times the current of all that hang on it."""
+
+    voltage_v: float = 12.0
+    resistance_ohm: float = 0.1
+
+
+class Fed(Protocol):
+    """What a rig needs of a servo's firmware."""
+
+    voltage_v: float
+
+    @property
+    def supply_current_a(self) -> float: ...
+
+    def observe(self, angle_rad: float) -> None: ...
+
+
+class Stepped(Protocol):
+    """What a rig needs of a servo."""
+
+    @property
+    def servo_id(self) -> int: ...
+
+    @property
+    def firmware(self) -> Fed: ...
+
+    @property
+    def gears(self) -> Gears | None: ...
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float: ...
+
+
+AnyServo = TypeVar("AnyServo", bound=Stepped)
+
+
+class Rig(Generic[AnyServo]):
+    """Steps the firmware of all servos, the voltage between them, and the plant below."""
+
+    def __init__(
+        self, servos: Sequence[AnyServo], plant: Plant, supply: Supply | Sequence[Supply] | None = None
+    ) -> None:
+        """One supply for all of them, one for each (the same object for those that share it), or the usual one."""
+        if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
+            raise ValueError("servos and the plant's couplings must name the same IDs in one order")
+        self.servos = tuple(servos)
+        self.plant = plant
+        self.timestep_s = plant.timestep_s
+        plant.fit([servo.gears for servo in servos])
+        self._steps = [servo.step for servo in servos]
+        self._firmware = [servo.firmware for servo in servos]
+        self.supply = supply or Supply()
+        each = [self.supply] * len(servos) if isinstance(self.supply, Supply) else self.supply
+        # Two of the same voltage are still two.
+        supplies = list({id(supply): supply for supply in each}.values())
+        self._loads = [
+            (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
+            for supply in supplies
+        ]
+        self._built = self._loads
+        self._shared: Supplies | None = None
+        self.tables: NDArray[np.uint8] | None = None
+        """The control tables of all servos as they are, a row for each, where all are STS; written by them alone."""
+        self._step_servos = self._compiled() or self._one_by_one
+        for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
+            firmware.observe(angle)
+
+    def step(self) -> None:
+        """One timestep of everything."""
+        self._step_servos()
+        self.plant.advance()
+
+    def feed(self, voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
+        """Another voltage from all supplies, and leads of another resistance, from now on. None: as they were built."""
+        self._loads = [
+            (
+                Supply(
+                    supply.voltage_v if voltage_v is None else voltage_v,
+                    supply.resistance_ohm if resistance_ohm is None else resistance_ohm,
+                ),
+                servos,
+            )
+            for supply, servos in self._built
+        ]
+        if self._shared is not None:
+            self._shared["voltage_v"] = [supply.voltage_v for supply, _ in self._loads]
+            self._shared["resistance_ohm"] = [supply.resistance_ohm for supply, _ in self._loads]
+
+    def supply_of(self, servo: AnyServo) -> Supply:
+        """The supply that feeds the servo now."""
+        return next(supply for supply, loads in self._loads if servo.firmware in loads)
+
+    def _compiled(self) -> Callable[[], None] | None:
+        """All servos' timestep as one call of compiled code, if all are made for it."""
+        firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
+        if len(firmware) < len(self._firmware):
+            return None
+        states = np.zeros(len(firmware), STATE)
+        for i, one in enumerate(firmware):
+            one.work_on(states[i : i + 1])
+            states["supply"][i] = next(k for k, (_, loads) in enumerate(self._loads) if one in loads)
+        self.tables = states["table"]
+        self._shared = shared = np.array(
+            [(supply.voltage_v, supply.resistance_ohm, 0.0) for supply, _ in self._loads], SUPPLY
+        )
+        joints, shafts = self.plant.joints, self.plant.shafts
+        position, velocity, effort = joints.position, joints.velocity, joints.effort
+        return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
+
+    def _one_by_one(self) -> None:
+        """One timestep of all servos, whatever they are."""
+        dt_s, plant = self.timestep_s, self.plant
+        for supply, loads in self._loads:
+            total_a = 0.0
+            for servo in loads:
+                total_a += servo.supply_current_a
+            voltage_v = max(0.0, supply.voltage_v - total_a * supply.resistance_ohm)
+            for servo in loads:
+                servo.voltage_v = voltage_v
+        state = zip(self._steps, plant.angles(), plant.velocities(), strict=True)
+        plant.push([step(dt_s, angle, velocity) for step, angle, velocity in state])

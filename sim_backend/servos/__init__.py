@@ -1,0 +1,1 @@
+"""The virtual servos: firmware, control table and packets of each series."""

@@ -1,0 +1,64 @@
+"""The control table of one virtual X series servo. Of indirect addresses see ``dynamixel_indirect``."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from drivers.servos import x
+from drivers.servos.register import Register
+from sim_backend.servos.dynamixel.indirect import cells, pointers, resolved, windows_of
+from sim_backend.servos.dynamixel.models import FACTORY, factory_of
+from sim_backend.servos.dynamixel.protocol2_memory import DATA_LIMIT, DATA_RANGE, Protocol2Memory
+
+_HIGHEST: Final = {
+    x.pwm_limit: x.FULL_PWM,
+    x.status_return_level: 2,
+    x.profile_acceleration: 32767,
+    x.profile_velocity: 32767,
+}
+
+
+class XMemory(Protocol2Memory):
+    """A table with cells that stand for others."""
+
+    SIZE = 662
+    EEPROM_END = x.torque_enable.address
+    BAUD_RATES = x.BAUD_RATES
+
+    def __init__(self, model: x.Model, servo_id: int, firmware: int | None = None) -> None:
+        """``firmware`` is the version, if not the usual one."""
+        version = FACTORY[x.firmware_version] if firmware is None else firmware
+        self._windows = windows_of(model, version)
+        self._pointers = dict(pointers(self._windows))
+        self._last_cell = max(self._pointers.values())
+        registers = (*x.registers(model), *self._pointers, *cells(self._windows))
+        factory = factory_of(model) | self._pointers | {x.firmware_version: version}
+        super().__init__(model, servo_id, registers, factory)
+
+    def read(self, address: int, size: int) -> bytes:
+        if address + size <= self._windows[0].data:  # most reads need no look at the cells
+            return bytes(self._bytes[address : address + size])
+        return super().read(address, size)
+
+    def resolved(self, address: int, size: int) -> list[int]:
+        return resolved(self._windows, self._bytes, address, size)
+
+    def _bounds(self, register: Register) -> tuple[int, int, int]:
+        if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:
+            return self.get(x.min_position_limit), self.get(x.max_position_limit), DATA_LIMIT
+        if register == x.goal_position:
+            return -x.LARGEST_EXTENDED_POSITION, x.LARGEST_EXTENDED_POSITION, DATA_RANGE
+        if register == x.homing_offset:
+            return -x.LARGEST_HOMING_OFFSET, x.LARGEST_HOMING_OFFSET, DATA_RANGE
+        if register == x.goal_pwm:
+            return -self.get(x.pwm_limit), self.get(x.pwm_limit), DATA_LIMIT
+        if register in self._pointers:
+            return self.EEPROM_END, self._last_cell, DATA_RANGE
+        return super()._bounds(register)
+
+    def _highest(self) -> Mapping[Register, int]:
+        return _HIGHEST
+
+    def power_up(self) -> None:
+        super().power_up()
+        self.put(x.goal_pwm, self.get(x.pwm_limit))
+        self.put(x.goal_velocity, self.get(x.velocity_limit))

@@ -1,0 +1,235 @@
+"""Virtual AX and MX of protocol 1.0: their tables below the firmware that they share with the SCS.
+
+From the e-manual: the tables and their factory values, the units, the modes that the angle limits
+choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
+lock ends with the power; the gains of an MX (P / 8, I * 1000 / 2048, D * 4 / 1000). BAM (github.com/Rhoban/bam)
+measured on MX-64 and MX-106 what drive P makes, and how much drive is full; an MX-28 is taken to do the same. Assumed:
+an MX's I and D count in the same unit of drive, seconds and counts; an AX's position loop is as stiff as an SCS
+servo's, whatever its compliance says; overload is nearly full drive for two seconds and takes the drive away until the
+torque switch is written; a packet with a wrong checksum is not answered; a goal outside the limits is cut.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from drivers.servos import ax_mx as dxl
+from drivers.servos import sts
+from drivers.servos.register import Register
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import Code, status_packet
+from sim_backend.servos.dynamixel.motors import motor_of
+from sim_backend.servos.generic.firmware import MULTI_TURN_PHASE, GenericFirmware
+from sim_backend.servos.generic.memory import Memory
+from sim_backend.servos.generic.servo import GenericServo
+
+MX_DRIVE_PER_RAD: Final = 0.158
+"""Share of full drive, for each unit of ``p_gain``; the e-manual's P / 8 a count in 512 is 0.159."""
+MX_FULL_DRIVE: Final = 0.9625
+_MX_P_UNIT: Final = 1.0 / 8.0
+_MX_I_UNIT: Final = 1000.0 / 2048.0
+_MX_D_UNIT: Final = 4.0 / 1000.0
+INSTRUCTION_ERROR: Final = 1 << 6
+_BASE_BAUD: Final = 2_000_000
+_FAST_BAUDS: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+
+_OWN: Final = {
+    sts.firmware_major.name: dxl.firmware_version,
+    sts.servo_id.name: dxl.servo_id,
+    sts.min_position.name: dxl.cw_angle_limit,
+    sts.max_position.name: dxl.ccw_angle_limit,
+    sts.max_temperature.name: dxl.temperature_limit,
+    sts.max_voltage.name: dxl.max_voltage_limit,
+    sts.min_voltage.name: dxl.min_voltage_limit,
+    sts.unloading_condition.name: dxl.shutdown,
+    sts.status_level.name: dxl.status_return_level,
+    sts.goal_velocity.name: dxl.moving_speed,
+    sts.present_velocity.name: dxl.present_speed,
+    sts.async_write_flag.name: dxl.registered_instruction,
+    **{register.name: register for register in dxl.COMMON},
+}
+"""Registers of the STS table, by name, in these tables. Bits 0, 2 and 5 of both status bytes say the same."""
+_ABSENT: Final = {
+    sts.protection_current.name: sts.protection_current.largest,  # not measured
+    sts.position_p.name: 32,
+    sts.position_d.name: 32,
+    sts.overload_torque.name: 98,
+    sts.protection_time.name: 200,
+    sts.protective_torque.name: 0,
+}
+"""What the firmware is told where the table has no such register; 0 for the others."""
+
+_COMMON_FACTORY: Final[dict[Register, int]] = {
+    dxl.firmware_version: 24,  # assumed
+    dxl.baud_rate: 1,
+    dxl.return_delay: 250,
+    dxl.min_voltage_limit: 60,
+    dxl.max_torque: dxl.FULL_TORQUE,
+    dxl.status_return_level: dxl.ANSWERS_ALL,
+    dxl.alarm_led: 36,
+    dxl.shutdown: 36,
+}
+
+
+class Dynamixel1Memory(Memory):
+    """A table of protocol 1.0. The STS table's registers are found by name, their values in its units."""
+
+    FACTORY: ClassVar[Mapping[Register, int]]
+    EEPROM_END = dxl.torque_enable.address
+    RESET_ID = 1
+    BAUDS = 255
+
+    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+        registers = dxl.registers(model)
+        self._own = {**_OWN, **{register.name: register for register in registers}}
+        load_unit = 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
+        self._scales = {
+            sts.goal_velocity.name: model.speed_unit_counts_s,
+            sts.present_velocity.name: model.speed_unit_counts_s,
+            sts.max_torque.name: load_unit,
+            sts.torque_limit.name: load_unit,
+            sts.present_load.name: load_unit,
+        }
+        factory = {**_COMMON_FACTORY, **self.FACTORY, dxl.ccw_angle_limit: model.last_count}
+        super().__init__(model, servo_id, registers, factory)
+
+    def _decode_baud(self) -> int:
+        index = self.get(dxl.baud_rate)
+        return _FAST_BAUDS.get(index, _BASE_BAUD // (index + 1))
+
+    @property
+    def answers(self) -> int:
+        return self.get(dxl.status_return_level)
+
+    def own(self, register: Register) -> Register | None:
+        return self._own.get(register.name)
+
+    def _scale(self, register: Register, own: Register) -> float:
+        """How many units of ``register`` one unit of its ``own`` counterpart is; 1 where it is that itself."""
+        scale = self._scales.get(register.name, 1.0)
+        return 1.0 if scale != 1.0 and own == register else scale
+
+    def get(self, register: Register) -> int:
+        own = self.own(register)
+        if own is None:
+            return self._told(register)
+        value, scale = super().get(own), self._scale(register, own)
+        return value if scale == 1.0 else round(value * scale)
+
+    def _told(self, register: Register) -> int:
+        if register == sts.operating_mode:
+            return int(self.limits == (0, 0))
+        if register == sts.phase:
+            return MULTI_TURN_PHASE if self._unwrapped() else 0
+        return _ABSENT.get(register.name, 0)
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Both angle limits, which choose the mode."""
+        return self.get(dxl.cw_angle_limit), self.get(dxl.ccw_angle_limit)
+
+    def _unwrapped(self) -> bool:
+        """Whether positions go on beyond a turn."""
+        return self.limits == (dxl.MULTI_TURN_LIMIT, dxl.MULTI_TURN_LIMIT)
+
+    def put(self, register: Register, value: int) -> None:
+        own = self.own(register)
+        if own is not None:
+            super().put(own, round(value / self._scale(register, own)))
+
+    def _write_byte(self, at: int, value: int) -> None:
+        """EEPROM is saved with every write, unless it is locked: then it stays as it is."""
+        if at >= self.EEPROM_END:
+            self._bytes[at] = value | (self._bytes[at] if at == dxl.lock.address else 0)
+        elif not self.get(dxl.lock):
+            self._bytes[at] = self._saved[at] = value
+
+
+class AxMemory(Dynamixel1Memory):
+    """An AX: a potentiometer, whose readings end at 0 and 1023. Factory values are the AX-12A's."""
+
+    FACTORY: ClassVar[Mapping[Register, int]] = {
+        dxl.temperature_limit: 70,
+        dxl.max_voltage_limit: 140,
+        dxl.cw_compliance_margin: 1,
+        dxl.ccw_compliance_margin: 1,
+        dxl.cw_compliance_slope: 32,
+        dxl.ccw_compliance_slope: 32,
+        dxl.punch: 32,
+    }
+
+    def _unwrapped(self) -> bool:
+        return True
+
+    def put(self, register: Register, value: int) -> None:
+        if register.name == dxl.present_position.name:
+            value = max(0, min(self._model.last_count, value))
+        super().put(register, value)
+
+
+class MxMemory(Dynamixel1Memory):
+    """An MX: a magnetic encoder, 4096 counts a turn. Factory values are the MX-28's."""
+
+    FACTORY: ClassVar[Mapping[Register, int]] = {
+        dxl.temperature_limit: 80,
+        dxl.max_voltage_limit: 160,
+        dxl.resolution_divider: 1,
+        dxl.p_gain: 32,
+    }
+
+    def _told(self, register: Register) -> int:
+        if register == sts.acceleration:
+            ramp = super().get(dxl.goal_acceleration) * dxl.ACCELERATION_UNIT_COUNTS_S2
+            return round(ramp / sts.ACCELERATION_UNIT_COUNTS_S2)
+        if register == sts.overload_torque:
+            return int(super()._told(register) * MX_FULL_DRIVE)
+        return super()._told(register)
+
+
+class AxFirmware(GenericFirmware):
+    """The control loop, on the model's own counts."""
+
+    def load_settings(self) -> None:
+        super().load_settings()
+        self._gain *= sts.STS3215.counts_per_turn / self._turn
+
+
+class MxFirmware(GenericFirmware):
+    """The control loop of an MX, whose gains are in RAM."""
+
+    def load_goal(self) -> None:
+        super().load_goal()
+        get, unit = self._memory.get, MX_DRIVE_PER_RAD / _MX_P_UNIT / self._counts_per_rad
+        self._gain = get(dxl.p_gain) * _MX_P_UNIT * unit
+        self._integral_gain = get(dxl.i_gain) * _MX_I_UNIT * unit
+        self._damping = get(dxl.d_gain) * _MX_D_UNIT * unit
+        self._limit = min(self._limit, MX_FULL_DRIVE)
+
+
+class VirtualAxServo(GenericServo):
+    """An AX below the wire: no group read."""
+
+    MEMORY: ClassVar[type[Dynamixel1Memory]] = AxMemory
+    FIRMWARE: ClassVar[type[GenericFirmware]] = AxFirmware
+    GROUP_READ: ClassVar[Code | None] = None
+    REBOOTS = False
+
+    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+        memory = self.MEMORY(model, servo_id)
+        motor = motor_of(model)
+        super().__init__(model, memory, self.FIRMWARE(memory, model, motor))
+        self.gears = motor.gears
+
+    def answer(self, instruction: Instruction) -> bytes | None:
+        known = {Code.PING, Code.READ, Code.WRITE, Code.REG_WRITE, Code.ACTION, Code.RESET}
+        if instruction.code in known:
+            return super().answer(instruction)
+        error = self.firmware.protection.status | INSTRUCTION_ERROR
+        return status_packet(self.servo_id, error) if self.memory.answers == dxl.ANSWERS_ALL else None
+
+
+class VirtualMxServo(VirtualAxServo):
+    """An MX with protocol 1.0 firmware below the wire: answers bulk reads."""
+
+    MEMORY = MxMemory
+    FIRMWARE = MxFirmware
+    GROUP_READ = Code.BULK_READ

@@ -1,0 +1,92 @@
+"""What the firmware of all virtual servos of protocol 2.0 has in common: errors that last, and a calm speed register.
+
+Assumed: overload is full drive for two seconds; all errors stay until a reboot; the speed that is shown is smoothed
+with 15 ms more than what the loop acts on: a shaft that is held between two counts is not said to move.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.servos.register import Register
+from sim_backend.servos.generic.firmware import GenericFirmware
+from sim_backend.servos.generic.protection import Limits, Protection
+
+SHOWN_FILTER_S: Final = 0.015
+OVERLOAD_DUTY: Final = 0.98
+OVERLOAD_S: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorBits:
+    """Where a table has its limits, and which bits its errors are."""
+
+    shutdown: Register
+    min_voltage: Register
+    max_voltage: Register
+    max_temperature: Register
+    volts_per_unit: float
+    voltage: int
+    temperature: int
+    overload: int
+
+
+class LatchedProtection(Protection):
+    """Hardware errors: latched until a reboot; those in ``shutdown`` release the motor."""
+
+    def __init__(self, bits: ErrorBits) -> None:
+        super().__init__()
+        self._bits = bits
+
+    def load(self, memory: Limits) -> None:
+        """Take the limits from the registers."""
+        bits = self._bits
+        self._acts_on = memory.get(bits.shutdown)
+        self._highest_v = memory.get(bits.max_voltage) * bits.volts_per_unit
+        self._lowest_v = memory.get(bits.min_voltage) * bits.volts_per_unit
+        self._hottest_c = memory.get(bits.max_temperature)
+
+    def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
+        """One look at the motor, ``dt_s`` after the last one."""
+        bits = self._bits
+        self._overload_s = self._overload_s + dt_s if abs(duty) >= OVERLOAD_DUTY else 0.0
+        if self._overload_s >= OVERLOAD_S:
+            self.status |= bits.overload
+        if not self._lowest_v <= voltage_v <= self._highest_v:
+            self.status |= bits.voltage
+        if temperature_c > self._hottest_c:
+            self.status |= bits.temperature
+        self.released = bool(self.status & self._acts_on)
+
+
+class Protocol2Firmware(GenericFirmware):
+    """The control loop of one servo; a series says where its registers are."""
+
+    BITS: ErrorBits
+
+    def new_protection(self) -> Protection:
+        return LatchedProtection(self.BITS)
+
+    def observe(self, angle_rad: float) -> None:
+        super().observe(angle_rad)
+        self._shown_velocity = 0.0
+        self._hold_here()
+
+    @abstractmethod
+    def _hold_here(self) -> None:
+        """Make the present position the goal: so it is after power-on."""
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
+        torque_nm = super().step(dt_s, angle_rad, velocity_rad_s)
+        self._shown_velocity += (self._velocity - self._shown_velocity) * dt_s / (SHOWN_FILTER_S + dt_s)
+        return torque_nm
+
+    def _switch(self) -> None:
+        if self.protection.released:
+            self._shut_down()
+            self._acting = False
+        super()._switch()
+
+    @abstractmethod
+    def _shut_down(self) -> None:
+        """What a shutdown writes into the table."""

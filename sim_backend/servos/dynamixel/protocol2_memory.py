@@ -1,0 +1,153 @@
+"""The control table of a virtual servo of protocol 2.0 as bytes: who may write what, what power-off forgets.
+
+Assumed: a write that breaks a rule is refused as a whole; addresses that the table does not list read 0.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar, Final
+
+from drivers.servos.register import Access, Register, ServoModel
+from sim_backend.flash import Flash, Kept
+from sim_backend.servos.generic.memory import saturated
+
+DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
+"""Error numbers of a reply."""
+_LARGEST_ID: Final = 252
+
+
+class Protocol2Memory(ABC):
+    """The bytes that the wire sees. EEPROM is saved with every write, and locked under torque."""
+
+    SIZE: ClassVar[int]
+    EEPROM_END: ClassVar[int]
+    BAUD_RATES: ClassVar[Sequence[int]]
+    """By the value of ``baud_rate``."""
+
+    def __init__(
+        self, model: ServoModel, servo_id: int, registers: Sequence[Register], factory: Mapping[Register, int]
+    ) -> None:
+        self._model = model
+        self._registers = {register.address: register for register in registers}
+        named = {register.name: register for register in registers}
+        self._id, self._baud, self._number, self._torque = (
+            named[name] for name in ("id", "baud_rate", "model_number", "torque_enable")
+        )
+        self.kept = Kept((r for r in registers if r.persistent), range(self.EEPROM_END), "little")
+        self._factory = factory
+        self._bytes = bytearray(self.SIZE)
+        self.servo_id = servo_id
+        self.baud = 0
+        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        self.restore_factory()
+        self.put(self._id, servo_id)
+        self.power_up()
+
+    def get(self, register: Register) -> int:
+        """A register's value, decoded."""
+        end = register.address + register.size
+        return register.decode(bytes(self._bytes[register.address : end]), "little")
+
+    def put(self, register: Register, value: int) -> None:
+        """The firmware's own write: no access rules; values beyond the range saturate."""
+        at = register.address
+        self._bytes[at : at + register.size] = saturated(register, value, "little")
+        if at < self.EEPROM_END:
+            self._decode()
+
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register: in these servos it lies in EEPROM with that."""
+        self.put(register, value)
+
+    def _decode(self) -> None:
+        """Take ID and baud from the registers."""
+        self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes from ``address``, as the wire sees them; zeros where the table ends."""
+        meant = self.resolved(address, max(0, min(size, self.SIZE - address)))
+        return bytes(self._bytes[place] for place in meant).ljust(size, b"\0")
+
+    def resolved(self, address: int, size: int) -> list[int]:
+        """The addresses that ``size`` bytes from ``address`` stand for."""
+        return list(range(address, address + size))
+
+    def write(self, address: int, data: bytes) -> int:
+        """A write from the wire; returns the error number, 0 for none."""
+        meant = self.resolved(address, len(data))
+        for begin, end in runs(meant):
+            error = self._run_refusal(meant[begin], data[begin:end])
+            if error:
+                return error
+        for place, byte in zip(meant, data, strict=True):
+            self._bytes[place] = byte
+        if meant and min(meant) < self.EEPROM_END:
+            self._decode()
+        return 0
+
+    def _run_refusal(self, address: int, data: bytes) -> int:
+        """Why these registers in one piece must not be written; 0 if they may."""
+        at = 0
+        while at < len(data):
+            register = self._registers.get(address + at)
+            error = ACCESS if register is None else self._refusal(register, data[at:])
+            if register is None or error:
+                return error
+            at += register.size
+        return 0
+
+    def _refusal(self, register: Register, data: bytes) -> int:
+        """Why the bytes at the beginning of ``data`` must not be written; 0 if they may."""
+        locked = register.persistent and self.get(self._torque)
+        if register.access is Access.READ or locked:
+            return ACCESS
+        if len(data) < register.size:
+            return DATA_LENGTH
+        value = register.decode(data[: register.size], "little")
+        lowest, highest, error = self._bounds(register)
+        return 0 if lowest <= value <= highest else error
+
+    def _bounds(self, register: Register) -> tuple[int, int, int]:
+        """The smallest and the largest value, and the error beyond them."""
+        highest = {self._id: _LARGEST_ID, self._baud: len(self.BAUD_RATES) - 1, self._torque: 1, **self._highest()}
+        return register.smallest, highest.get(register, register.largest), DATA_RANGE
+
+    @abstractmethod
+    def _highest(self) -> Mapping[Register, int]:
+        """The largest values of registers that could hold more."""
+
+    def power_up(self) -> None:
+        """What the servo holds after power-on: EEPROM as it was, initial values in RAM."""
+        self._bytes[self.EEPROM_END :] = bytes(self.SIZE - self.EEPROM_END)
+        for register, value in self._factory.items():
+            if not register.persistent:
+                self.put(register, value)
+
+    @property
+    def flash(self) -> Flash:
+        """What it keeps without power."""
+        return Flash(bytes(self._bytes[: self.EEPROM_END]))
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None:
+        self._bytes[: self.EEPROM_END] = flash.settings
+        self._decode()
+        self.power_up()
+
+    def restore_factory(self, *keep: Register) -> None:
+        """EEPROM to factory values, but for what is kept."""
+        kept = {register: self.get(register) for register in keep}
+        self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
+        for register, value in {**self._factory, **kept}.items():
+            if register.persistent:
+                self.put(register, value)
+        self.put(self._number, self._model.number)
+
+
+def runs(places: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Where bytes follow one another: each time from which of them to before which."""
+    begin = 0
+    for i in range(1, len(places) + 1):
+        if i == len(places) or places[i] != places[i - 1] + 1:
+            yield begin, i
+            begin = i

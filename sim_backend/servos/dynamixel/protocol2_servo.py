@@ -1,0 +1,164 @@
+"""What the instructions of protocol 2.0 do to a virtual servo, whatever its table.
+
+Assumed where the e-manual is silent: a write of the ID or the baud is answered as the servo was called;
+a rebooting servo is deaf for 0.3 s; the torque cannot be switched on after a shutdown (result fail).
+"""
+
+from typing import ClassVar, Final
+
+from drivers.protocol.v2 import ALERT
+from drivers.servos.register import Register
+from sim_backend.packets.dynamixel import Code, fast_block, status_packet
+from sim_backend.packets.instructions import Instruction
+from sim_backend.servos.dynamixel.protocol2_firmware import Protocol2Firmware
+from sim_backend.servos.dynamixel.protocol2_memory import ACCESS, Protocol2Memory
+from sim_backend.servos.generic.packet_servo import WiredServo
+
+REBOOT_S: Final = 0.3
+RESULT_FAIL, UNKNOWN_INSTRUCTION = 1, 2
+
+
+class Registers:
+    """Registers that all tables of protocol 2.0 have, each at its own address."""
+
+    def __init__(self, *listed: Register) -> None:
+        named = {register.name: register for register in listed}
+        self.model_number = named["model_number"]
+        self.firmware_version = named["firmware_version"]
+        self.servo_id = named["id"]
+        self.baud_rate = named["baud_rate"]
+        self.return_delay = named["return_delay"]
+        self.status_return_level = named["status_return_level"]
+        self.torque_enable = named["torque_enable"]
+        self.registered_instruction = named["registered_instruction"]
+        self.goal_position = named["goal_position"]
+
+
+class Protocol2Servo(WiredServo):
+    """A servo whose table and firmware the series gives."""
+
+    REGISTERS: ClassVar[Registers]
+    BOOT_S = REBOOT_S
+    memory: Protocol2Memory
+    firmware: Protocol2Firmware
+
+    @property
+    def reads_fast(self) -> bool:
+        """Whether its firmware knows the fast reads."""
+        return False
+
+    @property
+    def return_delay_s(self) -> float:
+        """From an instruction to the reply: 2 us a unit, and 2 us at the least (assumed)."""
+        return 2e-6 * max(1, self.memory.get(self.REGISTERS.return_delay))
+
+    @property
+    def _level(self) -> int:
+        return self.memory.get(self.REGISTERS.status_return_level)
+
+    @property
+    def answers_reads(self) -> bool:
+        """Whether its status return level lets it answer more than pings."""
+        return self._level > 0
+
+    def answer(self, instruction: Instruction) -> bytes | None:
+        servo_id, level = self.servo_id, self._level
+        parameters = instruction.parameters
+        match instruction.code:
+            case Code.PING:
+                return self._status(servo_id, 0, self._introduction())
+            case Code.READ if len(parameters) == 4:
+                return self.read_status(*_span(parameters)) if level else None
+            case Code.WRITE if len(parameters) >= 3:
+                error = self.write(_number(parameters[:2]), parameters[2:])
+            case Code.REG_WRITE if len(parameters) >= 3:
+                self._registered = (_number(parameters[:2]), parameters[2:])
+                self.memory.put(self.REGISTERS.registered_instruction, 1)
+                error = 0
+            case Code.ACTION:
+                error = self._act()
+            case Code.FACTORY_RESET if len(parameters) == 1 and parameters[0] in self._kept():
+                self.memory.restore_factory(*self._kept()[parameters[0]])
+                self._reboot()
+                error = 0
+            case Code.REBOOT:
+                self._reboot()
+                error = 0
+            case _:
+                error = UNKNOWN_INSTRUCTION
+        return self._status(servo_id, error) if level == 2 else None
+
+    def _kept(self) -> dict[int, tuple[Register, ...]]:
+        """What a factory reset leaves alone, by its option."""
+        servo_id, baud_rate = self.REGISTERS.servo_id, self.REGISTERS.baud_rate
+        return {0xFF: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
+
+    def _introduction(self) -> bytes:
+        """What a ping is answered with."""
+        number, version = self.REGISTERS.model_number.address, self.REGISTERS.firmware_version.address
+        return self.memory.read(number, 2) + self.memory.read(version, 1)
+
+    def read_status(self, address: int, size: int) -> bytes:
+        error, data = self._read(address, size)
+        return self._status(self.servo_id, error, data)
+
+    def read_block(self, address: int, size: int, before: bytes) -> bytes:
+        """The same behind ``before`` in a fast reply; after an error zeros, to keep its length (assumed)."""
+        error, data = self._read(address, size)
+        return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
+
+    def write(self, address: int, data: bytes) -> int:
+        """A write from the wire and all that follows from it; returns the error number."""
+        written = dict(zip(self.memory.resolved(address, len(data)), data, strict=True))
+        if written.get(self.REGISTERS.torque_enable.address) == 1 and self.firmware.protection.released:
+            return RESULT_FAIL
+        error = self.memory.write(address, data)
+        if error:
+            return error
+        if address < self.memory.EEPROM_END:
+            self.firmware.load_settings()
+        self.firmware.load_goal()
+        return 0
+
+    def power_cycle(self) -> None:
+        """Power off and on again: RAM is as at the beginning, errors are gone, the motor is free."""
+        self._registered = None
+        self.memory.power_up()
+        self.firmware.restart()
+        self.memory.put(self.REGISTERS.goal_position, int(self.firmware.position))
+        self.firmware.load_goal()
+
+    def _reboot(self) -> None:
+        self.power_cycle()
+        self.deaf_s = REBOOT_S
+
+    def _act(self) -> int:
+        if self._registered is None:
+            return UNKNOWN_INSTRUCTION
+        address, data = self._registered
+        self._registered = None
+        self.memory.put(self.REGISTERS.registered_instruction, 0)
+        return self.write(address, data)
+
+    def _read(self, address: int, size: int) -> tuple[int, bytes]:
+        """The error number, and ``size`` bytes from ``address`` if there is none."""
+        if address + size > self.memory.SIZE:
+            return ACCESS, b""
+        self.firmware.publish()
+        return 0, self._reported(address, size)
+
+    @property
+    def _alert(self) -> int:
+        return ALERT if self.firmware.protection.status else 0
+
+    def _status(self, servo_id: int, error: int, data: bytes = b"") -> bytes:
+        return status_packet(servo_id, error | self._alert, data)
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data, "little")
+
+
+def _span(parameters: bytes) -> tuple[int, int]:
+    """Address and size."""
+    return _number(parameters[:2]), _number(parameters[2:4])

@@ -1,0 +1,37 @@
+"""One virtual X series servo: its control table below its firmware."""
+
+from typing import ClassVar
+
+from drivers.servos import x
+from drivers.servos.register import ServoModel
+from sim_backend.servos.dynamixel.firmware import XFirmware
+from sim_backend.servos.dynamixel.memory import XMemory
+from sim_backend.servos.dynamixel.models import reads_fast
+from sim_backend.servos.dynamixel.motors import motor_of
+from sim_backend.servos.dynamixel.protocol2_servo import Protocol2Servo, Registers
+
+
+class VirtualXServo(Protocol2Servo):
+    """A servo of the X series, or an MX with that firmware."""
+
+    REGISTERS: ClassVar[Registers] = Registers(*x.REGISTERS)
+    PRESENT_POSITION = x.present_position
+
+    def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
+        """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""
+        own = x.MODELS[model.name]
+        motor = motor_of(own)
+        super().__init__(own, motor.gears)
+        self.memory: XMemory = XMemory(own, servo_id, firmware)
+        self.firmware: XFirmware = XFirmware(self.memory, own, motor)
+
+    def write(self, address: int, data: bytes) -> int:
+        mode = self.memory.get(x.operating_mode)
+        error = super().write(address, data)
+        if mode != self.memory.get(x.operating_mode) == x.POSITION_MODE:
+            self.firmware.forget_turns()
+        return error
+
+    @property
+    def reads_fast(self) -> bool:
+        return reads_fast(x.MODELS[self.model.name], self.memory.get(x.firmware_version))

@@ -1,0 +1,95 @@
+"""One virtual servo of the SCS or a series like it: another table below the same firmware, and a potentiometer.
+
+Factory values are those of Feetech's SCS memory table as far as it gives them, else assumed. Assumed
+besides: the position loop is as stiff as an STS servo's, in newton metres per radian of its full drive.
+"""
+
+from typing import ClassVar, Final
+
+from drivers.servos import scs, sts
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Register, ServoModel
+from sim_backend.mechanics.motor import MotorConstants
+from sim_backend.packets.sts import Code
+from sim_backend.servos.generic.firmware import GenericFirmware
+from sim_backend.servos.generic.memory import Memory
+from sim_backend.servos.generic.servo import GenericServo
+
+_ABSENT: Final = {
+    sts.protection_current.name: sts.protection_current.largest,  # it measures none
+}
+"""What the firmware is told where the table has no such register; 0 for the others."""
+_TIME_UNITS: Final = 4
+"""Units of the STS servo's protection time (10 ms) in one of an SCS servo's (40 ms)."""
+
+FACTORY: Final[dict[Register, int]] = {
+    scs.firmware_major: 3,
+    scs.baud_rate: 0,
+    scs.return_delay: 0,
+    scs.status_level: 1,
+    scs.max_temperature: 80,
+    scs.max_voltage: 90,
+    scs.min_voltage: 40,
+    scs.max_torque: 1000,
+    scs.unloading_condition: 36,  # temperature, overload
+    scs.led_alarm_condition: 37,
+    scs.position_p: 32,
+    scs.position_d: 32,
+    scs.cw_dead_zone: 1,
+    scs.ccw_dead_zone: 1,
+    scs.protective_torque: 20,
+    scs.protection_time: 50,
+    scs.overload_torque: 80,
+    scs.lock: 1,
+}
+"""Every register that is not here is 0, but for ``max_position``, which is the model's last."""
+
+
+class ScsMemory(Memory):
+    """The table of the model's series. Registers of the STS table are found by name."""
+
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        registers = series_of(model).registers
+        self._own = {register.name: register for register in registers}
+        factory = {**FACTORY, scs.max_position: model.last_count}
+        super().__init__(model, servo_id, registers, {self._own[r.name]: value for r, value in factory.items()})
+
+    def own(self, register: Register) -> Register | None:
+        return self._own.get(register.name)
+
+    def get(self, register: Register) -> int:
+        own = self.own(register)
+        if own is not None:
+            return super().get(own) * (_TIME_UNITS if register == sts.protection_time else 1)
+        if register == sts.torque_limit:
+            return self.get(sts.max_torque)
+        if register == sts.operating_mode:
+            return int(self.get(sts.min_position) == self.get(sts.max_position) == 0)
+        return _ABSENT.get(register.name, 0)
+
+    def put(self, register: Register, value: int) -> None:
+        own = self.own(register)
+        if own is None:
+            return
+        if own.name == sts.present_position.name:
+            value = max(0, min(self._model.last_count, value))
+        super().put(own, value)
+
+
+class ScsFirmware(GenericFirmware):
+    """The control loop, on coarser counts that do not wrap: they end where the potentiometer ends."""
+
+    def load_settings(self) -> None:
+        super().load_settings()
+        self._multi_turn = True
+        self._gain *= sts.STS3215.counts_per_turn / self._turn
+
+
+class VirtualScsServo(GenericServo):
+    """An SCS servo below the wire: no sync read, no homing offset, readings that end where the sensor does."""
+
+    GROUP_READ: ClassVar[Code | None] = None
+
+    def __init__(self, model: ServoModel, servo_id: int) -> None:
+        memory = ScsMemory(model, servo_id)
+        super().__init__(model, memory, ScsFirmware(memory, model, MotorConstants.of(model)))

@@ -1,0 +1,95 @@
+"""One virtual servo that is no STS: the control table, the firmware, and what the instructions do to them.
+
+Assumed where the makers' manuals are silent: a write of the ID or the baud is answered as the servo was
+called; instructions that are malformed or unknown are not answered, and neither is a read of more bytes than an
+answer can hold; a rebooting servo is deaf.
+"""
+
+from typing import ClassVar
+
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import LONGEST_DATA, Code
+from sim_backend.servos.generic.firmware import GenericFirmware
+from sim_backend.servos.generic.memory import Memory
+from sim_backend.servos.generic.packet_servo import PacketServo
+from sim_backend.servos.sts.firmware import touches
+
+
+class GenericServo(PacketServo):
+    """A servo whose table and firmware the series gives."""
+
+    REBOOTS: ClassVar[bool] = True
+    """Whether it knows that instruction."""
+
+    def __init__(self, model: ServoModel, memory: Memory, firmware: GenericFirmware) -> None:
+        super().__init__(model)
+        self.memory: Memory = memory
+        self.firmware: GenericFirmware = firmware
+
+    @property
+    def return_delay_s(self) -> float:
+        """From an instruction to the reply: 2 us a unit, and 2 us at the least."""
+        return 2e-6 * max(1, self.memory.get(sts.return_delay))
+
+    def answer(self, instruction: Instruction) -> bytes | None:
+        """Do what one instruction says; the reply, if this servo makes one to it."""
+        servo_id, answers = self.servo_id, self.memory.answers
+        parameters = instruction.parameters
+        match instruction.code:
+            case Code.PING:
+                return self._status(servo_id)
+            case Code.READ if len(parameters) == 2 and parameters[1] <= LONGEST_DATA:
+                return self._status(servo_id, self.read(*parameters)) if answers else None
+            case Code.WRITE if len(parameters) >= 2:
+                self.write(parameters[0], parameters[1:])
+            case Code.REG_WRITE if len(parameters) >= 2:
+                self._registered = (parameters[0], parameters[1:])
+                self.memory.put(sts.async_write_flag, 1)
+            case Code.ACTION:
+                self._act()
+            case Code.RESET:
+                self.memory.restore_factory()
+                self.firmware.load_settings()
+            case Code.REBOOT if self.REBOOTS:
+                self.power_cycle()
+                self.deaf_s = self.BOOT_S
+                return None
+            case _:
+                return None
+        return self._status(servo_id) if answers == 2 else None
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes of the table from ``address``, the state as of now."""
+        self.firmware.publish()
+        return self._reported(address, size)
+
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire and all that follows from it."""
+        self.memory.write(address, data)
+        if address < self.memory.EEPROM_END:
+            self.firmware.load_settings()
+        self.firmware.load_goal()
+        if self._covers(address, data, sts.goal_position):
+            self.firmware.goal_written()
+        if self._covers(address, data, sts.torque_enable):
+            self.firmware.torque_written()
+
+    def power_cycle(self) -> None:
+        """Power off and on again: what was not saved is gone, the motor is free."""
+        self._registered = None
+        self.memory.power_up()
+        self.firmware.restart()
+
+    def _act(self) -> None:
+        if self._registered is not None:
+            address, data = self._registered
+            self._registered = None
+            self.memory.put(sts.async_write_flag, 0)
+            self.write(address, data)
+
+    def _covers(self, address: int, data: bytes, register: Register) -> bool:
+        """Whether a write of ``data`` at ``address`` touches ``register``."""
+        own = self.memory.own(register)
+        return own is not None and touches(address, len(data), own)

@@ -1,0 +1,161 @@
+"""The control table of one virtual STS servo: who may write what, what power-off forgets.
+
+The table's bytes are those that the firmware works on. Addresses that Feetech's table does not list are kept like
+their neighbours. The lock (register 55) does not stop a write: with the lock closed the write is gone after power-off.
+"""
+
+from typing import Final
+
+from drivers.servos import sts
+from drivers.servos.register import Register, ServoModel
+from sim_backend.flash import Flash, Kept
+from sim_backend.servos.sts.state import TABLE_SIZE, States
+
+READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
+PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
+KEPT: Final = Kept(sts.REGISTERS, PERSISTENT - READ_ONLY, "little")
+OFFSET_WORD: Final = Register("homing_offset", 31, 2, persistent=True)
+"""The homing offset as it lies in the table: beside the sign (bit 11), bit 12 stands for 2048 more counts."""
+
+FACTORY: Final[dict[Register, int]] = {
+    sts.firmware_major: 3,
+    sts.firmware_minor: 10,
+    sts.status_level: 1,
+    sts.max_position: 4095,
+    sts.max_temperature: 70,
+    sts.max_voltage: 140,
+    sts.min_voltage: 40,
+    sts.max_torque: 1000,
+    sts.phase: 12,  # speeds in counts/s, speed 0 is "as fast as it can"
+    sts.unloading_condition: 44,  # temperature, current, overload
+    sts.led_alarm_condition: 47,
+    sts.position_p: 32,
+    sts.position_d: 32,
+    sts.minimum_startup_force: 16,
+    sts.cw_dead_zone: 1,
+    sts.ccw_dead_zone: 1,
+    sts.protection_current: 310,
+    sts.angular_resolution: 1,
+    sts.protective_torque: 20,
+    sts.protection_time: 200,
+    sts.overload_torque: 80,
+    sts.velocity_p: 10,
+    sts.overcurrent_time: 200,
+    sts.velocity_i: 200,
+    sts.moving_threshold: 2,
+    sts.dts: 20,
+    sts.velocity_unit: 50,
+    sts.hts: 1,
+    sts.max_velocity: 150,
+    sts.max_acceleration: 100,
+    sts.acceleration_multiplier: 1,
+}
+"""Every register that is not here is 0."""
+
+
+def offset_word(offset: int) -> int:
+    """The word that stands for this homing offset, counts; 0 for one of a whole turn or more."""
+    if offset >= 4096:
+        return 0
+    size, sign = abs(offset), 1 << 11 if offset < 0 else 0
+    return (size & 0x7FF) | sign | (1 << 12 if size & 0x800 else 0)
+
+
+class StsMemory:
+    """The bytes that the wire sees, those in flash behind them, and the saved defaults behind these."""
+
+    def __init__(self, model: ServoModel, servo_id: int, states: States) -> None:
+        self.work_on(states)
+        self.servo_id = servo_id
+        self.baud = 0
+        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        for register, value in FACTORY.items():
+            self.put(register, value)
+        self.put(sts.model_number, model.number)
+        self.put(sts.servo_id, servo_id)
+        self.save_defaults()
+        self._saved = bytearray(self._table)
+        self.power_up()
+
+    def work_on(self, states: States) -> None:
+        """The table is this record's from now on."""
+        self._table = memoryview(states["table"][0])
+
+    @property
+    def answers(self) -> int:
+        """What is answered: 1 pings and reads, 2 all."""
+        return 2 if self.get(sts.status_level) else 1
+
+    def get(self, register: Register) -> int:
+        """A register's value, decoded."""
+        return register.decode(bytes(self._table[register.address : register.address + register.size]), "little")
+
+    def put(self, register: Register, value: int) -> None:
+        """The firmware's own write: no access rules, volatile."""
+        self._table[register.address : register.address + register.size] = register.encode(value, "little")
+        self._decode()
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes from ``address``, or fewer where the table ends."""
+        return bytes(self._table[address : address + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire. Read-only bytes stay as they are, the others are written."""
+        for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
+            if at not in READ_ONLY:
+                self._write_byte(at, self._sensible(at, value))
+        self._decode()
+
+    def save(self, register: Register, value: int) -> None:
+        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        self.put(register, value)
+        span = slice(register.address, register.address + register.size)
+        self._saved[span] = self._table[span]
+
+    def power_up(self) -> None:
+        """What a power-off forgets is as at the beginning, what is saved comes back."""
+        self._table[:] = self._saved
+        for at in set(range(TABLE_SIZE)) - PERSISTENT - set(range(4)):
+            self._table[at] = 0
+        self.put(sts.lock, 1)
+        self.put(sts.torque_limit, self.get(sts.max_torque))
+
+    def save_defaults(self) -> None:
+        """Instruction 9: what the table says now is what instruction 6 brings back."""
+        self._defaults = bytes(self._table)
+
+    def restore_defaults(self) -> None:
+        """Instruction 6: the saved defaults into the flash, except for the ID."""
+        self._saved[:] = self._defaults
+        self._saved[sts.servo_id.address] = self.servo_id
+
+    @property
+    def flash(self) -> Flash:
+        """What it keeps without power."""
+        return Flash(bytes(self._saved), self._defaults)
+
+    @flash.setter
+    def flash(self, flash: Flash) -> None:
+        self._saved, self._defaults = bytearray(flash.settings), flash.defaults
+        self.power_up()
+
+    @property
+    def kept(self) -> Kept:
+        """Which bytes these are."""
+        return KEPT
+
+    def _write_byte(self, at: int, value: int) -> None:
+        self._table[at] = value
+        if at in PERSISTENT and not self._table[sts.lock.address]:
+            self._saved[at] = value
+
+    def _sensible(self, at: int, value: int) -> int:
+        """The only two values that the firmware corrects byte by byte."""
+        if at == sts.baud_rate.address and value >= len(sts.BAUD_RATES):
+            return 0
+        return 1 if at == sts.angular_resolution.address and value == 0 else value
+
+    def _decode(self) -> None:
+        """Take ID and baud from the registers."""
+        self.servo_id = self._table[sts.servo_id.address]
+        self.baud = sts.BAUD_RATES[self._table[sts.baud_rate.address]]

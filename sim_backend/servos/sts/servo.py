@@ -1,0 +1,131 @@
+"""One virtual STS servo: the control table, the firmware, and what the instructions do to them.
+
+Servos with other tables on the same packets are in ``scs_servo`` and ``dynamixel1_servo``. docs/simulation.md says
+what is known of an STS servo, and from where. Assumed besides: a read that is malformed is not answered.
+"""
+
+from typing import ClassVar, Final
+
+from drivers.servos import sts
+from drivers.servos.register import ServoModel
+from sim_backend.line.line import BITS_PER_BYTE
+from sim_backend.mechanics.motor import MotorConstants, sts_motor
+from sim_backend.packets.instructions import Instruction
+from sim_backend.packets.sts import Code
+from sim_backend.servos.generic.packet_servo import PacketServo
+from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsFirmware, StsVariant, sts_states, touches
+from sim_backend.servos.sts.memory import OFFSET_WORD, StsMemory, offset_word
+from sim_backend.servos.sts.state import TABLE_SIZE
+
+SET_MIDDLE: Final = 128
+"""Written to the torque switch: call the present position the middle, 2048."""
+MIDDLE: Final = 2048
+REBOOT_S: Final = 0.8
+"""How long a reboot takes, says the protocol manual."""
+RETURN_DELAY_UNIT_S: Final = 2e-6
+
+
+class VirtualServo(PacketServo):
+    """An STS servo below the wire."""
+
+    GROUP_READ: ClassVar[Code | None] = Code.SYNC_READ
+
+    def __init__(
+        self,
+        model: ServoModel,
+        servo_id: int,
+        motor: MotorConstants | None = None,
+        variant: StsVariant = AS_REIMPLEMENTED,
+    ) -> None:
+        """``motor``: if not the usual one of ``model``."""
+        motor = motor or sts_motor(model)
+        super().__init__(model, motor.gears)
+        states = sts_states(motor, variant)
+        self.memory: StsMemory = StsMemory(model, servo_id, states)
+        self.firmware: StsFirmware = StsFirmware(self.memory, states, model.rated_voltage_v, variant)
+
+    @property
+    def deaf_s(self) -> float:
+        """For how long it will not hear anything: the compiled millisecond counts it down."""
+        return self.firmware.deaf_s
+
+    @deaf_s.setter
+    def deaf_s(self, seconds: float) -> None:
+        self.firmware.deaf_s = seconds
+
+    @property
+    def return_delay_s(self) -> float:
+        """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
+        return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
+
+    def answer(self, instruction: Instruction) -> bytes | None:
+        """Do what one instruction says; the reply, if this servo makes one to it."""
+        parameters, named = instruction.parameters, self.servo_id
+        if instruction.code == Code.PING:
+            return self._status(named)
+        if instruction.code == Code.READ:
+            if len(parameters) != 2 or parameters[0] >= TABLE_SIZE:
+                return None
+            return self._status(named, self.read(*parameters))
+        if instruction.code == Code.REBOOT:
+            self.power_cycle()
+            self.deaf_s = REBOOT_S
+            return None
+        self._obey(instruction.code, parameters)
+        return self._status(named) if self.memory.answers == 2 else None  # as register 8 is by now
+
+    def _obey(self, code: int, parameters: bytes) -> None:
+        """Do what is answered by an empty status, whether it is known or not."""
+        match code:
+            case Code.WRITE if len(parameters) >= 2:
+                self.write(parameters[0], parameters[1:])
+            case Code.REG_WRITE:
+                self._registered = (int.from_bytes(parameters[:1], "little"), parameters[1:])
+                self.memory.put(sts.async_write_flag, 1)
+            case Code.ACTION if self._registered is not None:
+                registered, self._registered = self._registered, None
+                self.memory.put(sts.async_write_flag, 0)
+                if registered[1]:
+                    self.write(*registered)
+            case Code.RESET:
+                self.memory.restore_defaults()
+                self.power_cycle()
+            case Code.SAVE_DEFAULTS:
+                self.memory.save_defaults()
+            case Code.FORGET_TURNS:
+                self.firmware.forget_turns()
+                self.memory.put(sts.torque_enable, 0)
+            case Code.SET_MIDDLE if len(parameters) in (0, 2):
+                count = int.from_bytes(parameters, "little", signed=True) if parameters else MIDDLE
+                if abs(count) < self.model.counts_per_turn:
+                    self.call_this_angle(count)
+
+    def read(self, address: int, size: int) -> bytes:
+        """``size`` bytes of the table from ``address``, as the last millisecond left them."""
+        return self._reported(address, TABLE_SIZE if address == size == 0 else size)
+
+    def write(self, address: int, data: bytes) -> None:
+        """A write from the wire and all that follows from it: of one behind the table, nothing."""
+        if address >= TABLE_SIZE:
+            return
+        mode = self.memory.get(sts.operating_mode) if touches(address, len(data), sts.operating_mode) else None
+        self.memory.write(address, data)
+        self.firmware.note_write(address, len(data))
+        if mode is not None and self.memory.get(sts.operating_mode) != mode:
+            self.firmware.forget_turns()
+            for register in (sts.torque_enable, sts.acceleration, sts.goal_velocity):
+                self.memory.put(register, 0)
+        if touches(address, len(data), sts.torque_enable) and self.memory.get(sts.torque_enable) == SET_MIDDLE:
+            self.call_this_angle(MIDDLE)
+            self.memory.put(sts.torque_enable, 0)
+
+    def call_this_angle(self, count: int) -> None:
+        """Choose the homing offset so that the shaft is now at ``count``, saved whatever the lock says."""
+        self.memory.save(OFFSET_WORD, offset_word(self.firmware.raw_count - count))
+        self.firmware.forget_turns()
+
+    def power_cycle(self) -> None:
+        """Power off and on again: what was not saved is gone, the motor is free."""
+        self._registered = None
+        self.memory.power_up()
+        self.firmware.restart()
