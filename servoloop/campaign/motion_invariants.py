@@ -17,7 +17,7 @@ LAG_S: Final = 0.03
 """Least time by which a servo may have been behind its goal, and makes up for it; a soft one lags by more
 (hal/compensation/servo_compliance.py)."""
 OVERSHOOT_RAD: Final = 0.05
-"""So much further it may get where it is to stop (bench.fidelity)."""
+"""So much further it may get where it is to stop (benchmarks.fidelity)."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults with which it is not the goals that say how fast a joint turns."""
 AFTER_STEPS: Final = 500

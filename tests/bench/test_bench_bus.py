@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from bench.bus import simulator
-from bench.decoder import KINDS, Kind, flood, pieces
+from benchmarks.bus import simulator
+from benchmarks.decoder import KINDS, Kind, flood, pieces
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.errors import DriverError
@@ -115,7 +115,7 @@ def test_a_rate_that_no_adapter_has_is_refused(device: str) -> None:
 def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
     taken = tmp_path / "bus"
     taken.write_text("mine")
-    command = [sys.executable, "-m", "bench.simulator", str(taken)]
+    command = [sys.executable, "-m", "benchmarks.simulator", str(taken)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert done.returncode == 2
     assert f"{taken} exists and is no link" in done.stderr
@@ -146,6 +146,6 @@ def test_ids_that_are_none(text: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_ten_million_random_bytes(kind: Kind) -> None:
-    """Two thirds of them rich in headers or in replies; ``python -m bench.decoder`` prints the counts."""
+    """Two thirds of them rich in headers or in replies; ``python -m benchmarks.decoder`` prints the counts."""
     believed, wrong = flood(kind, pieces(kind, 10_000_000, 7))
     assert wrong == 0 and believed > 10_000

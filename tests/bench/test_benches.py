@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from bench.bus import CLIENTS, compare, show, wire_us
-from bench.busy import without_priority
-from bench.stalls import JointSteps
+from benchmarks.bus import CLIENTS, compare, show, wire_us
+from benchmarks.busy import without_priority
+from benchmarks.stalls import JointSteps
 
 pytestmark = pytest.mark.slow
 
@@ -40,10 +40,10 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("bench.rates", "--cycles", "50"), ("20 Hz", "500 Hz")),
-        (("bench.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
-        (("bench.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
-        (("bench.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
+        (("benchmarks.rates", "--cycles", "50"), ("20 Hz", "500 Hz")),
+        (("benchmarks.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
+        (("benchmarks.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
+        (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )
@@ -56,24 +56,24 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("bench.simulator new --ids 5-3", "--ids takes IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
-        ("bench.simulator new --ids 1,1", "--ids takes different IDs, not '1,1'"),
-        ("bench.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
-        ("bench.simulator new --paced -5", "argument --paced: '-5' is no whole number from 1 on"),
-        ("bench.simulator new --silence 3", "argument --silence: '3' is no ID with two times"),
-        ("bench.simulator taken", "argument link: taken exists and is no link: choose another path"),
-        ("bench.two_ports --serve taken", "argument --serve: taken exists and is no link: choose another path"),
-        ("bench.simulator no/where", "no/where cannot be made: No such file or directory"),
-        ("bench.bus --make sts3215", "argument --make: invalid choice: 'sts3215'"),
-        ("bench.bus --cycles -1", "argument --cycles: '-1' is no whole number from 1 on"),
-        ("bench.bus --rounds 0", "argument --rounds: '0' is no whole number from 1 on"),
-        ("bench.bus --servos 0", "argument --servos: '0' is no whole number from 1 on"),
-        ("bench.bus --servos 32", "--servos takes at most 31 of feetech, not 32"),
-        ("bench.two_ports --cycles 0", "argument --cycles: '0' is no whole number from 1 on"),
-        ("bench.two_ports --cycles many", "argument --cycles: 'many' is no whole number from 1 on"),
-        ("bench.stalls --jobs 0", "argument --jobs: '0' is no whole number from 1 on"),
-        ("bench.stalls --busy many", "argument --busy: 'many' is no whole number from 1 on"),
-        ("bench.decoder --bytes -1", "argument --bytes: '-1' is no whole number from 1 on"),
+        ("benchmarks.simulator new --ids 5-3", "--ids takes IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
+        ("benchmarks.simulator new --ids 1,1", "--ids takes different IDs, not '1,1'"),
+        ("benchmarks.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
+        ("benchmarks.simulator new --paced -5", "argument --paced: '-5' is no whole number from 1 on"),
+        ("benchmarks.simulator new --silence 3", "argument --silence: '3' is no ID with two times"),
+        ("benchmarks.simulator taken", "argument link: taken exists and is no link: choose another path"),
+        ("benchmarks.two_ports --serve taken", "argument --serve: taken exists and is no link: choose another path"),
+        ("benchmarks.simulator no/where", "no/where cannot be made: No such file or directory"),
+        ("benchmarks.bus --make sts3215", "argument --make: invalid choice: 'sts3215'"),
+        ("benchmarks.bus --cycles -1", "argument --cycles: '-1' is no whole number from 1 on"),
+        ("benchmarks.bus --rounds 0", "argument --rounds: '0' is no whole number from 1 on"),
+        ("benchmarks.bus --servos 0", "argument --servos: '0' is no whole number from 1 on"),
+        ("benchmarks.bus --servos 32", "--servos takes at most 31 of feetech, not 32"),
+        ("benchmarks.two_ports --cycles 0", "argument --cycles: '0' is no whole number from 1 on"),
+        ("benchmarks.two_ports --cycles many", "argument --cycles: 'many' is no whole number from 1 on"),
+        ("benchmarks.stalls --jobs 0", "argument --jobs: '0' is no whole number from 1 on"),
+        ("benchmarks.stalls --busy many", "argument --busy: 'many' is no whole number from 1 on"),
+        ("benchmarks.decoder --bytes -1", "argument --bytes: '-1' is no whole number from 1 on"),
     ],
 )
 def test_what_a_bench_cannot_take_is_said_in_a_sentence(

@@ -12,14 +12,14 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.children import child, kill, next_line, start
+from benchmarks.children import child, kill, next_line, start
 
 pytestmark = pytest.mark.slow
 
 PARENT = """
 import sys
-from bench.children import child
-with child("-m", "bench.simulator", sys.argv[1]) as simulator:
+from benchmarks.children import child
+with child("-m", "benchmarks.simulator", sys.argv[1]) as simulator:
     print(simulator.pid, flush=True)
     sys.stdin.read()
 """
@@ -48,7 +48,7 @@ def test_a_process_that_hangs_ends_the_bench_with_a_sentence() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("bench", "simulator"),
-    [("bench.two_ports --cycles 100000", "--serve"), ("bench.bus --cycles 100000", "bench.simulator")],
+    [("benchmarks.two_ports --cycles 100000", "--serve"), ("benchmarks.bus --cycles 100000", "benchmarks.simulator")],
 )
 def test_a_bench_whose_simulator_is_killed_ends_with_a_sentence(bench: str, simulator: str) -> None:
     with measuring(*bench.split()) as process:
@@ -85,7 +85,7 @@ def open_files(process_id: int) -> list[str]:
 
 @pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "takes no more bytes")])
 def test_measuring_a_line_ends_when_its_servos_are_gone(tmp_path: Path, number: int, says: str) -> None:
-    with child("-m", "bench.simulator", str(tmp_path / "bus")) as simulator:
+    with child("-m", "benchmarks.simulator", str(tmp_path / "bus")) as simulator:
         command = ["servoloop", "bench", "bus", "--port", str(tmp_path / "bus"), "--cycles", "10000000"]
         with measuring(*command) as process:
             simulator.send_signal(number)

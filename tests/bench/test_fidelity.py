@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from bench import fidelity
+from benchmarks import fidelity
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_json_and_picture(
 ) -> None:
     picture = tmp_path / "steps.png"
     monkeypatch.setattr(fidelity, "figures", lambda: figures[:2])
-    monkeypatch.setattr(sys, "argv", ["bench.fidelity", "--json", "--picture", str(picture)])
+    monkeypatch.setattr(sys, "argv", ["benchmarks.fidelity", "--json", "--picture", str(picture)])
     fidelity.main()
     told = json.loads(capsys.readouterr().out)
     assert [figure["name"] for figure in told] == [figure.name for figure in figures[:2]]

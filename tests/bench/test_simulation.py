@@ -7,7 +7,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from bench import simulation
+from benchmarks import simulation
 
 PARTS = {"world", "servos", "line and packets", "driver", "controllers", "compensation", "loop"}
 
@@ -23,7 +23,7 @@ def test_it_measures_every_part_and_prints_all(
     simulation.show(Console(file=text, width=120), figures)
     assert all(part in text.getvalue() for part in PARTS)
     monkeypatch.setattr(simulation, "measure", lambda: figures)
-    monkeypatch.setattr(sys, "argv", ["bench.simulation", "--json"])
+    monkeypatch.setattr(sys, "argv", ["benchmarks.simulation", "--json"])
     simulation.main()
     assert json.loads(capsys.readouterr().out)["shares"] == figures.shares
 

@@ -1,6 +1,6 @@
 """Clients that are killed, that flood, that talk nonsense: the arm stays where it was and everybody else is served.
 
-Whether cycles come late meanwhile depends on the machine: ``python -m bench.storms`` measures that, at full size.
+Whether cycles come late meanwhile depends on the machine: ``python -m benchmarks.storms`` measures that, at full size.
 """
 
 import threading
@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bench import storms
-from bench.ros import stack
-from bench.storm_watch import Watch
-from bench.storms import STORMS, goals, run
+from benchmarks import storms
+from benchmarks.ros import stack
+from benchmarks.storm_watch import Watch
+from benchmarks.storms import STORMS, goals, run
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

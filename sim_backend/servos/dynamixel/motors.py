@@ -3,7 +3,7 @@
 BAM (github.com/Rhoban/bam) identified four on a pendulum, each with six laws of friction. Taken is its fourth, M4: the
 simplest whose friction depends on the load as well as on the speed. M1 and M2 know no load; M3 knows no rest; M5 and M6
 tell the two ends of the gears apart, by parameters of which several ended at nothing. Of a model's several fits: the
-newest that ended within its bounds. ``python -m bench.fidelity`` holds them against the data sheets.
+newest that ended within its bounds. ``python -m benchmarks.fidelity`` holds them against the data sheets.
 """
 
 from typing import Final

@@ -1,4 +1,4 @@
-"""Twelve servos on two ports at 100 cycles a second: ``python -m bench.two_ports [--cycles 1000]``.
+"""Twelve servos on two ports at 100 cycles a second: ``python -m benchmarks.two_ports [--cycles 1000]``.
 
 The servos answer on two pseudo-terminals, each paced at 1 Mbit/s by a process of its own; IDs 1 to 6 are on both.
 Above them all is as in ``servoloop up``: serial ports, buses, hardware component, loop. It runs twice: with the
@@ -13,9 +13,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench import simulator
-from bench.arguments import free_path, in_words, positive
-from bench.children import child
+from benchmarks import simulator
+from benchmarks.arguments import free_path, in_words, positive
+from benchmarks.children import child
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
@@ -92,7 +92,7 @@ def serve(link: Path, servo_ids: Sequence[int] = IDS) -> None:
 @contextmanager
 def served(link: Path) -> Iterator[str]:
     """Run ``serve`` in a process of its own."""
-    with child("-m", "bench.two_ports", "--serve", str(link)):
+    with child("-m", "benchmarks.two_ports", "--serve", str(link)):
         yield str(link)
 
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from bench import peers
-from bench.bare import bare
-from bench.peers import Client, Work
+from benchmarks import peers
+from benchmarks.bare import bare
+from benchmarks.peers import Client, Work
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock

@@ -1,4 +1,4 @@
-"""Seven servos on one port at rates from 20 to 500 Hz: ``python -m bench.rates [--cycles 1000]``.
+"""Seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
 
 The servos answer on a pseudo-terminal, paced at 1 Mbit/s by a process of its own. Above them all is as in ``servoloop
 up``: serial port, bus, hardware component, loop. A value is missing where a cycle ended without a servo's state.
@@ -18,10 +18,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bench import two_ports
-from bench.arguments import free_path, in_words, positive
-from bench.children import child
-from bench.clients import no_driver
+from benchmarks import two_ports
+from benchmarks.arguments import free_path, in_words, positive
+from benchmarks.children import child
+from benchmarks.clients import no_driver
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus
@@ -55,7 +55,7 @@ class Figures:
 @contextmanager
 def served(link: Path) -> Iterator[str]:
     """Serve the servos in a process of its own."""
-    with child("-m", "bench.rates", "--serve", str(link)):
+    with child("-m", "benchmarks.rates", "--serve", str(link)):
         yield str(link)
 
 

@@ -1,4 +1,4 @@
-"""Ten million random bytes in random pieces through each decoder: ``python -m bench.decoder [--bytes 10000000]``.
+"""Ten million random bytes in random pieces through each decoder: ``python -m benchmarks.decoder [--bytes 10000000]``.
 
 A third of them are rich in what headers are made of, and a third are replies, headers, and replies that break off
 or have a wrong bit. A decoder neither raises nor accepts a frame whose checksum is wrong, keeps little, and finds
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bench.arguments import positive
+from benchmarks.arguments import positive
 from drivers.protocol import v1 as feetech
 from drivers.protocol import v2 as protocol2
 from drivers.protocol.decoder import Decoder, Reply

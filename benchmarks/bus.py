@@ -1,6 +1,6 @@
 """Ours against the servo makers' SDKs and rustypot: one bus, one run, without and with the wire's own time.
 
-``python -m bench.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
+``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
 turns, round by round, so that whatever else the machine does hits all of them; the median round is shown.
 """
 
@@ -16,10 +16,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bench import clients, dynamixel_clients
-from bench.arguments import in_words, positive
-from bench.children import child
-from bench.peers import Client
+from benchmarks import clients, dynamixel_clients
+from benchmarks.arguments import in_words, positive
+from benchmarks.children import child
+from benchmarks.peers import Client
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from servoloop.stack.processes import on_one_processor
@@ -43,7 +43,7 @@ def simulator(ids: str, *options: str) -> Iterator[str]:
     """A bus in a process of its own; yields the path of its line."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         link = str(Path(folder) / "bus")
-        with child("-m", "bench.simulator", link, "--ids", ids, *options):
+        with child("-m", "benchmarks.simulator", link, "--ids", ids, *options):
             yield link
 
 

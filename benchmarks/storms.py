@@ -1,4 +1,4 @@
-"""Clients that misbehave, and the loop's timing meanwhile: ``python -m bench.storms [--seconds 60]``.
+"""Clients that misbehave, and the loop's timing meanwhile: ``python -m benchmarks.storms [--seconds 60]``.
 
 The stack runs on the mock in a process of its own. While each storm blows, the stamps of /joint_states and the
 loop's own account of missed cycles are watched; the arm's position before and after is compared. Exits 1 if a cycle
@@ -25,9 +25,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rich.console import Console
 from rich.table import Table
 
-from bench.children import child, kill, next_line, start
-from bench.ros import HERE, PATIENCE_S, goal_to, stack
-from bench.storm_watch import Watch, participant
+from benchmarks.children import child, kill, next_line, start
+from benchmarks.ros import HERE, PATIENCE_S, goal_to, stack
+from benchmarks.storm_watch import Watch, participant
 from nodes.ros_process import spin_until_done
 
 GOALS_PER_S = 100
@@ -66,9 +66,9 @@ def killed_client(seconds: float) -> None:
     """Clients that are killed in the middle of their goal. The arm goes on to where it was sent, and holds there."""
     del seconds
     program = (
-        "from bench.storms import ActionClient, FollowJointTrajectory as F, goal_to\n"
-        "from bench.storm_watch import participant\n"
-        "from bench.ros import THERE\n"
+        "from benchmarks.storms import ActionClient, FollowJointTrajectory as F, goal_to\n"
+        "from benchmarks.storm_watch import participant\n"
+        "from benchmarks.ros import THERE\n"
         "with participant('victim') as (node, executor):\n"
         "    client = ActionClient(node, F, '/arm_controller/follow_joint_trajectory')\n"
         "    client.wait_for_server(30.0)\n"
@@ -89,7 +89,7 @@ def killed_participants(seconds: float) -> None:
     """Processes full of subscribers, killed as soon as they hear something."""
     program = (
         "from sensor_msgs.msg import JointState\n"
-        "from bench.storm_watch import participant\n"
+        "from benchmarks.storm_watch import participant\n"
         "with participant('listener') as (node, executor):\n"
         "    for i in range(20): node.create_subscription(JointState, '/joint_states', lambda m: None, 10)\n"
         "    executor.spin_once(timeout_sec=30.0)\n"
@@ -106,8 +106,8 @@ def listing(seconds: float) -> None:
     """Fifty processes list the controllers at once, again and again."""
     program = (
         "import sys\n"
-        "from bench.storm_watch import participant\n"
-        "from bench.storms import list_often\n"
+        "from benchmarks.storm_watch import participant\n"
+        "from benchmarks.storms import list_often\n"
         "with participant(f'lister_{sys.argv[1]}') as (node, executor):\n"
         "    list_often(node, executor, float(sys.argv[2]))\n"
     )

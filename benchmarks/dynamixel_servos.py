@@ -1,4 +1,4 @@
-"""X series servos for ``bench.simulator``: memory with indirect registers, group reads, no physics, no firmware."""
+"""X series servos for ``benchmarks.simulator``: indirect registers and group reads, without physics."""
 
 from fastcrc.crc16 import umts as crc16
 

@@ -1,4 +1,4 @@
-"""What a recording costs: ``python -m bench.recording [--json] [--seconds 30]``.
+"""What a recording costs: ``python -m benchmarks.recording [--json] [--seconds 30]``.
 
 Half a minute of an arm that moves on simulated time is sampled, and then written as the recorder's thread does it. Only
 the processor time of both is counted.

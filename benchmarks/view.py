@@ -1,8 +1,8 @@
-"""The control loop's time with the page of ``servoloop view`` open, and without: ``python -m bench.view [--jobs 6]``.
+"""The control loop's time with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
 The cell is that of ``servoloop demo``, without a view and then with the page open in the machine's Chromium, which
-draws without a graphics card and gives way to everything else (bench/browser.py). Two periods are looked at while jobs
-run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's,
+draws without a graphics card and gives way to everything else (benchmarks/browser.py). Two periods are measured while
+jobs run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's,
 and from one measurement to the next, which has in it what kernel and virtual servos take to answer. In 24 jobs p99.9
 rests on the five worst cycles; ``--rounds 3`` takes turns, without and with the page, and compares all cycles of each.
 """
@@ -22,8 +22,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench.arguments import in_words, positive
-from bench.browser import PATIENCE_MS, browser_page
+from benchmarks.arguments import in_words, positive
+from benchmarks.browser import PATIENCE_MS, browser_page
 from hal.types import FloatArray
 from servoloop.demo.cell import ADDRESS, Cell, cell
 from servoloop.demo.jobs import Live

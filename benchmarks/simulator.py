@@ -1,6 +1,6 @@
 """A bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
 
-Run in a process of its own: ``python -m bench.simulator LINK --ids 1-7 [--paced 1000000]``. Replies are
+Run in a process of its own: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. Replies are
 computed once. It has no firmware and no physics: for these there is ``servoloop emulate``.
 """
 
@@ -10,8 +10,8 @@ import time
 import tty
 from pathlib import Path
 
-from bench.arguments import free_path, positive, silence
-from bench.dynamixel_servos import DynamixelServos
+from benchmarks.arguments import free_path, positive, silence
+from benchmarks.dynamixel_servos import DynamixelServos
 from drivers.errors import DriverError
 from drivers.protocol import v1 as wire
 from servoloop.bench.bus import parse_ids

@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from bench.ros import PATIENCE_S
+from benchmarks.ros import PATIENCE_S
 from nodes.ros_process import exit_watchdog
 
 

@@ -1,4 +1,4 @@
-"""The demo's jobs while its processes are stopped again and again: ``python -m bench.stalls [--jobs 10]``.
+"""The demo's jobs while its processes are stopped again and again: ``python -m benchmarks.stalls [--jobs 10]``.
 
 The cell is that of ``servoloop demo``: emulator, stack and pick-place node, each a process of its own. At random
 moments the stack's process, the emulator's, or both are stopped for 0.05 to 0.2 s, as a laptop or a USB hub stops them;
@@ -24,8 +24,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench.arguments import positive
-from bench.busy import busy
+from benchmarks.arguments import positive
+from benchmarks.busy import busy
 from servoloop.demo.cell import Cell, cell
 from servoloop.demo.jobs import Live
 from servoloop.stack.arm_folders import find_arm

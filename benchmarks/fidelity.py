@@ -1,4 +1,4 @@
-"""How true the virtual servos are: ``python -m bench.fidelity [--json] [--picture steps.png]``.
+"""How true the virtual servos are: ``python -m benchmarks.fidelity [--json] [--picture steps.png]``.
 
 What is measured goes through the virtual bus: registers are written and read by instructions, a millisecond at a time.
 The figures beside come from docs/simulation.md: recorded on hardware ("hardware"), computed from laws that are known
@@ -16,10 +16,10 @@ from struct import pack
 from rich.console import Console
 from rich.table import Table
 
-from bench.arguments import in_words
-from bench.curves import draw
-from bench.dynamixel_fidelity import dynamixels
-from bench.figures import Figure
+from benchmarks.arguments import in_words
+from benchmarks.curves import draw
+from benchmarks.dynamixel_fidelity import dynamixels
+from benchmarks.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.protocol import v1
 from drivers.servos import sts

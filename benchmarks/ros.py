@@ -1,4 +1,4 @@
-"""The cost of the ROS 2 surface, and how prompt it is: ``python -m bench.ros [--seconds 600]``.
+"""The cost of the ROS 2 surface, and how prompt it is: ``python -m benchmarks.ros [--seconds 600]``.
 
 The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
 its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First

@@ -1,4 +1,4 @@
-"""How much faster than real time the simulation is, on one core: ``python -m bench.simulation [--json]``.
+"""How much faster than real time the simulation is, on one core: ``python -m benchmarks.simulation [--json]``.
 
 Three times: the world alone, with the servos of the virtual arm on it, and the whole stack from the controllers to the
 bytes and the physics. Each figure is the best of several runs: what disturbs a run only makes it slower.
@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from bench.arguments import in_words
+from benchmarks.arguments import in_words
 from drivers.servos import sts
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.emulator import couplings, virtual_bus

@@ -1,4 +1,4 @@
-"""How true the virtual Dynamixels are whose motors were identified: rows of ``python -m bench.fidelity``.
+"""How true the virtual Dynamixels are whose motors were identified: rows of ``python -m benchmarks.fidelity``.
 
 The figures beside: data sheets of ROBOTIS ("data sheet"), and what BAM's oscilloscope, motors and friction make of an
 error or a load by arithmetic alone ("law").
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from math import pi
 from typing import Any
 
-from bench.figures import Figure
+from benchmarks.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, x, xl320
 from drivers.servos.register import Register, ServoModel
