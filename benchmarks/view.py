@@ -2,8 +2,8 @@
 
 The cell is that of ``servoloop demo``, without a view and then with the page open in the machine's Chromium, which
 draws without a graphics card and gives way to everything else (benchmarks/browser.py). Two periods are measured while
-jobs run, and how far they are from the one asked for: from the begin of a cycle to that of the next, which is the loop's,
-and from one measurement to the next, which has in it what kernel and virtual servos take to answer. In 24 jobs p99.9
+jobs run, and how far they are from the one asked for: from the begin of a cycle to that of the next (the loop's) and
+from one measurement to the next, which has in it what kernel and virtual servos take to answer. In 24 jobs p99.9
 rests on the five worst cycles; ``--rounds 3`` takes turns, without and with the page, and compares all cycles of each.
 """
 
