@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final, Self
 
 from servoloop.bench.motion import slow
-from servoloop.commands.options import log_to_terminal
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.hardware import HardwareKind
+from servoloop.stack.terminal import log_to_terminal
 
 WORK: Final = "work.json"
 

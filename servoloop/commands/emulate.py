@@ -22,13 +22,13 @@ from servoloop.commands.options import (
     RobotOption,
     SeedOption,
     UrdfOption,
-    log_to_terminal,
 )
 from servoloop.dashboard.browser import require_view
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
 from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
 from servoloop.stack.robot_files import ServoFiles, make_folder
+from servoloop.stack.terminal import log_to_terminal
 
 if TYPE_CHECKING:
     from sim_backend.faults.events import FaultEvent

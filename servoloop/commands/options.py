@@ -1,10 +1,9 @@
 """The options by which verbs are told which arm it is, and what they then know of it."""
 
-import logging
 import os
 import sys
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -13,7 +12,6 @@ import typer
 
 from commissioning.calibrate.plan import JointPlan
 from drivers.errors import DriverError
-from drivers.printable import PrintableFormatter
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
 from servoloop.commands.line_options import named_devices
@@ -65,25 +63,6 @@ def set_network(network: bool) -> None:
 
     if network:
         open_to_network(os.environ)
-
-
-class TerminalHandler(logging.Handler):
-    """Prints log records on the stderr of the moment.
-
-    A live table replaces stderr so that lines appear above it; written past it, they would leave pieces of the table.
-    """
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Print one record."""
-        with suppress(OSError, ValueError):  # of a terminal or a pipe that is gone, or a full disk
-            print(self.format(record), file=sys.stderr, flush=True)
-
-
-def log_to_terminal() -> None:
-    """Print the log of the stack on the terminal."""
-    handler = TerminalHandler()
-    handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
 SLOWEST_HZ, FASTEST_HZ = 20, 200

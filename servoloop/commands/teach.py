@@ -14,13 +14,12 @@ from servoloop.commands.options import (
     RateOption,
     SpeedOption,
     UnattendedOption,
-    log_to_terminal,
     permission_of,
     require_keys,
     side_of,
 )
 from servoloop.stack.arm_folders import OWN, find_arm
-from servoloop.stack.terminal import print_styled
+from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
     from servoloop.teach.taught import Taught

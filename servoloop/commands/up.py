@@ -19,7 +19,6 @@ from servoloop.commands.options import (
     RobotOption,
     SeedOption,
     UrdfOption,
-    log_to_terminal,
     set_network,
 )
 from servoloop.dashboard.browser import require_view
@@ -29,6 +28,7 @@ from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
+from servoloop.stack.terminal import log_to_terminal
 
 if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime

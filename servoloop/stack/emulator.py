@@ -36,8 +36,8 @@ from sim_backend.faults.targets import Targets
 from sim_backend.line.common_plant import CommonPlant
 from sim_backend.line.line import ServoLine
 from sim_backend.line.rig import Supply
+from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
-from sim_backend.mechanics.spread import NOMINAL, Spread
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.hand import Hand, obey
 from sim_backend.scene.picture import Recorder

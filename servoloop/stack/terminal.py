@@ -2,6 +2,7 @@
 
 import errno
 import io
+import logging
 import os
 import select
 import sys
@@ -12,6 +13,8 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 import typer
+
+from drivers.printable import PrintableFormatter
 
 FIRST_S: Final = 0.7
 """A key that is held repeats after so long at first: half a second in most terminals."""
@@ -176,3 +179,22 @@ def _discard_output() -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
+
+
+class TerminalHandler(logging.Handler):
+    """Prints log records on the stderr of the moment.
+
+    A live table replaces stderr so that lines appear above it; written past it, they would leave pieces of the table.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one record."""
+        with suppress(OSError, ValueError):  # of a terminal or a pipe that is gone, or a full disk
+            print(self.format(record), file=sys.stderr, flush=True)
+
+
+def log_to_terminal() -> None:
+    """Print the log of the stack on the terminal."""
+    handler = TerminalHandler()
+    handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import radians
 
 from sim_backend.buses.mounting import Mounting
+from sim_backend.line.spread import Spread
 from sim_backend.mechanics.plant import Coupling
-from sim_backend.mechanics.spread import Spread
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 from sim_backend.line.line import Reply, ServoLine, Turn, named
 from sim_backend.line.rig import Rig, Supply
+from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.motor import sts_motor
 from sim_backend.mechanics.plant import Plant
-from sim_backend.mechanics.spread import NOMINAL, Spread
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import BROADCAST, LONGEST_DATA, Code, InstructionParser, StsParser
 from sim_backend.servos.dynamixel.protocol1_servo import VirtualAxServo, VirtualMxServo

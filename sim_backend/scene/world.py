@@ -16,11 +16,11 @@ import mujoco
 import numpy as np
 
 from hal.robot_description.link_meshes import link_meshes
-from sim_backend.mechanics.backlash import motor_name, with_gaps
+from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
-from sim_backend.mechanics.spread import NOMINAL, Spread
+from sim_backend.scene.backlash import motor_name, with_gaps
 from sim_backend.scene.cube_cell import CubeCell, FloatArray, Pose, has_cell
 from sim_backend.scene.drawn_model import drawn_model
 

@@ -12,9 +12,9 @@ from drivers.servos.register import ServoModel
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.rig import Rig, Supply
+from sim_backend.line.spread import Spread
 from sim_backend.mechanics.motor import sts_motor
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.spread import Spread
 from sim_backend.servos.sts.servo import VirtualServo
 from tests.commissioning.box import Port
 

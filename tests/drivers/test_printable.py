@@ -12,7 +12,7 @@ from drivers.port.owners import line_advice
 from drivers.printable import PrintableFormatter, counted, printable
 from hal.servos.diagnose import now_and_then
 from servoloop import cli
-from servoloop.commands.options import log_to_terminal
+from servoloop.stack.terminal import log_to_terminal
 from tests.complaint import complaint
 
 EVIL = "joint\n\x1b[2J\x9b31m\u202e\x00"

@@ -12,8 +12,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from servoloop.commands.options import log_to_terminal
 from servoloop.manual.live_table import LiveTable
+from servoloop.stack.terminal import log_to_terminal
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
@@ -21,7 +21,7 @@ import logging, time
 from rich.console import Console
 from rich.table import Table
 from servoloop.manual.live_table import LiveTable
-from servoloop.commands.options import log_to_terminal
+from servoloop.stack.terminal import log_to_terminal
 
 def table(number):
     found = Table("joint", "position")

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim_backend.mechanics.backlash import OUTPUT_SHARE, motor_name
 from sim_backend.mechanics.plant import Coupling, WorldPlant
+from sim_backend.scene.backlash import OUTPUT_SHARE, motor_name
 from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import JOINTS
 

@@ -7,9 +7,9 @@ import pytest
 from drivers.servos import sts
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.line.rig import Supply
+from sim_backend.line.spread import NOMINAL, SHARE, Quantity, Spread
 from sim_backend.mechanics.motor import STS3215_12V
 from sim_backend.mechanics.plant import BenchPlant
-from sim_backend.mechanics.spread import NOMINAL, SHARE, Quantity, Spread
 from sim_backend.scene.world import SCENE, World
 
 
