@@ -57,7 +57,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture
 def robot(stack: None) -> Iterator[LiveRobot]:
-    with LiveRobot() as robot:
+    with LiveRobot.find() as robot:
         robot.wait()
         yield robot
 
@@ -240,7 +240,7 @@ def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
     program = (
         "import time\n"
         "from tests.handling.test_handling_over_ros import LiveRobot, client\n"
-        "with LiveRobot() as robot:\n"
+        "with LiveRobot.find() as robot:\n"
         "    robot.wait()\n"
         "    with client(robot) as moving:\n"
         "        while True:\n"
