@@ -11,7 +11,7 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 
-from servoloop.demo.cell import cell
+from servoloop.demo.cell import CellOptions, cell
 from servoloop.demo.jobs import Live
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.buses.build import Build
@@ -38,7 +38,7 @@ class StopsEmulator(Live):
 def test_the_job_after_one_that_failed_succeeds(ros_domain: int, tmp_path: Path) -> None:
     words = io.StringIO()
     live = StopsEmulator(Console(file=words, width=200))
-    with cell(tmp_path, find_arm(), None, Build(1.0), live) as ready:
+    with cell(CellOptions(tmp_path, find_arm(), build=Build(1.0)), live) as ready:
         live.emulator = ready.process_ids["emulator"]
         for phase, grade in (("grasp", "A"), ("place", "B")):
             live.when = phase
