@@ -19,7 +19,7 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.processes import Processes
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
-from sim_backend.buses.build import Build
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class CellOptions:
     arm: Arm
     robot: Path | None = None
     """A robot file instead of the arm's."""
-    build: Build = Build()
+    build: Build = NOMINAL_BUILD
     """The build of the virtual servos."""
     record: Path | None = None
     """A new file for the recording of the stack."""

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.errors import DriverError
-from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
+from servoloop.demo.cell import ARM, Cell, CellOptions, are_all_grades, cell
 from servoloop.demo.jobs import Live, Run
 from servoloop.simulation.recording import worst
 from servoloop.stack.robot_files import write_file

@@ -22,7 +22,7 @@ from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import realtime_priority
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
-from sim_backend.buses.build import Build
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.pty_link import PtyAdapter
@@ -198,7 +198,7 @@ class EmulatedArm:
 class EmulatorOptions:
     """How the virtual servos are built, what goes wrong with them, and what is kept of them."""
 
-    build: Build = Build()
+    build: Build = NOMINAL_BUILD
     pictures: Path | None = None
     """A folder for a picture and a film, drawn at the end."""
     eeprom: Path | None = None
