@@ -9,7 +9,7 @@ TEXT = (DOCS / "handling.md").read_text()
 
 
 def test_the_figures_are_those_of_the_code() -> None:
-    assert f"{SLOW} rad/s (m/s) at the most" in TEXT
+    assert f"at most {SLOW} rad/s (m/s)" in TEXT
     assert SHARE == 0.1 and "a tenth of the joint's velocity limit" in TEXT
     assert f"a motion of {HORIZON_S} s that ends at rest" in TEXT
     assert f"further than {FURTHEST} rad" in TEXT
