@@ -5,7 +5,7 @@ from nodes.handling.robot_client import SHARE, SLOW
 from servoloop.handling.presses import BEGIN_S, GOOD_S, LONGEST_S, REPEATS_HZ
 from tests.pages import DOCS
 
-TEXT = (DOCS / "handling.md").read_text()
+TEXT = " ".join((DOCS / "handling.md").read_text().split())
 
 
 def test_the_figures_are_those_of_the_code() -> None:
