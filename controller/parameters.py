@@ -51,7 +51,7 @@ class Parameters(BaseModel):
             values: Value by parameter name.
 
         Returns:
-            The parameters. If a required value is missing, they are not validated.
+            The parameters. If a required value is missing, the other values are not converted to their types.
 
         Raises:
             pydantic.ValidationError: A value has any other mistake.
