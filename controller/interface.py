@@ -37,8 +37,8 @@ class ControllerContext:
             joints: Names of the joints.
 
         Returns:
-            Array of shape (3, n), with a column per joint. Its rows are the lag (s), the acceleration of the servo's profile
-            (rad/s² or m/s²), and the factor of the acceleration (s²).
+            Array of shape (3, n), with a column per joint. Its rows are the lag (s), the acceleration of the
+            servo's profile (rad/s² or m/s²), and the factor of the acceleration (s²).
         """
         return lags([self.compliances.get(joint) for joint in joints])
 

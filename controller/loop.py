@@ -101,8 +101,9 @@ class ControlLoop:
                 the loop's own ``keep_alive``.
 
         Raises:
-            DriverError: A component cannot be activated.
-            ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
+            DriverError: A component does not answer.
+            ActivationError: A component cannot be activated safely, or a joint's position is unknown, not confirmed, or
+                far outside its limits.
         """
         try:
             activate_all(self.hardware, keep_inactive, self._keep_alive if keep_alive is None else keep_alive)

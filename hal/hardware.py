@@ -42,7 +42,8 @@ class Hardware(Protocol):
         """Enable torque with each goal at the measured position: INACTIVE → ACTIVE.
 
         Raises:
-            DriverError: The hardware cannot be activated.
+            ActivationError: A joint cannot be activated safely.
+            DriverError: The hardware does not answer.
         """
         ...
 
@@ -126,7 +127,9 @@ class Reactivating(Protocol):
             The names of the activated joints.
 
         Raises:
-            DriverError: As for ``activate``. The hardware stays active, and the joints stay without torque.
+            ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay without
+                torque.
+            DriverError: The hardware does not answer. The state is as for ActivationError.
         """
         ...
 
