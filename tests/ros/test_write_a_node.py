@@ -26,9 +26,9 @@ def test_the_node_of_the_page_moves_the_arm(ros_domain: int, tmp_path: Path) -> 
     with running(tmp_path):
         done = subprocess.run(node, cwd=tmp_path, capture_output=True, text=True, timeout=90.0, check=False)
     assert done.returncode == 0, done.stderr
-    said = re.findall(r"joint1 was told (\S+) rad and is at (\S+)", done.stdout)
-    assert [float(told) for told, _ in said] == [0.5, -0.5, 0.0]
-    assert all(abs(float(told) - float(at)) < OFF_RAD for told, at in said), done.stdout
+    reports = re.findall(r"joint1 was sent to (\S+) rad and is at (\S+)", done.stdout)
+    assert [float(target) for target, _ in reports] == [0.5, -0.5, 0.0]
+    assert all(abs(float(target) - float(measured)) < OFF_RAD for target, measured in reports), done.stdout
 
 
 def test_without_a_stack_the_node_says_what_to_start(ros_domain: int, tmp_path: Path) -> None:
