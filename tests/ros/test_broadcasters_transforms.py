@@ -170,7 +170,7 @@ def test_its_parameters_are_upstreams(client: Onlooker) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("robot_description", "<robot/>", "end it and start it with the other URDF"),
+        ("robot_description", "<robot/>", "restart it with the other URDF"),
         ("publish_frequency", 0.0, "publish_frequency: Input should be greater than 0"),
         ("publish_frequency", 1001.0, "publish_frequency: 1001 is not a plausible rate"),
     ],
