@@ -186,7 +186,7 @@ def test_an_effort_is_taken_and_its_limits_told(client: Gripper, stack: StackPro
     fields = {"effort": [30.0]} if isinstance(client, Parallel) else {"max_effort": 30.0}
     _, future = client.send(0.02, **fields)
     assert client.wait(future).status == GoalStatus.STATUS_SUCCEEDED
-    assert "max effort 30 is not heeded: torque_limit in the robot file bounds the force" in stack.words
+    assert "max effort 30 is ignored: torque_limit in the robot file limits the force" in stack.words
 
 
 def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Gripper) -> None:
@@ -214,9 +214,12 @@ def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Grippe
     [
         ({"position": []}, "wrong number of position values, expects 1, got 0"),
         ({"position": [0.0, 0.0]}, "wrong number of position values, expects 1, got 2"),
-        ({"position": [0.0], "name": ["joint1"]}, f"the goal is for joint1, and this gripper's joint is {HAND}"),
+        ({"position": [0.0], "name": ["joint1"]}, f"the goal names joint1, but the joint of this gripper is {HAND}"),
         ({"position": [0.0], "velocity": [-1.0]}, f"max velocity -1.0 for {HAND}: it must be finite and not negative"),
-        ({"position": [0.0], "velocity": [1.0, 1.0]}, "2 velocities or efforts for one joint: send one, or none"),
+        (
+            {"position": [0.0], "velocity": [1.0, 1.0]},
+            "2 velocities or efforts for one joint: send at most one of each",
+        ),
     ],
 )
 def test_a_parallel_goal_that_fits_no_gripper_is_rejected(

@@ -77,7 +77,7 @@ def test_configured_it_is_as_any_other(client: ManagerClient) -> None:
     assert client.put("/grip", "interface_name", "position") == ""
     assert client.put("/grip", "joints", ["hand_right_joint"]) == ""
     assert client.configure("grip")
-    assert "only before it is configured" in client.put("/grip", "joints", ["joint1"])
+    assert "only before the controller is configured" in client.put("/grip", "joints", ["joint1"])
     assert client.get("/grip", "joints") == [["hand_right_joint"]]
     assert client.cleanup("grip")
     assert client.put("/grip", "joints", ["joint1"]) == ""
