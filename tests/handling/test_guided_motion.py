@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nodes.handling.guided_motion import FURTHEST, HORIZON_S, NEAR, GuidedMotion, Standing
+from nodes.handling.guided_motion import FURTHEST, HORIZON_S, NEAR, GuidedMotion, JointPositions
 
 TICK_S = 0.05
 FASTEST = np.array([0.25, 0.1])
@@ -19,9 +19,9 @@ def motion_from(position: np.ndarray) -> GuidedMotion:
     return GuidedMotion(position, LOWER, UPPER, FASTEST)
 
 
-def follows(position: np.ndarray) -> Standing:
+def follows(position: np.ndarray) -> JointPositions:
     """Joints that are where they are commanded to be."""
-    return Standing(position, position)
+    return JointPositions(position, position)
 
 
 @given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 9.0)), max_size=60), joints)
@@ -46,7 +46,7 @@ def test_the_set_point_does_not_run_away_from_joints_that_stand() -> None:
 def test_a_joint_that_is_blocked_is_not_pressed_on_further() -> None:
     motion, commanded = motion_from(np.zeros(2)), np.zeros(2)
     for _ in range(100):
-        commanded = motion.go(FASTEST, TICK_S, Standing(commanded, np.zeros(2)))
+        commanded = motion.go(FASTEST, TICK_S, JointPositions(commanded, np.zeros(2)))
     np.testing.assert_allclose(commanded, FURTHEST)
 
 
