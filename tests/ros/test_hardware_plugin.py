@@ -126,7 +126,7 @@ def test_a_step_that_fails_is_told_and_it_stays_where_it_got(
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
     bench.arm.give(call, order)
     assert set_state(bench.client, "arm", label="active") == (False, stays)
-    bench.client.spin_until(lambda: f"arm is not set active: {says}" in bench.stack.words)
+    bench.client.spin_until(lambda: f"arm was not set to active: {says}" in bench.stack.words)
 
 
 @pytest.mark.row("cm-on-error", "trouble-fault", "trouble-nan")

@@ -126,7 +126,7 @@ def test_diagnostics_once_a_second(client: ManagerClient) -> None:
 @pytest.mark.row("cm-description")
 def test_another_description_is_not_taken_and_that_is_said(client: ManagerClient, stack: StackProcess) -> None:
     """The one in use comes from the start; the robot state publisher of the stack latches the same one."""
-    said = "another robot description is on /robot_description: it is not used"
+    said = "a different robot description on /robot_description is ignored"
     assert client.get(MANAGER, "robot_description") == [URDF.read_text()]
     assert said not in stack.words
     publisher = client.node.create_publisher(String, "/robot_description", LATCHED)

@@ -125,7 +125,7 @@ def test_no_strictness_leaves_out_what_cannot_be(client: ManagerClient, stack: S
     assert client.switch(["nope"], ["hand_controller"], 0) == stopped
     assert client.switch(["nope", "hand_controller", "arm_controller"], (), 0)[0]
     assert client.states() == AT_START
-    assert "no strictness is given: BEST_EFFORT (1) is taken" in stack.words
+    assert "strictness is not set: using BEST_EFFORT (1)" in stack.words
 
 
 @pytest.mark.row("cm-switch-claims")
