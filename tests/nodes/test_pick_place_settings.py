@@ -33,7 +33,7 @@ def test_the_configuration_file_says_what_the_defaults_say() -> None:
     [
         ({"joints": ()}, "joints is empty"),
         ({"pick_rad": (0.0,)}, "poses.pick has 1 numbers for 6 joints"),
-        ({"ready_rad": (float("nan"),) * 6}, "poses.ready has a number that is not finite"),
+        ({"ready_rad": (float("nan"),) * 6}, "poses.ready contains a number that is not finite"),
         ({"bins_rad": {"D": (0.0,) * 5}}, "bins.D has 5 numbers"),
         ({"bins_rad": {"d ": (0.0,) * 6}}, "write 'D'"),
         ({"move_time_s": 0.0}, "move_time_s is 0.0"),

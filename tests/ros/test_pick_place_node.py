@@ -273,11 +273,11 @@ def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ("grades", "age_s", "words"),
     [
-        (["A"], 2.0, "s old; news is younger than 1 s"),
+        (["A"], 2.0, "s old, which is not less than 1 s"),
         (["A"], None, "no stamp"),
         (["A"], -60.0, "in the future"),
-        (["", " "], 0.0, "no apple in it has a grade"),
-        ([], 0.0, "no apple in it has a grade"),
+        (["", " "], 0.0, "none of its apples has a grade"),
+        ([], 0.0, "none of its apples has a grade"),
     ],
 )
 def test_no_news(ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str) -> None:
@@ -395,7 +395,7 @@ def test_no_arm_at_all(ros_domain: int, tmp_path: Path) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arm=False) as cell:
         status, result = cell.pick("B").end()
         assert status == ABORTED
-        assert "/arm_controller/follow_joint_trajectory is not there" in result.message
+        assert "/arm_controller/follow_joint_trajectory is not available" in result.message
         pick = cell.pick("B")
         pick.cancel()
         assert pick.end()[0] == CANCELED
@@ -409,7 +409,7 @@ def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_p
         cell.wait_for_goals(1)
         cell.process.send_signal(number)
         status, result = pick.end()
-        assert (status, result.message) == (ABORTED, "canceled: the node was told to stop")
+        assert (status, result.message) == (ABORTED, "canceled: the node is stopping")
         assert cell.process.wait(30.0) == 0
         assert cell.below().canceled == 1
         assert "Traceback" not in cell.log()
@@ -421,7 +421,7 @@ def test_wrong_parameters_are_named(ros_domain: int) -> None:
     command += ["-p", "grades:=[A, D]", "-p", "poses.pick:=[1.0]"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert "bins.D is missing" in done.stderr
+    assert "'bins.D' is missing" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -431,15 +431,15 @@ GIVEN = [
         "/**:\n  ros__parameters:\n    poses: {ready: [0, -0.35, 0.1, 0.0, 0.0, 0.0]}\n",
         "write each number of the list with",
     ),
-    (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "the parameter 'move_times_s' is not used"),
-    ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml has no parameters for /{NODE_NAME}"),
+    (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "parameter 'move_times_s' is ignored"),
+    ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml contains no parameters for /{NODE_NAME}"),
 ]
-"""A parameter file and what the node says of it."""
+"""Parameter file and the expected warning or error."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("text", "words"), GIVEN, ids=["mixed list", "misspelled key", "another node"])
-def test_what_a_parameter_file_does_not_do_is_said(ros_domain: int, tmp_path: Path, text: str, words: str) -> None:
+def test_useless_parameter_file_is_reported(ros_domain: int, tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "given.yaml").write_text(text)
     command = ["--ros-args", "--params-file", str(tmp_path / "given.yaml")]
     node = StackProcess(tmp_path / "node.log", *command, module=f"nodes.{NODE_NAME}")

@@ -164,7 +164,7 @@ def test_as_fast_as_it_goes_the_three_cubes_come_into_their_bins(client: Manager
             (response,) = client.wait(goal.get_result_async())
             took_s = seconds(clock[-1].clock) - begun_s
             assert (response.status, response.result.success) == (SUCCEEDED, True), response.result.message
-            assert response.result.message == f"let go over bin {grade}; the arm is back at ready"
+            assert response.result.message == f"gripper opened over bin {grade}; the arm is back at the ready pose"
             assert 8.0 < took_s < LONGEST_JOB_S
             client.spin_until(lambda: cube[-1][2] < TABLE_M)
             assert cube[-1][1] == pytest.approx(BINS_Y_M[grade], abs=0.058)

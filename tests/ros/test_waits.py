@@ -46,7 +46,7 @@ def test_pick_ends_when_its_node_is_gone(cell: Cell, pick: StackProcess, number:
     """The middleware holds a participant for alive that has been silent for less than 20 s."""
     cell.process.send_signal(number)
     assert pick.process.wait(60.0) == 1
-    assert "failed: /sorting/arm/pick_place is gone: the node has ended, its log may say why. The arm fi" in pick.words
+    assert "failed: /sorting/arm/pick_place is gone: the node has ended; check its log. The arm finishes" in pick.words
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -59,7 +59,7 @@ def test_a_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number
 def test_pick_waits_for_the_confirmation_of_its_cancel_no_longer_than_it_says(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     assert pick.end(signal.SIGINT) == 1
-    assert "failed: canceled, and /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
+    assert "failed: canceled, but /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
 
 
 def test_a_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
@@ -190,4 +190,4 @@ def test_a_second_signal_ends_the_node_whose_arm_does_not_stop(cell: Cell) -> No
     for number in (signal.SIGINT, signal.SIGTERM):
         cell.process.send_signal(number)
     assert cell.process.wait(20.0) in AT_ONCE
-    assert "a second signal: ended at once. The arm finishes the motion under way and holds there" in cell.log()
+    assert "second signal: ended at once. The arm finishes its current motion and holds its position" in cell.log()
