@@ -37,10 +37,10 @@ class Surface:
 
     def __init__(self, stack: Stack) -> None:
         patches = usable_patches()
-        self._send_what_waits: Callable[[], None] = lambda: None
+        self._send_delayed: Callable[[], None] = lambda: None
         if gil_release.PATCH in patches:
             gil_release.release_gil_in_middleware()
-            self._send_what_waits = gil_release.send_what_waits
+            self._send_delayed = gil_release.send_delayed
         LOG.info("%s", init_rclpy())
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
@@ -97,7 +97,7 @@ class Surface:
                 with _errors_logged():
                     self._publish_cycles()
                 with _errors_logged():
-                    self._send_what_waits()
+                    self._send_delayed()
             except ExternalShutdownException:
                 return
 

@@ -45,10 +45,10 @@ def test_an_unknown_version_gets_none_and_one_warning_names_all_that_is_lost(ver
     usable, warning = select(patches, version)
     assert not usable
     assert warning.startswith(
-        f"rclpy {version or 'of unknown version'} is not known here (known: {KNOWN}): plain rclpy"
+        f"rclpy {version or 'of unknown version'} is not supported (supported: {KNOWN}): the stack uses plain rclpy"
     )
-    assert warning.endswith("everything works but for this: no speed; no calm")
-    assert warning.count("not known here") == 1
+    assert warning.endswith("has the following limitations: no speed; no calm")
+    assert warning.count("not supported") == 1
 
 
 @pytest.mark.parametrize(("owner", "name"), [("Publisher", "publish"), ("ActionServer", "send_goal_response")])
@@ -57,14 +57,14 @@ def test_a_replaced_method_that_is_missing_or_takes_something_else(
 ) -> None:
     kind = getattr(rclpy_implementation, owner)
     monkeypatch.setattr(kind, name, type("Other", (), {"__doc__": f"{name}(self: {owner}) -> None\n\nSend."})())
-    assert f"{owner}.{name} is (self: {owner}) -> None and not (self: " in lost(monkeypatch, gil_release.PATCH)
+    assert f"{owner}.{name} is (self: {owner}) -> None instead of (self: " in lost(monkeypatch, gil_release.PATCH)
     monkeypatch.delattr(kind, name)
-    assert f"{owner}.{name} is missing and not (self: " in lost(monkeypatch, gil_release.PATCH)
+    assert f"{owner}.{name} is missing instead of (self: " in lost(monkeypatch, gil_release.PATCH)
 
 
 def test_the_replaced_method_in_python_takes_something_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Service, "send_response", lambda self, response: None)
-    assert "Service.send_response has other parameters" in lost(monkeypatch, gil_release.PATCH)
+    assert "Service.send_response has parameters different from" in lost(monkeypatch, gil_release.PATCH)
 
 
 def test_a_layout_that_differs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +74,7 @@ def test_a_layout_that_differs(monkeypatch: pytest.MonkeyPatch) -> None:
         _fields_ = (("more", ctypes.c_void_p),)
 
     monkeypatch.setattr(rcl_calls, "GoalStatuses", Longer)
-    assert "rcl_action_goal_status_array_t has 64 bytes and not 72" in lost(monkeypatch, gil_release.PATCH)
+    assert "rcl_action_goal_status_array_t has 64 bytes instead of 72" in lost(monkeypatch, gil_release.PATCH)
 
 
 def test_a_structure_without_the_fields_that_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,7 +111,7 @@ def test_an_executor_that_keeps_its_tasks_elsewhere(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Executor, "__init__", made)
     monkeypatch.setattr(Executor, "_make_handler", handler)
     warning = lost(monkeypatch, cycle_executor.PATCH)
-    assert "Executor has no _tasks, Executor._make_handler makes tasks in another way" in warning
+    assert "Executor has no _tasks, Executor._make_handler creates tasks differently" in warning
 
 
 def test_guards_that_mark_themselves_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,7 +121,7 @@ def test_guards_that_mark_themselves_otherwise(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_wait_set_that_is_made_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rclpy_implementation.WaitSet, "__init__", lambda self: None)
-    assert "WaitSet is made with other arguments" in lost(monkeypatch, cycle_executor.PATCH)
+    assert "WaitSet takes different arguments" in lost(monkeypatch, cycle_executor.PATCH)
 
 
 def test_a_process_is_warned_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
@@ -132,4 +132,4 @@ def test_a_process_is_warned_once(monkeypatch: pytest.MonkeyPatch, caplog: pytes
             assert usable_patches() == usable_patches() == frozenset()
     finally:
         usable_patches.cache_clear()
-    assert [record.getMessage().partition(" (")[0] for record in caplog.records] == ["rclpy 7.1.99 is not known here"]
+    assert [record.getMessage().partition(" (")[0] for record in caplog.records] == ["rclpy 7.1.99 is not supported"]

@@ -206,4 +206,4 @@ def test_python_goes_on_while_a_client_that_cannot_hear_is_answered(
         done.set()
         thread.join()
     assert meanwhile[0] > 5  # rclpy's own: 0 or 1
-    assert "/query: a client could not be answered: it has left, or listens with qualities" in caplog.text
+    assert "/query: no response could be sent to a client: it has left, or its QoS is incompatible" in caplog.text

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ros
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 LIMIT = "max_message_size"
-REASON = "it is larger than 2 MB: send less at a time, or raise max_message_size of /controller_manager"
+REASON = "it is larger than 2 MB: send smaller messages, or raise max_message_size of /controller_manager"
 
 
 def trajectory(points: int) -> JointTrajectory:
@@ -59,7 +59,7 @@ def test_a_goal_of_many_points_is_rejected_and_the_next_is_served(
         assert not accepted(client, action, 50_000)
         client.spin_until(lambda: reasons)
     assert reasons[0].data == f"goal rejected: {REASON}"
-    assert f"{ACTION}: a message is refused before it is read: {REASON}" in stack.words
+    assert f"{ACTION}: a message was rejected before it was read: {REASON}" in stack.words
     assert accepted(client, action, 5)
 
 
@@ -85,7 +85,7 @@ def test_what_is_too_large_on_a_topic_is_dropped(
     out = client.node.create_publisher(type(message), topic, 10)
     client.spin_until(out.get_subscription_count)
     out.publish(message)
-    client.spin_until(lambda: f"{topic}: a message is refused before it is read" in stack.words)
+    client.spin_until(lambda: f"{topic}: a message was rejected before it was read" in stack.words)
     client.node.destroy_publisher(out)
 
 
@@ -94,7 +94,7 @@ def test_a_request_has_an_empty_answer(client: ManagerClient, stack: StackProces
     service = f"{MANAGER}/set_parameters"
     answer = client.call(SetParameters, service, parameters=[Parameter(name="late.type", value=value)])
     assert list(answer.results) == []
-    assert f"{service}: a message is refused before it is read" in stack.words
+    assert f"{service}: a message was rejected before it was read" in stack.words
     assert client.get(MANAGER, "late.type") == [None]
 
 
