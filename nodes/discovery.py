@@ -66,4 +66,4 @@ def describe_access(environment: Mapping[str, str]) -> str:
 def _security(environment: Mapping[str, str]) -> str:
     """Return a note if DDS security is on. rcl excludes programs without keys only with the strategy Enforce."""
     enabled, strategy = environment.get("ROS_SECURITY_ENABLE"), environment.get("ROS_SECURITY_STRATEGY")
-    return ", with keys of ROS_SECURITY_KEYSTORE" if (enabled, strategy) == ("true", "Enforce") else ""
+    return "; keys from ROS_SECURITY_KEYSTORE required" if (enabled, strategy) == ("true", "Enforce") else ""

@@ -17,7 +17,7 @@ from nodes.ros_time import RosTime
 from nodes.set_parameters import answering
 
 NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
-"""Disables warnings about subscribers with an incompatible QoS. Each such event must be waited for in every cycle."""
+"""Event callbacks without warnings about incompatible subscribers. These would add one more event to each wait."""
 
 
 class ParameterNode(Node):

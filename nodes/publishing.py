@@ -15,11 +15,11 @@ EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 """Service profile that keeps every call of a burst."""
 
 EARLY = 0.25
-"""Fraction of the interval by which a cycle may come early, because the cycles are not exactly equidistant."""
+"""Fraction of the interval by which a cycle may come early, because cycles are not spaced exactly evenly."""
 
 
 class RateLimiter:
-    """Limits publishing to a rate, on average. The rate of the cycles is the upper bound."""
+    """Rate limiter for a publisher. On average it allows the given rate, but at most the rate of the cycles."""
 
     def __init__(self) -> None:
         self._next_s = self._last_s = float("-inf")

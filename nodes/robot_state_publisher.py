@@ -30,7 +30,7 @@ NAME: Final = "robot_state_publisher"
 
 _BASE: Final = "base_link"
 _IDLE_SCENE_HZ: Final = 1.0
-"""Rate at which the scene is read while /tf has no subscriber. A feed that is not read for long disconnects."""
+"""Rate at which the scene is read while /tf has no subscriber. An unread scene feed disconnects."""
 
 
 class RobotStateParameters(BaseModel):
@@ -44,7 +44,7 @@ class RobotStateParameters(BaseModel):
 
 
 class RobotStatePublisher:
-    """Publishes fixed joints once and moving joints after each cycle, at most at ``publish_frequency``."""
+    """Node that publishes fixed joints once and moving joints after each cycle, at most at ``publish_frequency``."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         self.node = ParameterNode(NAME, ros_time)

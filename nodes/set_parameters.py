@@ -63,5 +63,5 @@ def _mistake(parameter: ParameterMessage) -> str:
 
 
 def _failed(parameter: ParameterMessage, error: Exception) -> str:
-    LOG.error("parameter '%s' is not set: %s: %s", parameter.name, type(error).__name__, error)
+    LOG.error("parameter '%s' was not set: %s: %s", parameter.name, type(error).__name__, error)
     return f"parameter '{printable(parameter.name)}' cannot be set: {error}"

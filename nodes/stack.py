@@ -11,7 +11,7 @@ from hal.robot_description.description import Description, HardwareInfo, Vector
 from hal.robot_description.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Returns the poses of simulated objects in base_link (m; x, y, z, w), by name. Empty for a real arm."""
+"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), by name. Empty for a real arm."""
 
 
 class Simulation(Protocol):
@@ -43,7 +43,7 @@ class Stack:
     set_compensation: Mapping[str, Callable[[bool], None]]
     """Functions that switch gravity compensation on or off, by name of a component with servos."""
     factory: Factory
-    """Creates the controllers that clients load."""
+    """Factory of the controllers that clients load."""
     relax: bool
     """Whether a deactivated component releases its torque, as ``on_exit`` in the robot file specifies."""
     publish_transforms: bool = True

@@ -45,7 +45,7 @@ class Surface:
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
         self._posted = self._published = 0
-        """Numbers of cycles. Each counter is written by one thread only."""
+        """Numbers of posted and published cycles. Each counter is written by one thread only."""
         self._woken = False
         self._caught_up = threading.Condition()
         self._pending = PendingRequests()
@@ -74,7 +74,7 @@ class Surface:
         self._executor.post()
 
     def wake(self) -> None:
-        """Wake the ROS thread without a cycle to complete finished client requests, without blocking."""
+        """Wake the ROS thread to respond to clients whose requests are complete. Does not block."""
         self._woken = True
         self._executor.post()
 

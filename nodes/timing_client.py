@@ -117,7 +117,7 @@ class TimingClient:
             if self._stop():
                 raise DriverError("the measurement was stopped")
             if time.perf_counter() > end_s:
-                raise DriverError(f"the stack did not answer within {patience_s:.0f} s")
+                raise DriverError(f"the stack did not respond within {patience_s:.0f} s: check its log")
             self._executor.spin_once(timeout_sec=POLL_S)
         return future.result()
 

@@ -10,7 +10,7 @@ from hal.robot_description.description import Mimic, UrdfJoint, Vector
 from hal.robot_description.kinematics import Quaternion, child_pose, from_rpy, multiply, rotate
 
 Place = Callable[[Transform, float], None]
-"""Updates a transform for the position of its joint (rad or m)."""
+"""Function that updates a transform for the position of its joint (rad or m)."""
 
 
 class MovingTransforms:

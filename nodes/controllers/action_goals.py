@@ -14,7 +14,7 @@ from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
 """Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
-every status message lists all goals of that time, and after some hundreds of goals the responses are late."""
+every status message lists all goals of that time, and responses become late after several hundred goals."""
 
 
 class AcceptedGoal(Protocol):

@@ -30,7 +30,7 @@ class HasInterfaces(Protocol):
 
 
 class DynamicStates:
-    """Publisher of ``dynamic_joint_states``. It fills its message only for subscribers, because that is slow."""
+    """Publisher of ``dynamic_joint_states``. It fills its message only for subscribers, because filling it is slow."""
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller

@@ -31,7 +31,7 @@ from nodes.ros_time import RosTime
 LOG = logging.getLogger("servoloop.nodes")
 
 LAST_CYCLES = 2
-"""Number of cycles for which an unneeded node remains, so that clients receive the results of the last goals."""
+"""Number of extra cycles for which a node remains after its controller is gone, so that clients receive results."""
 
 _INCOMPLETE = "controller %s runs, but its ROS node is incomplete after this error"
 
@@ -90,12 +90,12 @@ class ControllerNode:
             self._transitions.publish(event)
 
     def last_cycles_are_over(self) -> bool:
-        """Count a cycle of an unneeded node or interface, and return whether it has had its last cycles."""
+        """Count one of the extra cycles of a node or interface, and return whether all of them have passed."""
         self._cycles_left -= 1
         return self._cycles_left < 0
 
     def set_controller(self, controller: Controller | None) -> None:
-        """Add the interface of ``controller`` after the last cycles of the previous interface."""
+        """Add the interface of ``controller`` after the extra cycles of the previous interface."""
         if self.controller is controller or (self._interface_entities is not None and not self.last_cycles_are_over()):
             return
         self._remove_interface()

@@ -93,7 +93,9 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
     Raises:
         ValidationError: A value is invalid.
     """
-    content = parameters.model_dump(warnings=False)  # If some are missing, the others are unvalidated.
+    content = parameters.model_dump(
+        warnings=False
+    )  # If some parameters are missing, the others have not been validated.
     for name, value in values.items():
         *groups, last = name.split(".")
         inner = content
@@ -131,7 +133,7 @@ def _descriptor(value: Any, info: FieldInfo | None, settable: bool) -> Parameter
 
 
 def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
-    if value == []:  # rclpy would take the type of an empty list for bytes
+    if value == []:  # rclpy would guess bytes as the type of an empty list.
         kind = Parameter.Type.STRING_ARRAY
         node.declare_parameter(name, kind)
         node.set_parameters([Parameter(name, kind, [])])

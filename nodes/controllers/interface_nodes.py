@@ -80,7 +80,7 @@ _OURS: Final[Mapping[str, Callable[[Node, Any], ControllerInterfaceNode]]] = {
 
 
 def interface_node_of(node: Node, controller: Controller) -> ControllerInterfaceNode:
-    """Add the interface of a controller to ``node``. Exceptions of an installed class are passed on."""
+    """Add the interface of a controller to ``node``. Exceptions raised by an installed class are not caught."""
     installed = entry_points(group=ENTRY_POINTS, name=controller.kind)
     maker = next((point.load() for point in installed), _OURS.get(controller.kind, PlainNode))
     interface: ControllerInterfaceNode = maker(node, controller)

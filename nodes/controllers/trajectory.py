@@ -19,7 +19,7 @@ from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter
 
 
 class TrajectoryNode:
-    """Interface node of a joint trajectory controller. Each cycle has a state and feedback, followed by results.
+    """Interface node of a joint trajectory controller. It publishes a state and feedback for each cycle.
 
     In addition to the goals, it has ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
     ``~/query_state``.
@@ -91,7 +91,7 @@ class TrajectoryNode:
 
 
 def _error(tracking: Tracking) -> JointTrajectoryPoint:
-    """Return the difference of the desired and the actual state."""
+    """Return the desired state minus the actual state."""
     return _point(tracking.error, tracking.reference.velocity - tracking.feedback_velocity)
 
 

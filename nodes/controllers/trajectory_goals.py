@@ -130,7 +130,7 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was rejected unread. A bound method would keep the node alive through the client limits."""
+    """Publish why a message was rejected. A bound method in the client limits would keep the node alive."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

@@ -25,7 +25,7 @@ class JointsNow:
 
 
 class Robot(Protocol):
-    """Information about a robot that is available without a request to it."""
+    """Data about a robot that is available immediately, without a request to the stack."""
 
     @property
     def limits(self) -> Mapping[str, JointLimits]: ...

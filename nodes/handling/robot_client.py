@@ -41,9 +41,9 @@ FRESH_S: Final = 0.5
 """Maximum age of a measurement from which a motion may start, in seconds."""
 ANSWER_S: Final = 5.0
 LISTEN_S: Final = 0.1
-"""Time to listen for running goals of other clients before a motion starts, in seconds. Those must not be replaced."""
+"""Time to listen before a motion starts, in seconds, so that it does not replace a running goal of another client."""
 AT_ONCE: Final = 4
-"""Number of messages received without waiting."""
+"""Maximum number of messages handled in one call without waiting."""
 REFRESH_S: Final = 0.2
 """Interval between requests for the list of controllers, in seconds."""
 RUNNING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
@@ -92,7 +92,7 @@ class RobotClient:
         self._listed_s = -math.inf
         """Time of the latest request, in seconds."""
         self._listens_since_s = self._listened_s = -math.inf
-        """Start of the present period without gaps in listening, and time of the last listening, in seconds."""
+        """Start of the present uninterrupted listening period, and time of the last listening, in seconds."""
         self._list = node.create_client(ListControllers, "/controller_manager/list_controllers")
 
     @property
@@ -128,7 +128,7 @@ class RobotClient:
             raise HandlingError("no controller that moves joints is active: activate one, or restart the stack")
 
     def listen(self) -> None:
-        """Receive messages between motions. If called often, a motion starts without delay."""
+        """Receive messages between motions. Frequent calls let a motion start without delay."""
         self._refresh()
         self._listen(0.0)
 

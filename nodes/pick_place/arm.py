@@ -46,7 +46,7 @@ class RosArm:
             self._stop.set_result(None)
 
     async def move(self, positions_rad: Sequence[float]) -> Outcome:
-        """Send one goal and wait for its outcome, at most for the timeouts of the settings."""
+        """Send one goal and wait for its outcome, within the timeouts of the settings."""
         self._stop = Future()
         found = await self._server_is_there()
         if self._stop.done():

@@ -111,7 +111,7 @@ def steps(settings: Settings, grade: str) -> tuple[Move | Hand, ...]:
 
 
 class _EndedError(Exception):
-    """Ends a job before its last step."""
+    """Exception that ends a job before its last step."""
 
     def __init__(self, ending: Ending, message: str) -> None:
         super().__init__(message)

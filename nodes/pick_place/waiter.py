@@ -14,7 +14,9 @@ _CHECK_S: Final = 0.5
 
 
 class Waiter:
-    """Waits for futures. Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
+    """Waits for futures with a timeout.
+
+    Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
 
     In a simulation, motions are timed by the clock of the node. This clock stops when the simulation ends. The wait for
     a motion therefore also ends when its server is gone.

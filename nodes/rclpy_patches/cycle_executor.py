@@ -74,7 +74,7 @@ class CycleExecutor(SingleThreadedExecutor):
         self._resume_tasks()
         self._wait(timeout_s)
         guards = self._wait_set.get_ready_entities("guard_condition")
-        for guard, _, _ in self._entities["guard_condition"].values():  # reset by waiting
+        for guard, _, _ in self._entities["guard_condition"].values():  # waiting resets guard conditions
             guard._executor_triggered |= guard.handle.pointer in guards
         if behind or self._posted.handle.pointer not in guards:  # Entities that are ready remain ready.
             self._run_ready()

@@ -1,7 +1,7 @@
-"""Release the GIL of the interpreter while the middleware sends and takes messages. Supports rclpy 7.1.5.
+"""Release the GIL while the middleware sends and takes messages. Supports rclpy 7.1.5.
 
-rclpy keeps the GIL during these calls, but DDS can block a sender. It waits for its own locks while clients come and go
-(0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each response to a
+rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients come and
+go (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each response to a
 client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these waits, and
 thus no control cycle.
 

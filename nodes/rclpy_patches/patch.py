@@ -17,7 +17,7 @@ class Patch:
     loss: str
     """Limitation of the stack without the patch, as a clause for the warning."""
     differences: Callable[[], Iterable[str]]
-    """Lists the differences of the installed rclpy from the supported one. May raise any exception."""
+    """Function that lists differences of the installed rclpy from the supported one. It may raise any exception."""
 
 
 def missing(owner: Any, names: Iterable[str]) -> list[str]:

@@ -211,7 +211,7 @@ def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | N
 
 
 def _answer_empty(kind: Any, send: Callable[[int], int]) -> None:
-    """Send an empty response to a request that was not read. Its fields mean not ok or not accepted."""
+    """Send an empty response to a request that was not read. Its default values mean "not ok" or "not accepted"."""
     response = getattr(sys.modules[kind.__module__], kind.__name__.removesuffix("Request") + "Response")
     if _kind(response).sent(response(), send):
         LOG.warning("no response could be sent to a client whose message is too large: %s", _error_text())

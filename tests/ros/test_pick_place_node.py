@@ -273,7 +273,7 @@ def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ("grades", "age_s", "words"),
     [
-        (["A"], 2.0, "s old, which is not less than 1 s"),
+        (["A"], 2.0, "s old; the maximum age is 1 s"),
         (["A"], None, "no stamp"),
         (["A"], -60.0, "in the future"),
         (["", " "], 0.0, "none of its apples has a grade"),
