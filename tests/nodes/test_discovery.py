@@ -1,4 +1,4 @@
-"""Who can reach the nodes: what is set for which wish, and what the user is told of it."""
+"""Discovery settings for each option, and the sentence that tells the user which programs can reach the nodes."""
 
 import pytest
 
@@ -26,7 +26,7 @@ BOUND = LOCAL | {PROFILES: str(PROFILE)}
         (BOUND, {}),
     ],
 )
-def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], added: dict[str, str]) -> None:
+def test_nodes_stay_on_this_machine_by_default(environment: dict[str, str], added: dict[str, str]) -> None:
     found = dict(environment)
     stay_on_this_machine(found)
     assert found == environment | added
@@ -45,7 +45,7 @@ def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], add
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}),
     ],
 )
-def test_the_option_opens_them_to_the_network(environment: dict[str, str], after: dict[str, str]) -> None:
+def test_network_option_opens_nodes_to_the_network(environment: dict[str, str], after: dict[str, str]) -> None:
     found = dict(environment)
     open_to_network(found)
     stay_on_this_machine(found)

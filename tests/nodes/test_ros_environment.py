@@ -22,8 +22,8 @@ def test_missing_package_is_named(
     for name in PACKAGES:
         monkeypatch.setitem(sys.modules, name, sys.modules.get(name, sys))
     monkeypatch.setitem(sys.modules, package, None)
-    said = complaint(capsys, monkeypatch, *verb)
-    assert f"ROS 2 Jazzy is required, but Python cannot find {package}: run 'make setup'" in said
+    output = complaint(capsys, monkeypatch, *verb)
+    assert f"ROS 2 Jazzy is required, but Python cannot find {package}: run 'make setup'" in output
 
 
 @pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
@@ -36,8 +36,8 @@ def test_another_distribution_is_refused(
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rclpy\nVersion: 9.1.0\n")
     monkeypatch.syspath_prepend(tmp_path)
-    said = complaint(capsys, monkeypatch, *verb)
-    assert "ROS 2 Jazzy (rclpy 7.1.x) is required, but Python finds rclpy 9.1.0: open a shell" in said
+    output = complaint(capsys, monkeypatch, *verb)
+    assert "ROS 2 Jazzy (rclpy 7.1.x) is required, but Python finds rclpy 9.1.0: open a shell" in output
 
 
 SETTINGS = [
@@ -87,8 +87,8 @@ def test_pick_place_node_reports_an_invalid_variable(
 ) -> None:
     set_variable.setenv(name, value)
     assert vision_pick_place_controller.main(["node"]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f"vision_pick_place_controller: {words}") and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert output.startswith(f"vision_pick_place_controller: {words}") and output.count("\n") == 1
 
 
 def test_valid_settings_are_accepted(set_variable: pytest.MonkeyPatch, tmp_path: Path) -> None:
