@@ -1,4 +1,4 @@
-"""The stack and the client that the controller manager's tests share."""
+"""Stack and client shared by the tests of the controller manager."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ def connected(stack: "StackProcess") -> Iterator["ManagerClient"]:
 
 @pytest.fixture
 def client(connected: "ManagerClient") -> Iterator["ManagerClient"]:
-    """The stack as it is after its start, whatever the test before has done."""
+    """Provide the client, with the stack as it is after its start."""
     from tests.ros.manager_bench import restore
 
     yield connected

@@ -1,4 +1,4 @@
-"""A component of a user's own under the running stack: what it is asked, and what becomes of it when it fails."""
+"""A user's hardware component in a running stack: its calls and its failures."""
 
 import math
 import re
@@ -23,12 +23,12 @@ pytestmark = pytest.mark.ros
 ABORTED = 6  # action_msgs/msg/GoalStatus
 HZ = 20
 BACKGROUND = {"hand_controller": "active", "joint_state_broadcaster": "active"}
-"""The controllers that have nothing to do with the arm's component."""
+"""Controllers that do not use the arm component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What one ``/dynamic_joint_states`` says of the arm's first joint."""
+    """State of the arm's first joint in one ``/dynamic_joint_states`` message."""
 
     stamp_s: float
     position: float
@@ -37,7 +37,7 @@ class Sample:
 
 
 class Bench:
-    """The stack with the plug-in as the arm, and what it shows."""
+    """The stack with the plug-in as the arm, and its published states."""
 
     def __init__(self, stack: StackProcess, client: ArmClient, arm: Orders) -> None:
         self.stack, self.client, self.arm = stack, client, arm
@@ -57,14 +57,14 @@ class Bench:
         )
 
     def bring_back(self) -> None:
-        """Everything active and sound."""
+        """Wait until all components are active and without faults."""
         self.arm.withdraw()
         assert set_state(self.client, "arm", label="active") == (True, "active")
         if controllers(self.client)["arm_controller"] != "active":
             assert activate(self.client, "arm_controller")[0]
 
     def move(self) -> object:
-        """Return while the arm is on a long way; the future of the goal's result."""
+        """Start a long motion and return the future of its result."""
         begin = self.samples[-1].position
         result = self.client.send([begin + 0.8, *READY[1:]], seconds=8)
         self.client.spin_until(lambda: self.samples[-1].position > begin + 0.05)
@@ -110,7 +110,7 @@ def test_inactive_hardware_is_read_and_not_written(bench: Bench) -> None:
 
 
 @pytest.mark.row("cm-set-hardware")
-def test_from_unconfigured_to_active_it_is_configured_first(bench: Bench) -> None:
+def test_activation_from_unconfigured_configures_first(bench: Bench) -> None:
     begin = len(bench.arm.calls)
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
     assert set_state(bench.client, "arm", label="active") == (True, "active")
@@ -120,7 +120,7 @@ def test_from_unconfigured_to_active_it_is_configured_first(bench: Bench) -> Non
 @pytest.mark.row("cm-set-hardware")
 @pytest.mark.parametrize(("call", "stays"), [("configure", "unconfigured"), ("activate", "inactive")])
 @pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_step_that_fails_is_told_and_it_stays_where_it_got(
+def test_failed_transition_is_logged_and_the_last_state_is_kept(
     bench: Bench, call: str, stays: str, order: str, says: str
 ) -> None:
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
@@ -131,10 +131,10 @@ def test_a_step_that_fails_is_told_and_it_stays_where_it_got(
 
 @pytest.mark.row("cm-on-error", "trouble-fault", "trouble-nan")
 @pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_fault_in_mid_motion_ends_the_goal_and_the_component_comes_back_where_it_stands(
+def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
     bench: Bench, order: str, says: str
 ) -> None:
-    """Other components and the broadcaster go on; upstream deactivates the broadcaster too."""
+    """Other components and the broadcaster continue. ros2_control also deactivates the broadcaster."""
     client = bench.client
     result = bench.move()
     bench.arm.give("read", order)
@@ -172,9 +172,7 @@ def test_a_fault_in_mid_motion_ends_the_goal_and_the_component_comes_back_where_
 
 @pytest.mark.row("cm-on-error", "cm-write-deactivate")
 @pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_component_that_cannot_be_written_is_lost_as_well_and_never_inactive(
-    bench: Bench, order: str, says: str
-) -> None:
+def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, order: str, says: str) -> None:
     result = bench.move()
     begin = len(bench.arm.calls)
     bench.arm.give("write", order)
@@ -187,8 +185,8 @@ def test_a_component_that_cannot_be_written_is_lost_as_well_and_never_inactive(
 
 
 @pytest.mark.row("cm-write-deactivate")
-def test_a_component_that_makes_itself_inactive_is_lost_and_its_goals_do_not_succeed(bench: Bench) -> None:
-    """There is no way for it to ask to be deactivated: it works, or it is lost."""
+def test_component_that_deactivates_itself_is_lost_and_its_goals_fail(bench: Bench) -> None:
+    """A component cannot request its deactivation. It works, or it is lost."""
     result = bench.move()
     bench.arm.give("write", "rest")
     answer = bench.client.wait(result)
@@ -199,7 +197,7 @@ def test_a_component_that_makes_itself_inactive_is_lost_and_its_goals_do_not_suc
 
 
 @pytest.mark.row("cm-overruns")
-def test_cycles_that_a_slow_component_misses_are_left_out_with_a_warning(bench: Bench) -> None:
+def test_cycles_missed_by_a_slow_component_are_skipped_with_a_warning(bench: Bench) -> None:
     reports: list[DiagnosticStatus] = []
     bench.client.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda message: reports.append(message.status[0]), 10

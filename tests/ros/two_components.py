@@ -25,14 +25,14 @@ FOLLOWER = """
 
 
 def block(name: str, hardware: str, joints: str, attributes: str = "") -> str:
-    """One ``<ros2_control>``."""
+    """Return the XML of one ``<ros2_control>`` block."""
     return (
         f'<ros2_control name="{name}" type="system"{attributes}><hardware>{hardware}</hardware>{joints}</ros2_control>'
     )
 
 
 def write_urdf(folder: Path, arm: str = MOCK, hand: str = MOCK) -> Path:
-    """The URDF with ``arm`` and ``hand`` in the two blocks' ``<hardware>``; the hand at half the rate."""
+    """Write a URDF with ``arm`` and ``hand`` as the ``<hardware>`` of two blocks. The hand runs at half the rate."""
     blocks = block("arm", arm, "".join(map(JOINT.format, ARM)))
     blocks += block("hand", hand, JOINT.format(HAND) + FOLLOWER, ' rw_rate="10"')
     text, count = re.subn(r"<ros2_control.*</ros2_control>", blocks, URDF.read_text(), flags=re.DOTALL)
@@ -43,7 +43,7 @@ def write_urdf(folder: Path, arm: str = MOCK, hand: str = MOCK) -> Path:
 
 
 def write_robot_file(folder: Path, name: str, *joints: str) -> Path:
-    """The part of our robot file that is about these joints."""
+    """Write the part of the robot file that concerns these joints."""
     content = yaml.safe_load((CONFIG / "robot_arm.yaml").read_text())
     content["joints"] = {joint: content["joints"][joint] for joint in joints}
     content["park"] = {"pose": dict.fromkeys(joints, 0.0)}
@@ -55,7 +55,7 @@ def write_robot_file(folder: Path, name: str, *joints: str) -> Path:
 
 
 def servos(path: Path) -> str:
-    """``<hardware>`` of servos with this robot file."""
+    """Return the ``<hardware>`` of servos with this robot file."""
     return f'{SERVOS}<param name="robot">{path}</param>'
 
 
