@@ -1,9 +1,9 @@
-"""A pick-and-place program that is not ours: it knows the arm's action, the hand's topic, and TF.
+"""A third-party pick-and-place program that uses only the arm's action, the hand's topic and TF.
 
-    python tests/ros/foreign_pick_place.py A [B C ...]
+Usage: python tests/ros/foreign_pick_place.py A [B C ...]
 
-Moves the arm through one job a grade, without any pause after a gripper command. Then it looks where
-the cube lies and prints one line of JSON; exit status 0 only if every cube lies in its bin.
+It runs one job per grade, without a pause after a gripper command. It then checks where the cube lies and prints one
+line of JSON. The exit status is 0 only if every cube lies in its bin.
 """
 
 import json

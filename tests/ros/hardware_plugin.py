@@ -1,9 +1,9 @@
-"""A hardware component as a user brings it: a mock that shows what it is asked, and fails where a test says so.
+"""A user's hardware component for tests: a mock that records its calls and fails on request.
 
-The ``orders`` of the URDF name a folder. A file there, called after one of the component's calls, is an order: with
-"lost" or "defect" that call raises as long as the file is there; once, with "rest" it makes itself inactive, and with
-a number it takes so many seconds. The file ``pose`` is somebody's hand on the first joint: there it stands from the
-next call on.
+The parameter ``orders`` in the URDF names a folder. A file in it, named after a call of the component, contains an
+order. "lost" or "defect" makes the call raise an error while the file exists. "rest" makes the component deactivate
+itself once, and a number delays one call by that number of seconds. The file ``pose`` displaces the first joint from
+outside, at the next call.
 """
 
 import time

@@ -1,9 +1,9 @@
-"""What clients of ros2_control count on, a row each; a test that proves a row over DDS carries its mark.
+"""Behavior on which clients of ros2_control rely, one row each. Tests over ROS carry the mark of their rows.
 
-``@pytest.mark.row("jtc-25", "golden-path-tolerance")`` on a test says that it fails when the row no longer holds.
-``test_rows.py`` finds rows without a test and marks without a row. "Ours:" begins what is different on purpose
-(the reasons: docs/ros2.md). Sources: ros2_control 4.46, ros2_controllers 4.42, control_msgs 5.8, MoveIt 2,
-robot_state_publisher (Jazzy); ``golden`` rows were answered by the real stack when it was asked.
+``@pytest.mark.row("jtc-25", "golden-path-tolerance")`` marks a test that fails if the row no longer holds.
+``test_rows.py`` finds rows without a test and marks without a row. "Ours:" marks a deliberate difference, explained in
+docs/ros2.md. Sources: ros2_control 4.46, ros2_controllers 4.42, control_msgs 5.8, MoveIt 2 and robot_state_publisher
+(Jazzy). The ``golden`` rows are responses of the real stack.
 """
 
 from typing import Final

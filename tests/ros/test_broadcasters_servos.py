@@ -53,7 +53,7 @@ def test_each_servo_reports_its_state(ros_domain: int, tmp_path: Path) -> None:
 
 
 def _publishers(node: Node) -> set[tuple[str, str]]:
-    """Node name and topic name of the parameter case."""
+    """Return pairs of node name and topic of all publishers."""
     return {
         (publisher.node_name, topic)
         for topic, _ in node.get_topic_names_and_types()

@@ -1,4 +1,4 @@
-"""A user's own controller and a user's own hardware, Python classes beside the stack: on the graph like the others."""
+"""A user's controller and hardware as Python classes. They appear in the graph like the built-in ones."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ VELOCITY = '<state_interface name="velocity"/>'
 
 
 @pytest.mark.row("trouble-python")
-def test_a_users_controller_and_its_interface_node(
+def test_user_controller_has_its_interface_node(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(
@@ -85,17 +85,15 @@ def test_a_users_controller_and_its_interface_node(
         swings.clear()
         assert client.switch(["wave"])[0]
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new interface, on the same node
-        assert "its ROS node lacks" not in stack.words
+        assert "its ROS node is incomplete" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())
         assert client.get(MANAGER, "wave.type") == ["joint_wave/Wave"]
 
 
 @pytest.mark.row("trouble-python")
-def test_a_users_hardware_is_driven_and_switched(
-    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The conveyor of docs/hardware.md: told a speed by topic, read in ``/joint_states``, stopped by a service."""
+def test_user_hardware_is_driven_and_switched(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the conveyor of docs/hardware.md: commanded by topic, read in ``/joint_states`` and stopped by a service."""
     install(tmp_path, "belt", code(PAGE, "python"), "[servoloop.hardware]\nfactory/Belt = belt:Belt")
     (tmp_path / "belt.urdf").write_text(BELT.replace(VELOCITY, f'<state_interface name="position"/>{VELOCITY}'))
     (tmp_path / "controllers.yaml").write_text(BELT_CONTROLLERS)

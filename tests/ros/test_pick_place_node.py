@@ -1,4 +1,4 @@
-"""The pick-and-place node over real DDS: its names, its goals, and what it does about failures."""
+"""The pick-and-place node over ROS: its names, goals and failures."""
 
 import signal
 import subprocess
@@ -40,7 +40,7 @@ TOLD = [2, 5, 8, 10]
 
 @pytest.fixture(scope="module")
 def shared_cell(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One node for most tests. Discovery is over when nothing of a whole job gets lost any more."""
+    """Provide one node for most tests. Discovery is complete when no message of a whole job is lost."""
     parameters = Path(__file__).parents[2] / "config" / f"{NODE}.yaml"
     log = tmp_path_factory.mktemp("node") / "log"
     with Cell(ros_domain, log, ["--ros-args", "--params-file", str(parameters)]) as cell:
@@ -64,12 +64,12 @@ def cell(shared_cell: Cell) -> Cell:
 
 
 def positions(cell: Cell) -> list[list[float]]:
-    """What the arm was asked for."""
+    """Return the goals of the arm."""
     return [list(goal.trajectory.points[0].positions) for _, goal in cell.below().goals]
 
 
 def assert_it_works_again(cell: Cell) -> None:
-    """A job that went wrong must not leave the node busy."""
+    """Check that the node accepts and completes a new job."""
     cell.forget()
     assert cell.pick("A").end()[0] == SUCCEEDED
 
@@ -77,7 +77,7 @@ def assert_it_works_again(cell: Cell) -> None:
 # --- names and types ---------------------------------------------------------------------------
 
 
-def test_names_and_types(cell: Cell) -> None:
+def test_node_has_its_names_and_types(cell: Cell) -> None:
     graph = cell.node
     published = dict(graph.get_publisher_names_and_types_by_node(NODE, "/"))
     assert published["/sorting/arm/state"] == ["std_msgs/msg/String"]
@@ -97,7 +97,7 @@ def test_names_and_types(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize("grade", ["A", "B", "C"])
-def test_goals_are_exactly_those_of_the_table(cell: Cell, grade: str) -> None:
+def test_goals_equal_those_of_the_table(cell: Cell, grade: str) -> None:
     status, result = cell.pick(grade).end()
     assert (status, result.success) == (SUCCEEDED, True)
     assert positions(cell) == [READY, PICK, BIN[grade], READY]
@@ -110,7 +110,7 @@ def test_goals_are_exactly_those_of_the_table(cell: Cell, grade: str) -> None:
         assert (stamp.sec, stamp.nanosec) == (0, 0)
 
 
-def test_gripper_commands_go_out_between_the_motions(cell: Cell) -> None:
+def test_gripper_commands_are_sent_between_the_motions(cell: Cell) -> None:
     arm = cell.below()
     cell.pick("B").end()
     wait_until(lambda: len(arm.hand) == 3, "the gripper commands")
@@ -119,7 +119,7 @@ def test_gripper_commands_go_out_between_the_motions(cell: Cell) -> None:
         assert arm.ended_ns[index] < sent_ns < arm.goals[index + 1][0]
 
 
-def test_states_and_feedback(cell: Cell) -> None:
+def test_states_and_feedback_are_published(cell: Cell) -> None:
     pick = cell.pick("C")
     _, result = pick.end()
     cell.wait_for_end()
@@ -135,7 +135,7 @@ def test_states_and_feedback(cell: Cell) -> None:
     assert abs(first["ts"] - time.time()) < 600.0
 
 
-def test_numbers_go_on_from_job_to_job(cell: Cell) -> None:
+def test_numbers_continue_from_job_to_job(cell: Cell) -> None:
     first, second = (cell.pick("B").end()[1].request_id for _ in range(2))
     assert second == first + 1
     wait_until(lambda: cell.phases() == STORY * 2, "both stories")
@@ -144,7 +144,7 @@ def test_numbers_go_on_from_job_to_job(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize("grade", ["b", "  B ", "\tb\n"])
-def test_grade_in_any_dress(cell: Cell, grade: str) -> None:
+def test_grade_is_normalized(cell: Cell, grade: str) -> None:
     assert cell.pick(grade).end()[0] == SUCCEEDED
     assert positions(cell)[2] == BIN["B"]
 
@@ -168,7 +168,7 @@ def test_empty_grade_is_rejected(cell: Cell, grade: str) -> None:
     cell.wait_for_log("the grade is empty", before + 1)
 
 
-def test_a_goal_while_busy_is_rejected(cell: Cell) -> None:
+def test_goal_while_busy_is_rejected(cell: Cell) -> None:
     cell.forget(Plan.HOLD)
     first = cell.pick("A")
     cell.wait_for_goals(1)
@@ -178,7 +178,7 @@ def test_a_goal_while_busy_is_rejected(cell: Cell) -> None:
     assert first.end()[0] == CANCELED
 
 
-def test_disabled_means_no_new_job_and_the_running_one_goes_on(cell: Cell) -> None:
+def test_disabled_node_finishes_its_job_but_starts_none(cell: Cell) -> None:
     running = cell.pick("A")
     try:
         answer = cell.enable(False)
@@ -212,7 +212,7 @@ def test_cancel_in_every_motion(cell: Cell, motion: int) -> None:
     assert_it_works_again(cell)
 
 
-def test_cancel_at_once(cell: Cell) -> None:
+def test_cancel_right_after_the_goal(cell: Cell) -> None:
     cell.forget(*[Plan.HOLD] * 4)
     pick = cell.pick("B")
     pick.cancel()
@@ -220,7 +220,7 @@ def test_cancel_at_once(cell: Cell) -> None:
     assert_it_works_again(cell)
 
 
-def test_cancel_before_the_arm_has_answered(cell: Cell) -> None:
+def test_cancel_before_the_arm_has_responded(cell: Cell) -> None:
     cell.forget(Plan.ANSWER_LATE)
     pick = cell.pick("B")
     cell.wait_for_goals(1)
@@ -252,14 +252,14 @@ def test_failure_in_every_motion(cell: Cell, motion: int, plan: Plan, words: str
 # --- vision ------------------------------------------------------------------------------------
 
 
-def test_a_fresh_apple_starts_a_job(cell: Cell) -> None:
+def test_fresh_apple_starts_a_job(cell: Cell) -> None:
     cell.see("", " c", "A")
     cell.wait_for_end()
     assert cell.phases() == STORY
     assert positions(cell) == [READY, PICK, BIN["C"], READY]
 
 
-def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
+def test_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
     cell.forget(Plan.HOLD)
     pick = cell.pick("A")
     cell.wait_for_goals(1)
@@ -280,7 +280,9 @@ def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
         ([], 0.0, "none of its apples has a grade"),
     ],
 )
-def test_no_news(ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str) -> None:
+def test_stale_or_empty_vision_message_is_ignored(
+    ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str
+) -> None:
     # a node a message: the log of the one above keeps quiet about repetitions
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.see_until(lambda: words in cell.log(), *grades, age_s=age_s)
@@ -305,24 +307,24 @@ IMPATIENT = [
 
 @pytest.fixture(scope="module")
 def impatient(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """A node that waits for a moment only, so that the tests need not wait for long."""
+    """Run a node with short timeouts, so that the tests are fast."""
     log = tmp_path_factory.mktemp("impatient") / "log"
     with Cell((ros_domain + 1) % 100 + 1, log, IMPATIENT) as cell:
         wait_until(lambda: _nothing_lost(cell), "a whole job")
         yield cell
 
 
-def test_an_arm_that_does_not_answer(impatient: Cell) -> None:
+def test_arm_that_does_not_respond_aborts_the_job(impatient: Cell) -> None:
     impatient.forget(Plan.ANSWER_LATE)
     status, result = impatient.pick("B").end()
     assert status == ABORTED
-    assert "did not answer" in result.message
+    assert "did not respond" in result.message
     impatient.below().go_on()
     wait_until(lambda: impatient.below().canceled == 1, "the late goal's cancel")
     assert_it_works_again(impatient)
 
 
-def test_an_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
+def test_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
     impatient.forget(Plan.HOLD)
     status, result = impatient.pick("B").end()
     assert status == ABORTED
@@ -331,7 +333,7 @@ def test_an_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
     assert_it_works_again(impatient)
 
 
-def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tmp_path: Path) -> None:
+def test_motion_timeout_follows_simulated_time(ros_domain: int, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "use_sim_time:=true", "-p", "result_timeout_s:=0.5"]
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
         clock = cell.node.create_publisher(Clock, "/clock", 10)
@@ -357,11 +359,11 @@ def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tm
 
 
 ANSWERED_S = 1.0
-"""Until the node has the answer to its goal for sure: that may be lost with whoever sends it."""
+"""Wait until the node has received the response to its goal, which may be lost with its sender."""
 
 
 @pytest.mark.parametrize("canceled", [False, True], ids=["in a motion", "behind a cancel"])
-def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
+def test_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
     ros_domain: int, tmp_path: Path, canceled: bool
 ) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log", ["--ros-args", "-p", "use_sim_time:=true"]) as cell:
@@ -379,7 +381,7 @@ def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
         assert cell.pick("B").end()[0] == ABORTED, "it is not busy with the lost one"
 
 
-def test_an_arm_that_will_not_stop(impatient: Cell) -> None:
+def test_arm_that_does_not_stop_is_reported(impatient: Cell) -> None:
     impatient.forget(Plan.REFUSE_CANCEL)
     pick = impatient.pick("B")
     impatient.wait_for_goals(1)
@@ -391,7 +393,7 @@ def test_an_arm_that_will_not_stop(impatient: Cell) -> None:
     assert_it_works_again(impatient)
 
 
-def test_no_arm_at_all(ros_domain: int, tmp_path: Path) -> None:
+def test_missing_arm_is_reported(ros_domain: int, tmp_path: Path) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arm=False) as cell:
         status, result = cell.pick("B").end()
         assert status == ABORTED
@@ -402,7 +404,7 @@ def test_no_arm_at_all(ros_domain: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_path: Path, number: int) -> None:
+def test_signal_cancels_the_goal_of_the_arm_and_ends_the_node(ros_domain: int, tmp_path: Path, number: int) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.forget(Plan.HOLD)
         pick = cell.pick("B")
@@ -416,7 +418,7 @@ def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_p
 
 
 @pytest.mark.slow
-def test_wrong_parameters_are_named(ros_domain: int) -> None:
+def test_invalid_parameters_are_named(ros_domain: int) -> None:
     command = [sys.executable, "-m", "nodes.vision_pick_place_controller", "--ros-args"]
     command += ["-p", "grades:=[A, D]", "-p", "poses.pick:=[1.0]"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

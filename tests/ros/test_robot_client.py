@@ -1,4 +1,4 @@
-"""The jogging client believes of a goal under way only what a stack has said that is still there."""
+"""The jogging client considers a goal running only while the stack that reported it exists."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,8 +28,8 @@ EXECUTING, ABORTED = (
 )
 
 
-class Standing:
-    """A robot with one joint, which stands at zero."""
+class RobotAtRest:
+    """A robot with one joint at position zero."""
 
     limits: ClassVar = {"joint1": JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)}
 
@@ -39,7 +39,7 @@ class Standing:
 
 @contextmanager
 def stack(node: Node) -> Iterator[Publisher]:
-    """What a stack says of its goals; it ends as one that is killed does, without a last word."""
+    """Goal status publisher of a stack that can end without a last message, like a killed process."""
     publisher = node.create_publisher(GoalStatusArray, STATUS, qos_profile_action_status_default)
     try:
         yield publisher
@@ -47,9 +47,9 @@ def stack(node: Node) -> Iterator[Publisher]:
         node.destroy_publisher(publisher)
 
 
-def test_a_goal_that_was_under_way_when_its_stack_was_killed_blocks_nobody(ros_domain: int) -> None:
+def test_goal_of_a_killed_stack_does_not_block_motions(ros_domain: int) -> None:
     with client_node("test_robot_client") as (node, executor):
-        client = RobotClient(node, executor, Standing())
+        client = RobotClient(node, executor, RobotAtRest())
         made = client._made(
             ControllerState(name="arm", type=TRAJECTORY, required_command_interfaces=["joint1/position"])
         )

@@ -1,4 +1,4 @@
-"""What can be seen and asked of a trajectory on its way: the stack as it comes, as another process sees it."""
+"""Feedback, states and queries of a running trajectory, as seen from another process."""
 
 from collections.abc import Collection, Iterator
 from itertools import pairwise
@@ -36,13 +36,16 @@ def ours(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def untold(cycles_s: list[float], told_s: Collection[float]) -> list[float]:
-    """Those without feedback; two that are close together, the first of them late, are too fast for one each."""
+    """Return the cycles without feedback.
+
+    A cycle that follows a late one closely is excluded, because it may have no separate feedback.
+    """
     close = {after for before, after in pairwise(cycles_s) if after - before < 0.6 * PERIOD_S}
     return [cycle_s for cycle_s in cycles_s if cycle_s not in told_s and cycle_s not in close]
 
 
 @pytest.mark.row("golden-qos")
-def test_any_publisher_is_heard_and_any_listener_served(ours: TrajectoryClient) -> None:
+def test_any_publisher_and_subscriber_is_served(ours: TrajectoryClient) -> None:
     for name in ("joint_trajectory", "speed_scaling_input"):
         (listener,) = ours.node.get_subscriptions_info_by_topic(f"{ARM}/{name}")
         assert listener.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
@@ -52,7 +55,7 @@ def test_any_publisher_is_heard_and_any_listener_served(ours: TrajectoryClient) 
 
 
 @pytest.mark.row("jtc-37", "golden-feedback")
-def test_feedback_has_upstreams_shape_and_comes_with_every_cycle_at_20_hz(ours: TrajectoryClient) -> None:
+def test_feedback_has_the_ros2_control_form_and_comes_at_20_hz(ours: TrajectoryClient) -> None:
     before = ours.now()
     sent = ours.send(goal_of(T(P(-0.4, 0.8))))
     ours.outcome(sent)
@@ -74,7 +77,7 @@ def test_feedback_has_upstreams_shape_and_comes_with_every_cycle_at_20_hz(ours: 
 
 
 @pytest.mark.row("jtc-38", "golden-state")
-def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: TrajectoryClient) -> None:
+def test_controller_state_is_published_every_cycle_with_the_command(ours: TrajectoryClient) -> None:
     cycles: list[float] = []
     listener = ours.node.create_subscription(JointState, "/joint_states", lambda m: cycles.append(stamp_s(m)), 100)
     ours.until(lambda: bool(cycles))
@@ -98,7 +101,7 @@ def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: Tra
 
 
 @pytest.mark.row("jtc-38", "jtc-37")
-def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held_up(ours: TrajectoryClient) -> None:
+def test_every_cycle_has_state_and_feedback_even_if_the_ros_thread_was_blocked(ours: TrajectoryClient) -> None:
     cycles: list[float] = []
     listener = ours.node.create_subscription(JointState, "/joint_states", lambda m: cycles.append(stamp_s(m)), EVERY)
     ours.until(lambda: bool(cycles))
@@ -122,7 +125,7 @@ def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held
 
 
 @pytest.mark.row("jtc-39", "golden-query")
-def test_query_state(ours: TrajectoryClient) -> None:
+def test_query_state_returns_the_trajectory(ours: TrajectoryClient) -> None:
     held = ours.cycles(1)[-1].reference.positions
     holding = ours.query(ours.stamp(0.0))
     assert (holding.success, list(holding.name)) == (False, list(JOINTS))

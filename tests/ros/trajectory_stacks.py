@@ -18,7 +18,7 @@ from tests.ros.trajectory_client import NONE, TrajectoryClient
 
 MOCK = ("--hardware", "mock")
 PERIOD_S = 0.05
-"""Constraints in the controllers file of the arm."""
+"""Constraints of the arm in the default controllers file."""
 FASTEST_RAD_S = max(joint.velocity for joint in parse_urdf(URDF.read_text()).joints.values())
 LARGEST_STEP_RAD = 1.001 * FASTEST_RAD_S * PERIOD_S
 
