@@ -106,7 +106,7 @@ def test_joint_and_hand_move_only_while_commanded(robot: LiveRobot) -> None:
                 time.sleep(0.04)
             standstill(robot)
             assert at(robot, joint) > before + 0.003
-            assert speed(robot, joint, began_s) <= 1.6 * SLOW, "a little faster where the set point came late"
+            assert speed(robot, joint, began_s) <= 1.6 * SLOW, "slightly faster after a late set point"
 
 
 def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
@@ -134,7 +134,7 @@ def test_running_goal_is_not_replaced_and_stop_cancels_it(robot: LiveRobot) -> N
                     moving.jog(JOINT, -1.0)
                 time.sleep(0.04)
             standstill(robot)
-            assert at(robot) < before - 0.05, "and behind it the arm can be moved again"
+            assert at(robot) < before - 0.05, "after the goal the arm can be moved again"
         finally:
             arm.close()
 
@@ -196,7 +196,7 @@ def test_faulty_joint_is_named_and_its_controller_does_not_move(robot: LiveRobot
     with client(Faulty(robot)) as moving:
         with pytest.raises(HandlingError, match="joint2: servo 2 has let go"):
             moving.jog(JOINT, 1.0)
-        moving.jog("hand_right_joint", 1.0)  # the hand is another controller's
+        moving.jog("hand_right_joint", 1.0)  # The hand belongs to another controller.
 
 
 def test_saved_pose_is_reached_and_invalid_poses_are_refused(robot: LiveRobot, tmp_path: Path) -> None:
@@ -254,7 +254,9 @@ def test_arm_stops_when_the_moving_program_is_killed(robot: LiveRobot) -> None:
         process.send_signal(signal.SIGKILL)
     killed = at(robot)
     standstill(robot)
-    assert killed - at(robot) <= SLOW * (HORIZON_S + 0.5), "it rests behind its last set point; the feed is late"
+    assert killed - at(robot) <= SLOW * (HORIZON_S + 0.5), (
+        "the arm rests before its last set point, because the feed is late"
+    )
 
 
 class Screen:

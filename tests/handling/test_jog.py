@@ -124,7 +124,7 @@ def test_error_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -
     assert "no active controller moves joint1: activate arm_controller. Then press the key again" in text_below(jog)
     client.joints = JOINTS
     step(jog, terminal, 3.0)
-    assert client.turned["joint1"] == turned, "the key is held on, and nothing goes on by itself"
+    assert client.turned["joint1"] == turned, "the key is still held, but the motion does not restart"
     assert "no active controller" in text_below(jog)
     terminal.hold("")
     step(jog, terminal, 1.0)
@@ -141,7 +141,7 @@ def test_other_key_ends_a_motion_until_a_new_press(terminal: Terminal, between: 
     jog._press(between)
     turned = dict(client.turned)
     step(jog, terminal, 2.0)
-    assert client.turned == turned, "the first key repeats still"
+    assert client.turned == turned, "the first key still repeats"
 
 
 def test_joint_numbers_do_not_depend_on_active_controllers(terminal: Terminal) -> None:

@@ -56,7 +56,7 @@ def test_end_of_a_click_ends_the_motion_immediately(page: Page) -> None:
     page.presses.release("a")
     assert page.after(0.0) is None
     page.hold("a", 0.3, RIGHT)
-    assert page.after(0.0) == RIGHT, "and the next press counts"
+    assert page.after(0.0) == RIGHT, "the next press counts"
 
 
 @pytest.mark.parametrize("words", [1, 2])
@@ -98,7 +98,7 @@ def test_first_browser_has_the_motion_and_the_other_is_notified_once(page: Page)
     assert page.refusals == [TAKEN]
     page.presses.release("a")
     page.hold("b", 3.0, RIGHT)
-    assert page.after(0.0) is None, "it does not move by itself when the first lets go"
+    assert page.after(0.0) is None, "the motion does not start when the first browser releases"
     page.after(GAP_S + 0.01)
     page.hold("b", 0.3, RIGHT)
     assert page.after(0.0) == RIGHT and page.refusals == [TAKEN]

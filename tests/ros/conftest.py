@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:  # where there is no rclpy, these tests are passed over
+if TYPE_CHECKING:  # These tests are skipped without rclpy.
     from tests.ros.manager_client import ManagerClient
     from tests.ros.stack_process import StackProcess
 
-# The controller manager's tests. A module that needs another stack, or has more to put right, has its own.
+# Fixtures of the controller manager's tests. Modules that need another stack or more cleanup have their own.
 
 
 @pytest.fixture(scope="module")

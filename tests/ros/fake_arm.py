@@ -114,5 +114,5 @@ class FakeArm:
         return result
 
     def _on_hand(self, message: Any, info: Any) -> None:
-        # when it was sent: a goal sent after it may well be handled before it
+        # The time of sending counts, because a later goal may be handled first.
         self.hand.append((info["source_timestamp"], list(message.data)))

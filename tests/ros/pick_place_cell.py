@@ -100,14 +100,14 @@ class Cell:
             self._nodes.append(rclpy.create_node("fake_arm", context=self._context))
             self.arm = FakeArm(self._nodes[-1])
         self.node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
-        # rclpy's action client drops what is fed back when the result overtakes it, so the topic itself is heard.
+        # rclpy's action client drops feedback that arrives after the result, so the test subscribes to the topic.
         self._feedback: list[Any] = []
         message_type, topic = PickPlace.Impl.FeedbackMessage, "/sorting/arm/pick_place/_action/feedback"
         self.node.create_subscription(message_type, topic, self._feedback.append, 10)
         self._client = ActionClient(self.node, PickPlace, "/sorting/arm/pick_place")
         self._enable = self.node.create_client(SetBool, "/sorting/arm/enable")
         self._vision = self.node.create_publisher(AppleQualityArray, "/sorting/perception/apple_quality", 10)
-        # a thread a node; rclpy's multi-threaded executor now and then sleeps over an event
+        # One thread per node, because rclpy's multi-threaded executor sometimes misses an event.
         self._executors = [SingleThreadedExecutor(context=self._context) for _ in self._nodes]
         self._threads = [threading.Thread(target=e.spin, daemon=True) for e in self._executors]
 
@@ -151,7 +151,7 @@ class Cell:
 
     def forget(self, *plans: Plan) -> None:
         """Start a test with empty records and plans for the next goals of the arm."""
-        # a result may overtake the last states; they must not arrive in the next test
+        # A result may arrive before the last states, which must not reach the next test.
         wait_until(lambda: self._ends() >= self._accepted, "the end of every accepted job")
         self.clear(*plans)
 

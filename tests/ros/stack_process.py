@@ -116,7 +116,7 @@ class ArmClient:
 
     def close(self) -> None:
         self.executor.shutdown()
-        self._client.destroy()  # a node that is destroyed leaves its action clients standing
+        self._client.destroy()  # ``destroy_node`` leaves action clients behind.
         self.node.destroy_node()
 
 

@@ -182,7 +182,7 @@ def test_invalid_parameter_is_rejected_with_a_reason(client: Onlooker, name: str
 def heard(client: Onlooker, count: int) -> tuple[list[int], list[int]]:
     """Return the stamps of a number of link transforms, and those of the joint states in the same period."""
     with client.hearing(JointState, "/joint_states", EVERY) as states, client.hearing(TFMessage, "/tf", EVERY) as links:
-        client.spin_until(lambda: bool(states) and len(links) >= 2)  # after a change the second one comes early
+        client.spin_until(lambda: bool(states) and len(links) >= 2)  # After a change the second transform comes early.
         links.clear()
         client.spin_until(lambda: len(links) >= count and stamps_ns(states)[-1] >= stamps_ns(links)[-1])
         shown, measured = stamps_ns(links), stamps_ns(states)
@@ -220,7 +220,7 @@ def test_frame_prefix_applies_to_all_links_at_run_time(client: Onlooker, upstrea
 
     assert ("left/base_link", "left/link1") in frames(client.first(TFMessage, "/tf", prefixed))
     assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == {("left/link5", "left/camera")}
-    # The broadcaster with topics of its own shows a part of the arm, and moves no links.
+    # The broadcaster with local topics publishes a part of the arm and does not affect the transforms.
     assert {len(m.transforms) for m in client.some(TFMessage, "/tf", 10, prefixed)} == {len(MOVING)}
     assert client.put(LINKS, "frame_prefix", "") == ""
     client.first(TFMessage, "/tf", lambda m: ("base_link", "link1") in frames(m))

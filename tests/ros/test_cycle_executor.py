@@ -198,7 +198,7 @@ def test_posted_cycle_precedes_callbacks_and_is_served_once(executor: CycleExecu
     until(executor, lambda: out.get_subscription_count())
     settle(executor)
     out.publish(String())
-    time.sleep(0.1)  # it is there
+    time.sleep(0.1)  # The executor is waiting.
     executor.post()
     executor.serve(PATIENCE_S)
     assert not heard

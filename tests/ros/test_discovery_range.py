@@ -24,7 +24,7 @@ def receiving_on(pid: int, domain: int) -> set[str]:
     first_port = 7400 + 250 * domain
     targets = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
-        with suppress(FileNotFoundError):  # closed meanwhile
+        with suppress(FileNotFoundError):  # The socket has been closed meanwhile.
             targets.add(os.readlink(link))
     found = set()
     for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]:

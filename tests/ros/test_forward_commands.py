@@ -90,7 +90,7 @@ def test_empty_command_is_ignored(client: Onlooker, stack: StackProcess) -> None
     client.arrives(hand_right_joint=0.03)
     told = stack.words
     client.send("hand_controller")
-    client.send("hand_controller", math.nan)  # it comes after the empty one, and is told
+    client.send("hand_controller", math.nan)  # This message follows the empty one and is logged.
     until(lambda: NOT_FINITE in stack.words.removeprefix(told))
     client.stays(hand_right_joint=0.03)
     assert "command size (0)" not in stack.words

@@ -50,7 +50,7 @@ class Gripper:
         assert self._client.wait_for_server(PATIENCE_S)
 
     def close(self) -> None:
-        self._client.destroy()  # a node that is destroyed leaves its action clients standing
+        self._client.destroy()  # ``destroy_node`` leaves action clients behind.
         self.node.destroy_node()
 
     @abstractmethod
@@ -204,7 +204,9 @@ def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) ->
     assert refusal(goal_tolerance=-1.0)
     assert refusal(goal_tolerance=0.02) == ""
     answer = client.wait(client.send(0.03)[1])
-    assert _place(client, answer.result) == pytest.approx(0.02, abs=0.002)  # near enough from the first cycle on
+    assert _place(client, answer.result) == pytest.approx(
+        0.02, abs=0.002
+    )  # within the tolerance from the first cycle on
     assert refusal(goal_tolerance=0.0005) == ""
 
 

@@ -102,9 +102,9 @@ def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Pat
                 known = [*ARM] if name == "arm" else ["hand_left_joint", HAND, *ARM]
                 client.spin_until(lambda known=known: bool(messages) and messages[-1].name == known)
             assert activate(client, "arm_controller", "hand_controller")[0]
-            # The limp arm lies on the stand: where the machine is busy it is lifted too late for the first goal.
+            # Without torque the arm lies on the stand. On a busy machine it is lifted too late for the first goal.
             assert any(client.wait(client.send(READY)).status == SUCCEEDED for _ in range(2))
-            # Nothing is said of a joint before it has been measured.
+            # A joint is not reported before it has been measured.
             assert all(map(math.isfinite, (value for message in messages for value in message.position)))
             assert stack.end() == 0, stack.words
         finally:
@@ -119,7 +119,7 @@ def test_two_manufacturers_on_two_buses_and_both_buses_lost(ros_domain: int, tmp
     text = hand.read_text().replace("sts3215", "xl430-w250").replace("protocol: feetech", "protocol: dynamixel")
     robot = yaml.safe_load(text)
     for joint in robot["joints"].values():
-        joint.pop("settings", None)  # those of the other make
+        joint.pop("settings", None)  # servos of the other manufacturer
     hand.write_text(yaml.safe_dump(robot))
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
@@ -174,5 +174,5 @@ def test_component_whose_cleanup_fails_is_finalized(
         states = controllers(client)
         assert (states["hand_controller"], states["arm_controller"]) == ("inactive", "active")
         assert hand.calls[-1] == "cleanup"
-        assert stack.end() == 1  # a script must notice
-        assert "deactivate" in hand.calls  # the last that can be tried
+        assert stack.end() == 1  # The exit status tells scripts about the failure.
+        assert "deactivate" in hand.calls  # the last possible attempt

@@ -101,7 +101,7 @@ def test_inactive_hardware_is_read_and_not_written(bench: Bench) -> None:
         "commands/joint1/position": (True, False),
         **{f"states/joint1/{kind}": (True, False) for kind in ("reads", "writes", "position", "velocity")},
     }
-    bench.arm.give("pose", -0.3)  # by hand: what is read goes on being shown
+    bench.arm.give("pose", -0.3)  # moved by hand: the measured position is still published
     bench.client.spin_until(lambda: bench.samples[-1].position == -0.3)
     written = bench.samples[-1].writes
     assert set_state(bench.client, "arm", label="active") == (True, "active")
@@ -151,10 +151,10 @@ def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
     assert not ok and "command interface 'joint1/position' is not available" in message
     seen = len(bench.joint_states)
     client.spin_until(lambda: len(bench.joint_states) > seen + 3)
-    assert all(map(math.isfinite, bench.joint_states[-1].position))  # the last that is known
+    assert all(map(math.isfinite, bench.joint_states[-1].position))  # the last known position
     assert len(bench.joint_states[-1].name) == 8
 
-    bench.arm.give("pose", -0.4)  # meanwhile somebody has moved it
+    bench.arm.give("pose", -0.4)  # moved by hand meanwhile
     bench.arm.withdraw("read")
     outputs: list[float] = []
     client.node.create_subscription(
@@ -166,7 +166,7 @@ def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
     bench.bring_back()
     back = len(bench.samples)
     client.spin_until(lambda: len(outputs) > 10 and len(bench.samples) > back + 10)
-    assert outputs == [-0.4] * len(outputs)  # whatever the goal was
+    assert outputs == [-0.4] * len(outputs)  # regardless of the goal
     assert {sample.position for sample in bench.samples[back:]} == {-0.4}
 
 
@@ -207,7 +207,9 @@ def test_cycles_missed_by_a_slow_component_are_skipped_with_a_warning(bench: Ben
     bench.client.spin_until(lambda: bench.samples[-1].reads > before.reads + 25)
     after = bench.samples[-1]
     due = (after.stamp_s - before.stamp_s) * HZ
-    assert after.reads - before.reads < due - 6  # those that are made up for would come to all that were due
+    assert (
+        after.reads - before.reads < due - 6
+    )  # If missed cycles were repeated, the count would equal the number of due cycles.
     assert max(int(count) for count in re.findall(r"missed (\d+) cycles?: the loop was", bench.stack.words)) >= 10
     bench.client.spin_until(lambda: bool(reports) and "cycles missed" in reports[-1].message)
     assert reports[-1].level == DiagnosticStatus.WARN

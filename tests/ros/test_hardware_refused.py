@@ -19,7 +19,7 @@ HARDWARE = f"<hardware>{MOCK}</hardware>"
 COMMAND = '<command_interface name="position"/>'
 ARM_JOINT = '<joint name="joint1">'
 BROKEN = {
-    # how the file of two mocks is broken: what, by what; what is said
+    # Replaced text, its replacement and the expected message.
     "an unknown tag": (HARDWARE, f"{HARDWARE}<wheel/>", "<ros2_control name='arm'> has the unknown tag <wheel>"),
     "a sensor element": (
         HARDWARE,

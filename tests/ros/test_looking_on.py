@@ -63,6 +63,6 @@ def test_running_stack_is_monitored_and_recorded_until_its_end(
     stamps = [stamp_s(message) for message in messages["/joint_states"]]
     assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended\n" == said
     numbers = [cycle.number for cycle in messages["/servoloop/cycles"]]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "not one is missing"
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "no cycle is missing"
     (result,) = messages["/arm_controller/goal_result"]
     assert result.status == "succeeded"

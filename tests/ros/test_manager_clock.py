@@ -80,7 +80,7 @@ def joint_states(client: ManagerClient, count: int) -> list[JointState]:
 
 @pytest.mark.row("cm-update-rate")
 def test_every_cycle_takes_one_period_of_the_update_rate(client: ManagerClient) -> None:
-    # The middle one of many: a machine that is busy with other things has late cycles now and then.
+    # The median is used, because a busy machine has late cycles now and then.
     assert median(periods_s(joint_states(client, 60))) == pytest.approx(1.0 / RATE_HZ, rel=0.1)
 
 
@@ -111,7 +111,7 @@ def test_sim_time_does_not_change_the_stamps_of_other_topics(client: ManagerClie
         client.hearing(ControllerManagerActivity, f"{MANAGER}/activity", LATCHED) as activity,
         client.hearing(TransitionEvent, "/hand_controller/transition_event") as events,
     ):
-        client.spin_until(lambda: len(reports) >= 2)  # a timer of theirs goes on though that clock stands still
+        client.spin_until(lambda: len(reports) >= 2)  # Their timers run although that clock stands still.
         assert client.switch((), ["hand_controller"])[0]
         client.spin_until(lambda: len(events) >= 2)
         assert client.switch(["hand_controller"])[0]
@@ -128,7 +128,7 @@ def test_sim_time_does_not_change_the_start_of_goals_and_is_logged(
 ) -> None:
     arm = TrajectoryClient(stack)
     for pose in (PICK, READY):
-        # In simulated time both would begin decades from now.
+        # In simulated time, both goals would start decades from now.
         sent = arm.send(goal_of(trajectory(point(pose, 2.0), stamp=arm.stamp(-1.0))))
         assert arm.outcome(sent)[0] == SUCCEEDED
     arm.close()

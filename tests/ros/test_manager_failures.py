@@ -93,7 +93,7 @@ def move_the_hand(client: ManagerClient, position_m: float) -> None:
     with client.hearing(JointState, "/joint_states") as heard:
 
         def there() -> bool:
-            # Again and again: the controller listens best effort, and may not know a new publisher yet.
+            # Send repeatedly, because a best-effort subscriber may not have discovered the new publisher yet.
             publisher.publish(Float64MultiArray(data=[position_m]))
             return bool(heard) and abs(heard[-1].position[heard[-1].name.index(HAND)] - position_m) < 1e-6
 
@@ -101,7 +101,7 @@ def move_the_hand(client: ManagerClient, position_m: float) -> None:
     client.node.destroy_publisher(publisher)
 
 
-# A controller whose update fails
+# A controller with a failing update
 
 
 @pytest.mark.row("cm-update-error", "trouble-python")
@@ -131,7 +131,7 @@ def test_failed_controller_without_fallback_releases_its_joint(client: ManagerCl
     assert client.states() == {**AT_START, "alone": "inactive"}
     assert "alone failed and is deactivated" in stack.words
     move_the_hand(client, 0.01)
-    # It is as it was before: mended, it can be activated again; as it is, it fails at once.
+    # Its state is unchanged. It fails again immediately, and after a repair it can be activated.
     assert client.switch(["alone"]) == (True, f"{DONE}\nActivated controllers: [ alone ]")
     client.spin_until(lambda: client.states()["alone"] == "inactive")
     assert client.put("/alone", "fault", "none") == "" and client.switch(["alone"])[0]
@@ -139,7 +139,7 @@ def test_failed_controller_without_fallback_releases_its_joint(client: ManagerCl
     assert client.states() == AT_START
 
 
-# A loop that is held up
+# A blocked loop
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def test_timeout_0_means_one_second_and_then_nothing_is_switched(
         later = client.switching((), ["joint_state_broadcaster"], timeout_s=2)
         in_time = client.switching((), ["alone"], timeout_s=60)
         told = len(seconds)
-        client.spin_until(lambda: len(seconds) >= told + 4)  # one a second, by the stack's own clock
+        client.spin_until(lambda: len(seconds) >= told + 4)  # once per second, by the clock of the stack
         assert not (late.done() or later.done() or in_time.done())
     answers = client.wait(late, later, in_time)
     assert [(answer.ok, answer.message) for answer in answers] == [

@@ -161,7 +161,7 @@ def test_reload_controller_libraries_unloads_all_controllers_only_if_forced(clie
 
 @pytest.mark.slow
 def test_fifty_listing_clients_and_a_hundred_switches_are_served(client: ManagerClient, stack: StackProcess) -> None:
-    # Every client hears the answers to all: one that keeps only the last ten can lose its own among them.
+    # Every client receives all responses. A client with a queue of ten can lose its own response.
     all_of_them = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 
     def another(kind: Any, name: str) -> Any:

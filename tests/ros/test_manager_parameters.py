@@ -65,7 +65,7 @@ def test_controllers_have_parameters_with_ros2_control_names(client: ManagerClie
     assert client.get("/spare", "joints", "interface_name") == [["joint6"], "position"]
 
 
-# Every service of every kind of node
+# Services of all kinds of nodes
 
 
 @pytest.mark.row("cm-parameter-services")
@@ -165,7 +165,7 @@ def test_separate_call_sets_the_valid_parameters(client: ManagerClient) -> None:
     assert client.put(ARM, "constraints.goal_time", 0.0) == ""
 
 
-# What is refused, and what stays
+# Refused and preserved values
 
 
 @pytest.mark.row("golden-read-only")
@@ -201,7 +201,7 @@ def test_set_parameter_survives_a_new_configuration(client: ManagerClient) -> No
     assert client.switch(["arm_controller"])[0] and client.states() == AT_START
 
 
-# What makes no sense
+# Invalid values
 
 
 def put_strange(client: ManagerClient, node: str) -> list[str]:

@@ -73,7 +73,7 @@ def test_user_controller_has_its_interface_node(
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)
         assert "read-only" in client.put("/wave", "joint", "joint1")
         assert "greater than or equal to 0" in client.put("/wave", "amplitude", -1.0)
-        assert client.put("/wave", "amplitude", 0.6) == ""  # its interface fails from here on, and nobody else
+        assert client.put("/wave", "amplitude", 0.6) == ""  # Only its interface fails from here on.
         client.spin_until(lambda: "controller wave stops publishing after this error" in stack.words)
         assert client.states() == {"wave": "active"}
         assert client.switch((), ["wave"])[0] and client.cleanup("wave")
@@ -84,7 +84,7 @@ def test_user_controller_has_its_interface_node(
         assert client.get("/wave", "unit", "amplitude") == ["rad", 0.2]
         swings.clear()
         assert client.switch(["wave"])[0]
-        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new interface, on the same node
+        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # a new interface on the same node
         assert "its ROS node is incomplete" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())
@@ -107,7 +107,7 @@ def test_user_hardware_is_driven_and_switched(ros_domain: int, tmp_path: Path, m
         with client.hearing(JointState, "/joint_states") as heard:
 
             def runs() -> bool:
-                # Again and again: the controller listens best effort, and may not know a new publisher yet.
+                # Send repeatedly, because a best-effort subscriber may not have discovered the new publisher yet.
                 publisher.publish(Float64MultiArray(data=[0.3]))
                 return bool(heard) and heard[-1].velocity[0] == pytest.approx(0.3)
 

@@ -142,7 +142,7 @@ def test_spawner_fills_a_stack_without_controllers(spawner: Spawner, files: Path
     listed = {c.name: c for c in spawner.client.call(ListControllers, f"{MANAGER}/list_controllers").controller}
     assert listed["hand"].claimed_interfaces == ["hand_right_joint/position"]
     assert spawner.client.get("/arm", "joints") == [[f"joint{i}" for i in range(1, 7)]]
-    # again: it is loaded, so it is only configured, which an active one refuses
+    # The controller is loaded, so the spawner only configures it, which an active controller refuses.
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == "configure"
 
 
@@ -193,14 +193,14 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
 def test_failed_load_or_configuration_is_logged(
     spawner: Spawner, stack: StackProcess, files: Path, name: str, file: str, kind: str, step: str, said: str
 ) -> None:
-    # the manager still knows what was set for the tests before
+    # The manager still has the parameters of earlier tests.
     assert spawner.client.set_from_text(MANAGER, f"{name}.type", kind or "''")
     assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
     assert said in stack.words
     assert spawner.client.states() == ({name: "unconfigured"} if step == "configure" else {})
 
 
-# Answers that are late
+# Late responses
 
 
 @contextmanager

@@ -24,7 +24,7 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 INACTIVE, ACTIVE = (2, "inactive"), (3, "active")
 
 
-# What it lists
+# Lists
 
 
 @pytest.mark.row("cm-list-controllers")
@@ -65,7 +65,7 @@ def test_list_controller_types_returns_all_types(client: ManagerClient) -> None:
     assert answer.base_classes == ["controller_interface::ControllerInterface"] * len(answer.types)
 
 
-# What it tells
+# Published topics
 
 
 @pytest.mark.row("cm-activity")
@@ -80,7 +80,7 @@ def test_activity_is_latched_and_published_on_every_change(client: ManagerClient
             return [{c.name: c.state.label for c in (*m.controllers, *m.hardware_components)} for m in heard]
 
         client.spin_until(lambda: heard)
-        assert states() == [everything]  # nothing has changed since, and nothing is told again
+        assert states() == [everything]  # Without a change, nothing is published again.
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
         assert client.unload("hand_controller") and client.load("hand_controller")
         assert client.configure("hand_controller") and client.switch(["hand_controller"])[0]

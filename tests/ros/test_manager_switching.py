@@ -102,7 +102,7 @@ def test_switch_of_unknown_and_known_controllers(client: ManagerClient) -> None:
 def test_switch_with_one_invalid_name(client: ManagerClient, bad: str, text: str) -> None:
     assert client.switch((), ["hand_controller"])[0] and client.cleanup("spare")
     before = client.states()
-    # The good ones of both lists stay where they were: also the one that was to be stopped.
+    # The valid controllers of both lists keep their states, including the one to deactivate.
     assert client.switch([bad, "hand_controller"], ["joint_state_broadcaster"], STRICT) == (False, text)
     assert client.states() == before
     done = f"{DONE}\nDeactivated controllers: [ joint_state_broadcaster ]\nActivated controllers: [ hand_controller ]"

@@ -103,7 +103,15 @@ def test_systems_actuators_and_sensors_are_separate_components(bench: Bench) -> 
         "probe": ("sensor", "active"),
         "hand": ("system", "active"),
     }
-    names = {"plain_1", "smooth", "wheel", "stuck", "strong", "probe", "hand"}  # as far as a node may be called so
+    names = {
+        "plain_1",
+        "smooth",
+        "wheel",
+        "stuck",
+        "strong",
+        "probe",
+        "hand",
+    }  # with the characters allowed in node names
     bench.until(lambda: names <= set(bench.client.node.get_node_names()))
     probe = next(c for c in listed if c.name == "probe")
     assert not probe.command_interfaces
@@ -153,9 +161,9 @@ def differentiates(course: list[Seen], name: str) -> bool:
 def test_position_commands_are_mirrored_differentiated_and_mimicked(bench: Bench) -> None:
     course = bench.go(1.25, 1.9, 1.0, 0.04)
     assert {seen.velocity["joint1"] for seen in course} == {0.0}
-    assert len({seen.position["joint1"] for seen in course}) > 3  # it was on its way
+    assert len({seen.position["joint1"] for seen in course}) > 3  # It was moving.
     assert differentiates(course, "joint2")
-    assert max(seen.velocity["joint2"] for seen in course) == pytest.approx(4.0)  # the joint's limit
+    assert max(seen.velocity["joint2"] for seen in course) == pytest.approx(4.0)  # limit of the joint
     assert {seen.position["joint4"] for seen in course} == {0.125}
     assert {seen.velocity["joint4"] for seen in course} == {0.0}
     for seen in course:
@@ -163,7 +171,7 @@ def test_position_commands_are_mirrored_differentiated_and_mimicked(bench: Bench
         assert seen.velocity[FOLLOWER] == pytest.approx(MULTIPLIER * seen.velocity[HAND])
     assert course[-1].position[FOLLOWER] == pytest.approx(0.0)
     assert min(seen.velocity[FOLLOWER] for seen in course) < 0.0
-    assert {seen.position["joint6"] for seen in course} == {-0.5}  # the sensor's
+    assert {seen.position["joint6"] for seen in course} == {-0.5}  # state of the sensor
 
 
 @pytest.mark.row("cm-mock-dynamics")

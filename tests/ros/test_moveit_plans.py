@@ -64,7 +64,7 @@ def driven(client: TrajectoryClient, curve: Curve, scale: float = 1.0) -> FloatA
     first = len(client.states)
     status, code, text = client.outcome(client.send(goal_of(message(plan(curve, LIMITS, scale)))))
     assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED), text
-    client.cycles(4)  # it has arrived within the tolerance, and comes nearer
+    client.cycles(4)  # It has arrived within the tolerance and approaches the goal further.
     return references(client, first)
 
 
@@ -87,7 +87,7 @@ def test_blocked_joint_is_named_aborts_and_is_relieved_within_two_seconds(servos
     assert re.fullmatch(r"Aborted due to path tolerance violation: joint1 is off by 0\.\d+, allowed is 0\.3000", text)
     held = [any(abs(off) > 0.05 for off in message.error.positions) for message in sent.feedback]
     assert sum(held) * PERIOD_S < 2.0
-    driven(servos, straight(tuple(measured(servos)), start), 0.5)  # away from the stand, the way it came
+    driven(servos, straight(tuple(measured(servos)), start), 0.5)  # back from the stand on the same path
 
 
 @pytest.mark.parametrize(("turn", "bow"), enumerate(BOWS.values()), ids=BOWS)
@@ -107,7 +107,7 @@ def test_plans_arrive_or_stop_on_their_path_when_canceled(
         assert off_line(references(servos, first), whole) < 0.01
         assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
         servos.cycles(4)
-        # One that arrived before the cancel comes nearer still; and the gears leave every link a degree.
+        # An arm that arrived before the cancel still approaches the goal. The gears have a backlash of one degree.
         assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), (
             "the goal ended while the arm still moved"
         )

@@ -43,7 +43,7 @@ def test_moving_link_matches_the_direct_calculation(
 ) -> None:
     moving = joint("a", kind, axis=axis)
     transforms = MovingTransforms([moving], "")
-    transforms.transforms(("a",), (1.0,), STAMP)  # what a cycle leaves behind must not show in the next one
+    transforms.transforms(("a",), (1.0,), STAMP)  # The messages of one cycle must not affect the next.
     (transform,) = transforms.transforms(("a",), (position,), STAMP)
     place, turn = shown([transform])["after_a"]
     wanted_place, wanted_turn = child_pose(moving, position)

@@ -34,7 +34,7 @@ BIN = {
 SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
 CANCELED = GoalStatus.STATUS_CANCELED
 ABORTED = GoalStatus.STATUS_ABORTED
-# How much of the story has been told while the n-th motion runs.
+# Number of states published while the n-th motion runs.
 TOLD = [2, 5, 8, 10]
 
 
@@ -283,7 +283,7 @@ def test_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
 def test_stale_or_empty_vision_message_is_ignored(
     ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str
 ) -> None:
-    # a node a message: the log of the one above keeps quiet about repetitions
+    # One node per message, because the node does not log repetitions.
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.see_until(lambda: words in cell.log(), *grades, age_s=age_s)
         assert cell.states == []
@@ -293,7 +293,7 @@ def test_vision_can_be_switched_off(ros_domain: int, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "auto_goal_from_vision:=false"]
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
         cell.see_until(lambda: cell.sights == 10, "A")
-        assert cell.pick("B").end()[0] == SUCCEEDED  # and not rejected as busy
+        assert cell.pick("B").end()[0] == SUCCEEDED  # The node does not reject the goal as busy.
         assert BIN["A"] not in positions(cell)
 
 
@@ -351,7 +351,7 @@ def test_motion_timeout_follows_simulated_time(ros_domain: int, tmp_path: Path) 
         cell.forget(Plan.HOLD)
         pick = cell.pick("B")
         cell.wait_for_goals(1)
-        time.sleep(1.0)  # twice as long, while the clock stands still
+        time.sleep(1.0)  # twice the timeout, while the clock stands still
         assert "error" not in cell.phases()
         wait_until(advance_to_the_end, "the time-out")
         assert "did not finish" in pick.end()[1].message
@@ -378,7 +378,7 @@ def test_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
         status, result = pick.end()
         assert status == (CANCELED if canceled else ABORTED)
         assert "/arm_controller/follow_joint_trajectory is gone" in result.message
-        assert cell.pick("B").end()[0] == ABORTED, "it is not busy with the lost one"
+        assert cell.pick("B").end()[0] == ABORTED, "the node is not busy with the lost job"
 
 
 def test_arm_that_does_not_stop_is_reported(impatient: Cell) -> None:

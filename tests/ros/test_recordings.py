@@ -53,7 +53,7 @@ class Recorded:
 @pytest.fixture(scope="module")
 def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     folder, begun_s = tmp_path_factory.mktemp("recorded"), time.time()
-    arguments = shlex.split(UP)[2:]  # behind "servoloop up"
+    arguments = shlex.split(UP)[2:]  # after "servoloop up"
     with pytest.MonkeyPatch.context() as patch, emulating(folder) as link:
         patch.chdir(folder)
         with running(folder, *arguments) as stack:
@@ -72,7 +72,7 @@ def test_every_cycle_is_recorded_in_wall_clock_time(recorded: Recorded) -> None:
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
     assert stamps == sorted(stamps) and recorded.begun_s < stamps[0] < stamps[-1] < time.time()
-    assert len({*stamps}) == cycles > 7, "so long a servo is silent before its goal ends"
+    assert len({*stamps}) == cycles > 7, "the servo was silent for this time before its goal ended"
 
 
 def test_goal_and_result_are_recorded(recorded: Recorded) -> None:

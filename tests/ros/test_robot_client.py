@@ -70,7 +70,7 @@ def test_goal_of_a_killed_stack_does_not_block_motions(ros_domain: int) -> None:
                 client.jog("joint1", 0.1)
             with stack(node) as newer:
                 until(lambda: node.count_publishers(STATUS) == 2)
-                client.jog("joint1", 0.1)  # what was killed is on the graph for seconds still
+                client.jog("joint1", 0.1)  # A killed process remains in the graph for seconds.
                 says(newer, EXECUTING, busy=True)
                 with pytest.raises(HandlingError, match="arm has a goal under way"):
                     client.jog("joint1", 0.1)

@@ -67,7 +67,7 @@ class InProcess:
 
     def close(self) -> None:
         self.rig.manager.deactivate()
-        self.cycles(2)  # the goal's client gets its result
+        self.cycles(2)  # The client receives the result of its goal.
         self.executor.shutdown()
         self._client.join()
         self.action.destroy()
@@ -78,7 +78,7 @@ class InProcess:
 @pytest.fixture
 def stack(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[InProcess]:
     for owner, name, function in gil_release.replacements():
-        monkeypatch.setattr(owner, name, function)  # the surface does it for good
+        monkeypatch.setattr(owner, name, function)  # The change is permanent in the process.
     stack = InProcess()
     yield stack
     stack.close()
@@ -96,7 +96,7 @@ def test_goal_passes_few_files_from_callback_to_controller(stack: InProcess) -> 
     goal.trajectory.joint_names = list(ARM)
     goal.trajectory.points = [JointTrajectoryPoint(positions=list(PICK))]
     goal.trajectory.points[0].time_from_start.sec = 2
-    first = threading.Event()  # with it, what is known of each type of message is looked up once
+    first = threading.Event()  # This also caches the information about each message type.
     stack.action.send_goal_async(goal).add_done_callback(lambda _: first.set())
     stack.serve(PATIENCE_S, first)
     trip = TripRecorder(until=JointTrajectoryController.submit)

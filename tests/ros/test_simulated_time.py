@@ -70,7 +70,7 @@ def step(client: ManagerClient, steps: int) -> Any:
 def stamps(client: ManagerClient) -> Iterator[Callable[[], list[float]]]:
     """Record the stamps of the joint states of cycles within the block. The latched first one is skipped."""
     with client.hearing(JointState, "/joint_states") as heard:
-        while not heard:  # the subscription is known to the stack once something comes
+        while not heard:  # After the first message, the stack has discovered the subscription.
             assert step(client, 1).success
             client.executor.spin_once(timeout_sec=0.2)
         yield lambda: [seconds(message.header.stamp) for message in heard]
@@ -86,9 +86,9 @@ def test_steps_are_cycles_and_only_they_advance_time(client: ManagerClient) -> N
         since = [stamp for stamp in heard() if stamp >= first]
         assert len(since) == 1 + 7 + 1
         periods_s = [after - before for before, after in pairwise(since)]
-        assert periods_s == pytest.approx([PERIOD_S] * 8, abs=0.001)  # the wire is busy for a little longer or shorter
+        assert periods_s == pytest.approx([PERIOD_S] * 8, abs=0.001)  # The time on the bus varies slightly.
         clock.clear()
-        client.spin_until(lambda: len(clock) > 5)  # a paused simulation repeats its time for those who come now
+        client.spin_until(lambda: len(clock) > 5)  # A paused simulation repeats its time for new subscribers.
         assert {seconds(message.clock) for message in clock} == {since[-1]}
         assert heard()[-1] == since[-1]
 

@@ -34,7 +34,7 @@ def read_all(link: Path, address: int, size: int) -> list[int]:
     try:
         values = []
         for servo_id in IDS:
-            for _ in range(20):  # the SDK gives up after 34 ms, which a loaded machine can take
+            for _ in range(20):  # The SDK times out after 34 ms, which a busy machine may exceed.
                 data, result, _ = packets.readTxRx(port, servo_id, address, size)
                 if result == COMM_SUCCESS:
                     break
@@ -79,8 +79,8 @@ def test_signal_during_a_motion_stops_and_holds_the_arm(ros_domain: int, tmp_pat
         goals = read_all(link, sts.goal_position.address, 2)
         until(lambda: not any(read_all(link, sts.moving.address, 1)))
         position = read_all(link, sts.present_position.address, 2)
-        assert all(abs(g - p) < 60 for g, p in zip(goals, position, strict=True))  # it sags a little, no more
-        assert goals[5] not in (joint6_counts(READY[5]), joint6_counts(PICK[5]))  # it stopped on the way
+        assert all(abs(g - p) < 60 for g, p in zip(goals, position, strict=True))  # It only sags slightly.
+        assert goals[5] not in (joint6_counts(READY[5]), joint6_counts(PICK[5]))  # It stopped before the goal.
 
 
 def joint6_counts(position_rad: float) -> int:
@@ -100,7 +100,7 @@ def test_on_exit_relax_parks_and_then_releases_torque(ros_domain: int, tmp_path:
         park = parked.file.park
         assert park is not None
         goals = [joint.counts(park.pose[joint.name]) for joint in parked.joints if joint.name in park.pose]
-        # Let go, its fingers come down by a centimetre, onto the table.
+        # Without torque, the fingers sink by 1 cm onto the table.
         assert all(abs(counts - goal) < 80 for counts, goal in zip(arm, goals, strict=True)), arm
 
 
@@ -141,7 +141,7 @@ def test_silent_servo_is_named_and_the_others_are_read(ros_domain: int, tmp_path
         answer = client.wait(result)
         assert answer.status == ABORTED
         assert answer.result.error_string == "joint4: servo 4 does not answer"
-        # At first it is still asked in every cycle.
+        # At first, the servo is still read in every cycle.
         four = "servoloop: joint4 (servo 4)"
         client.spin_until(lambda: four in counts and counts[four]["skipped"] != "0")
         assert "servo 4 does not answer" in levels[four]

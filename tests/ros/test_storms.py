@@ -28,7 +28,7 @@ def watch() -> Iterator[Watch]:
         thread = threading.Thread(target=watch.run)
         thread.start()
         try:
-            goals(0.0)  # to where every storm begins
+            goals(0.0)  # start position of every storm
             yield watch
         finally:
             watch.end()

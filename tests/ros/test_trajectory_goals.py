@@ -73,7 +73,7 @@ def test_goal_succeeds_through_its_points_and_holds_the_last(ours: TrajectoryCli
     assert list(states[-1].joint_names) == list(JOINTS)
     for passed in message.points[:-1]:
         nearest = min(abs(state.reference.positions[0] - passed.positions[order[0]]) for state in states)
-        assert (nearest < 0.03) == (seconds(passed.time_from_start) > 0.0)  # what lies before the start is left out
+        assert (nearest < 0.03) == (seconds(passed.time_from_start) > 0.0)  # Points before the start are skipped.
     for held in states[-2:]:
         assert list(held.output.positions) == pytest.approx([message.points[-1].positions[i] for i in order], abs=1e-6)
         assert list(held.reference.velocities) == list(ZERO)

@@ -78,7 +78,7 @@ def test_second_goal_ends_the_first_immediately_and_is_executed(ours: Trajectory
     ours.until(lambda: speed_rad_s(ours) > 0.1)
     second = ours.send(goal_of(T(P(-0.2, 0.8))))
     assert ours.outcome(first) == (ABORTED, -1, PREEMPTED)
-    assert ours.states[-1].reference.positions[0] > -0.1  # long before the second has arrived
+    assert ours.states[-1].reference.positions[0] > -0.1  # long before the second goal has ended
     assert ours.outcome(second) == (SUCCEEDED, 0, REACHED)
     ours.cycles(2)
     assert ours.states[-1].output.positions[0] == pytest.approx(-0.2, abs=1e-6)
@@ -179,7 +179,7 @@ def test_controller_is_deactivated_during_a_goal_and_activated_again(ours: Traje
     assert ours.switch(on=True)
     ours.until(lambda: len(ours.states) >= before + 4)
     begun = ours.states[before:]
-    for state in begun:  # exactly where the command came to rest, which for this mock is where it stands
+    for state in begun:  # exactly at the last command, which is the position of this mock
         assert list(state.output.positions) == pytest.approx(list(begun[0].feedback.positions), abs=1e-9)
         assert list(state.reference.velocities) == list(ZERO)
     assert 0.0 <= begun[0].output.positions[0] - last.output.positions[0] < 0.2

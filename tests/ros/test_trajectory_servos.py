@@ -76,7 +76,7 @@ def test_result_arrives_within_the_timeout_of_moveit(
 @pytest.mark.row("moveit-start", "jtc-18")
 @pytest.mark.parametrize("deviation_rad", [DEVIATION_RAD, -DEVIATION_RAD])
 def test_slightly_deviating_start_is_accepted_without_a_step(servos: TrajectoryClient, deviation_rad: float) -> None:
-    servos.cycles(10)  # to rest
+    servos.cycles(10)  # comes to rest
     start = [position + deviation_rad for position in servos.states[-1].output.positions]
     before = servos.now()
     sent = servos.send(goal_of(trajectory(point(start, 0.0, ZERO, ZERO), point(start, 0.6, ZERO, ZERO))))

@@ -92,13 +92,13 @@ def test_motion_starts_in_the_first_cycle_after_the_goal(at_zero: TrajectoryClie
 
 @pytest.mark.row("jtc-16", "golden-stamp-ahead")
 def test_point_times_count_from_a_future_stamp(at_zero: TrajectoryClient) -> None:
-    before, stamp = at_zero.now(), at_zero.stamp(0.5)  # just behind a cycle: the next one is far
+    before, stamp = at_zero.now(), at_zero.stamp(0.5)  # Right after a cycle, the next one is almost a period away.
     states = finish(at_zero, at_zero.send(goal_of(T(P(0.3, 0.5), P(0.7, 0.7), stamp=stamp))), before)
     to_first = [s for s in states if 0.01 < s.reference.positions[0] < 0.29]
     assert to_first
     for state, at_s in zip(to_first, passes_s(to_first, 0.3), strict=True):
         assert at_s == pytest.approx(seconds(stamp) + 0.5, abs=CLOCK_S)
-        assert 0.3 <= state.reference.velocities[0] < 0.35  # spread over all the time until then
+        assert 0.3 <= state.reference.velocities[0] < 0.35  # The motion takes all the time until then.
     last = on_line(states, 2.0)
     assert passes_s(last, 0.7) == pytest.approx([seconds(stamp) + 0.7] * len(last), abs=CLOCK_S)
 
@@ -148,7 +148,7 @@ def test_speed_0_freezes_a_motion_and_1_resumes_it(at_zero: TrajectoryClient) ->
     assert not sent.result.done()
     at_zero.scale(1.0)
     path = [state.output.positions[0] for state in finish(at_zero, sent, before)]
-    assert min(after - before for before, after in pairwise(path)) > -1e-3  # a cycle may come a little early
+    assert min(after - before for before, after in pairwise(path)) > -1e-3  # A cycle may come slightly early.
     assert path[-1] == pytest.approx(0.8, abs=1e-9)
 
 
@@ -163,7 +163,7 @@ def test_blocked_loop_skips_cycles_and_the_trajectory_continues(plain: Trajector
     plain.until(lambda: plain.states[-1].reference.positions[0] > 0.3 - there)
     plain.stack.process.send_signal(signal.SIGSTOP)
     try:
-        time.sleep(LATE_S)  # nothing comes from a process that stands still
+        time.sleep(LATE_S)  # A stopped process publishes nothing.
     finally:
         plain.stack.process.send_signal(signal.SIGCONT)
     states = finish(plain, sent, before)
@@ -173,13 +173,13 @@ def test_blocked_loop_skips_cycles_and_the_trajectory_continues(plain: Trajector
         passed.append((stamp_s(other) - stamp_s(one), way_rad / speed))
     late_s, went_on_s = max(passed)
     assert late_s > LATE_S
-    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # the third where a state was left out
+    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # the third if a state was skipped
     for between_s, on_s in passed:
         if between_s < 2.0 * PERIOD_S:
             assert on_s == pytest.approx(between_s, abs=CLOCK_S)
     for one, other in pairwise(states):
         between_s = stamp_s(other) - stamp_s(one)
-        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:  # else a state was left out
+        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:  # otherwise a state was skipped
             assert abs(other.feedback.positions[0] - one.feedback.positions[0]) <= LARGEST_STEP_RAD
     assert states[-1].output.positions[0] == pytest.approx(there, abs=1e-9)
     missed = re.findall(r"missed (\d+) cycles?: the loop was \d+ ms late", plain.stack.words)

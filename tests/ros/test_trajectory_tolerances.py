@@ -146,7 +146,7 @@ def test_tolerance_of_goal_or_file_applies(
     else:
         assert ended[:2] == (ABORTED, -5)
         assert limit <= exceeded_s(ended[2]) < limit + 2.0 * PERIOD_S + 0.01
-        assert commanded(stuck, 1) == pytest.approx(0.0, abs=1e-6), "it presses no more"
+        assert commanded(stuck, 1) == pytest.approx(0.0, abs=1e-6), "the joint is relieved"
 
 
 @pytest.mark.row("golden-unknown-tolerance", "jtc-30")
@@ -226,7 +226,7 @@ def test_cmd_timeout_after_the_last_point_holds_the_measured_position(
     states = stuck.states[before:]
     there = [state for state in states if state.output.positions[1] > 0.4999]
     assert stamp_s(there[-1]) > sent_s + 0.3 + 0.25 - 2.0 * PERIOD_S
-    assert {state.reference.velocities[1] for state in there[2:]} == {0.0}  # it has come to rest before
+    assert {state.reference.velocities[1] for state in there[2:]} == {0.0}  # It was at rest before.
 
 
 @pytest.mark.row("jtc-36", "jtc-3")
@@ -239,7 +239,7 @@ def test_repeated_activation_holds_the_last_command(stuck: TrajectoryClient) -> 
     for state in held[-2:]:
         assert list(state.output.positions) == pytest.approx(told, abs=1e-9)
         assert list(state.feedback.positions) == pytest.approx(MEASURED, abs=1e-9)
-    states = stuck.executed(goal_of(joint(4, 0.2, 0.2)))  # joints that a goal does not name keep the command too
+    states = stuck.executed(goal_of(joint(4, 0.2, 0.2)))  # Joints outside the goal also keep their command.
     told[3] = 0.2
     assert list(states[-1].output.positions) == pytest.approx(told, abs=1e-9)
     assert [state.output.positions[1] for state in states] == pytest.approx([0.5] * len(states), abs=1e-9)

@@ -89,10 +89,12 @@ def test_controller_state_is_published_every_cycle_with_the_command(ours: Trajec
     stamps = [stamp_s(state) for state in ours.states]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
     between = sorted(after - before for before, after in pairwise(map(stamp_s, states)))
-    assert between[len(between) // 2] == pytest.approx(PERIOD_S, abs=0.01)  # half of them: machines can be late
+    assert between[len(between) // 2] == pytest.approx(
+        PERIOD_S, abs=0.01
+    )  # Half of them suffice, because machines can be late.
     for before, after in pairwise(states):
         assert list(after.joint_names) == list(JOINTS)
-        # The mock is where it was told to be: what is measured now is what was put out last.
+        # The mock is at its command, so the measured position equals the last output.
         assert list(after.feedback.positions) == pytest.approx(list(before.output.positions), abs=1e-9)
         difference = [r - f for r, f in zip(after.reference.positions, after.feedback.positions, strict=True)]
         assert list(after.error.positions) == pytest.approx(difference, abs=1e-9)

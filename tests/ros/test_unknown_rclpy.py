@@ -54,14 +54,16 @@ def test_every_cycle_is_published_and_the_hand_follows(stack: StackProcess) -> N
         hand = client.node.create_publisher(Float64MultiArray, "/hand_controller/commands", 10)
 
         def obeyed() -> bool:
-            hand.publish(Float64MultiArray(data=[0.04]))  # the first may come before the stack has found its publisher
+            hand.publish(
+                Float64MultiArray(data=[0.04])
+            )  # The first message may arrive before the stack has discovered its publisher.
             return bool(states) and position(states[-1], HAND) > 0.03
 
         client.spin_until(obeyed)
         client.spin_until(lambda: len(states) > 40)
         stamps_s = [s.header.stamp.sec + s.header.stamp.nanosec * 1e-9 for s in states]
         steps_s = [after - before for before, after in pairwise(stamps_s)]
-        assert max(steps_s) < 0.09 and min(steps_s) > 0.01  # 20 Hz, none left out
+        assert max(steps_s) < 0.09 and min(steps_s) > 0.01  # 20 Hz without skipped cycles
         hand.publish(Float64MultiArray(data=[0.0]))
 
 

@@ -19,10 +19,10 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROBOT = ("--robot", str(CONFIG / "robot_arm_two_buses.yaml"))
 HAND = "hand_right_joint"
-HALF_CLOSED_M = 0.015  # further in is the cube
+HALF_CLOSED_M = 0.015  # The cube is closer to the arm.
 SERVOS = {f"{joint} (servo arm/{i})" for i, joint in enumerate(JOINTS, start=1)} | {f"{HAND} (servo hand/1)"}
 HARDWARE_IDS = {f"robot_arm/arm/{i}" for i in range(1, 7)} | {"robot_arm/hand/1"}
-ERROR_RAD = 0.08  # servos sag where the arm leans
+ERROR_RAD = 0.08  # Servos sag when the arm leans.
 ERROR_M = 0.002
 
 

@@ -48,7 +48,7 @@ def write_robot_file(folder: Path, name: str, *joints: str) -> Path:
     content["joints"] = {joint: content["joints"][joint] for joint in joints}
     content["park"] = {"pose": dict.fromkeys(joints, 0.0)}
     if not set(ARM) <= set(joints):
-        del content["controller_defaults"]  # they are the arm's
+        del content["controller_defaults"]  # These belong to the arm.
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
