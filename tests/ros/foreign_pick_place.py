@@ -60,7 +60,7 @@ class Robot(Node):  # type: ignore[misc]
         deadline_s = time.monotonic() + 10.0
         while self.hand.get_subscription_count() == 0:
             if time.monotonic() > deadline_s:
-                sys.exit("nobody listens to /hand_controller/commands")
+                sys.exit("no subscriber on /hand_controller/commands")
             time.sleep(0.1)
 
     def move(self, positions: list[float]) -> None:
@@ -78,7 +78,7 @@ class Robot(Node):  # type: ignore[misc]
         rclpy.spin_until_future_complete(self, result, timeout_sec=10.0)
         if not result.done() or result.result().status != SUCCEEDED:
             words = result.result().result.error_string if result.done() else "no result in 10 s"
-            sys.exit(f"the arm did not get to {positions}: {words}")
+            sys.exit(f"the arm did not reach {positions}: {words}")
 
     def grip(self, position: float) -> None:
         """Send a position to the fingers, in m, without waiting."""

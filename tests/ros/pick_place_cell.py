@@ -51,12 +51,12 @@ class Pick:
         """Send a goal. ``heard`` receives every feedback message of all goals."""
         self._heard = heard
         sent = client.send_goal_async(PickPlace.Goal(grade=grade))
-        self._handle = finished(sent, "the answer to the goal")
+        self._handle = finished(sent, "the response to the goal")
         self.accepted: bool = self._handle.accepted
 
     def cancel(self) -> None:
         """Request a cancel and check that it is accepted."""
-        answer = finished(self._handle.cancel_goal_async(), "the answer to the cancel")
+        answer = finished(self._handle.cancel_goal_async(), "the response to the cancel")
         assert len(answer.goals_canceling) == 1
 
     def end(self) -> tuple[int, Any]:
@@ -205,7 +205,7 @@ class Cell:
             time.sleep(0.05)
             return condition()
 
-        wait_until(see_and_look, "what the vision messages should do")
+        wait_until(see_and_look, "the effect of the vision messages")
 
     def log(self) -> str:
         """Return the output of the node."""

@@ -168,7 +168,7 @@ GOLDEN_GOALS: Final = {
 }
 
 GOLDEN_MANAGER: Final = {
-    "golden-joint-states": "joint_states has 20 Hz, sorted names, velocities, NaN efforts, base_link, wall-clock stamps.",
+    "golden-joint-states": "joint_states has 20 Hz, sorted names, velocities, NaN efforts, base_link, wall-clock time.",
     "golden-hand-length": "A hand command of wrong length. Ours: ignored unless deactivate_on_wrong_length is set.",
     "golden-hand-dropped": "Hand commands [], NaN and infinity are ignored.",
     "golden-hand-limits": "A hand command beyond its limits. Ours: limited.",

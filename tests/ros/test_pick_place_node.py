@@ -320,7 +320,7 @@ def test_arm_that_does_not_respond_aborts_the_job(impatient: Cell) -> None:
     assert status == ABORTED
     assert "did not respond" in result.message
     impatient.below().go_on()
-    wait_until(lambda: impatient.below().canceled == 1, "the late goal's cancel")
+    wait_until(lambda: impatient.below().canceled == 1, "the cancel of the late goal")
     assert_it_works_again(impatient)
 
 

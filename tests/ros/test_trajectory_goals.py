@@ -48,10 +48,10 @@ SUCCEEDING = [
     case("one point", T(P(0.1, 0.4)), rows=["golden-one-point"]),
     case("two points", T(P(0.3, 0.4), P(0.0, 0.9)), rows=["golden-two-points"]),
     case("accelerations too", T(P(0.2, 0.4, V, A), P(0.3, 0.8, ZERO, ZERO)), rows=["golden-accelerations"]),
-    case("the first at 0", T(P(-0.3, 0.0), P(0.1, 0.5)), rows=["golden-first-at-zero"]),
-    case("the first before 0", T(P(0.3, -0.5), P(0.0, 0.4)), rows=["golden-negative-first"]),
+    case("first point at 0", T(P(-0.3, 0.0), P(0.1, 0.5)), rows=["golden-first-at-zero"]),
+    case("first point before 0", T(P(0.3, -0.5), P(0.0, 0.4)), rows=["golden-negative-first"]),
     case(
-        "accelerations without velocities: ours: as if not said",
+        "accelerations without velocities: ours: ignored",
         T(P(0.1, 0.4, (), A)),
         rows=["golden-no-velocity", "jtc-21"],
     ),
@@ -60,7 +60,7 @@ SUCCEEDING = [
         T(P((0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 0.7), names=JOINTS[::-1]),
         rows=["jtc-5", "golden-permuted"],
     ),
-    case("a last velocity: allowed: stops there", T(P(0.4, 0.8, V)), rows=["golden-last-velocity"]),
+    case("an allowed final velocity stops at the last point", T(P(0.4, 0.8, V)), rows=["golden-last-velocity"]),
 ]
 
 
@@ -143,7 +143,7 @@ REFUSED = [
         rows=TIMES,
     ),
     case(
-        "the end has passed",
+        "trajectory has ended",
         T(P(0.1, 1.0), stamp=Time(sec=1000)),
         "Received trajectory with non-zero start time that ends in the past (",
         rows=PAST,
