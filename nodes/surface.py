@@ -53,17 +53,17 @@ class Surface:
         manager_client = ManagerClient(stack.loop, stack.factory)
         with rcl_errors():  # If the first node starts, the others start too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
-        kept = cycle_executor.PATCH in patches
-        self._executor = cycle_executor.CycleExecutor() if kept else PlainExecutor(self._manager.node)
+        supported = cycle_executor.PATCH in patches
+        self._executor = cycle_executor.CycleExecutor() if supported else PlainExecutor(self._manager.node)
         HardwareServices(self._manager.node, stack, self._pending)
         self._hardware = HardwareNodes(stack, ros_time)
         self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
         robot_state_publishers = [self._robot_state_publisher.node] if self._robot_state_publisher is not None else []
         self._simulation = SimulationNode(stack.simulation, ros_time, self._pending) if stack.simulation else None
         simulations = [self._simulation.node] if self._simulation is not None else []
-        self._own = (self._manager.node, *self._hardware.nodes, *robot_state_publishers, *simulations)
+        self._own_nodes = (self._manager.node, *self._hardware.nodes, *robot_state_publishers, *simulations)
         self._controllers = ControllerNodes(stack.loop.manager, manager_client, self._executor, ros_time)
-        for node in self._own:
+        for node in self._own_nodes:
             self._executor.add_node(node)
         self._synchronize()
 
@@ -113,7 +113,7 @@ class Surface:
         with exit_watchdog():
             self._executor.shutdown(timeout_sec=1.0)
             self._controllers.close()
-            for node in self._own:
+            for node in self._own_nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
 

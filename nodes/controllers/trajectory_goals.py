@@ -99,7 +99,7 @@ class TrajectoryGoals:
 
 
 def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, from_topic: bool) -> TrajectoryGoal:
-    """Convert a trajectory. Its stamp is relative to the ROS time ``now_s``."""
+    """Convert a trajectory. Its stamp is compared with ``now_s``, the present ROS time."""
     stamp_s = _seconds(message.header.stamp)
     points = tuple(
         GoalPoint(

@@ -123,7 +123,7 @@ class RobotClient:
             raise HandlingError(
                 f"the controller manager did not respond within {ANSWER_S:.0f} s: check the log of the stack"
             )
-        self._take(answer.result())
+        self._store(answer.result())
         if not self._controllers:
             raise HandlingError("no controller that moves joints is active: activate one, or restart the stack")
 
@@ -138,11 +138,11 @@ class RobotClient:
         if self._listing is not None and self._listing.done():
             listing, self._listing = self._listing, None
             if listing.exception() is None:
-                self._take(listing.result())
+                self._store(listing.result())
         if now_s - self._listed_s > (REFRESH_S if self._listing is None else ANSWER_S):
             self._listed_s, self._listing = now_s, self._list.call_async(ListControllers.Request())
 
-    def _take(self, answer: ListControllers.Response) -> None:
+    def _store(self, answer: ListControllers.Response) -> None:
         """Store the active controllers. A controller that is no longer active loses its motion."""
         active = [controller for controller in answer.controller if controller.state == "active"]
         self._inactive = {
@@ -155,8 +155,8 @@ class RobotClient:
             if controller.type.endswith(GRIPPER) and controller.name not in self._grippers:
                 service = f"/{controller.name}/gripper_cmd/_action/cancel_goal"
                 self._grippers[controller.name] = self._node.create_client(CancelGoal, service)
-            if controller.name not in self._known and (made := self._made(controller)):
-                self._known[controller.name] = made
+            if controller.name not in self._known and (created := self._create(controller)):
+                self._known[controller.name] = created
                 self._listened_s = -math.inf  # The new controller may have a running goal.
         self._controllers = {
             controller.name: self._known[controller.name] for controller in active if controller.name in self._known
@@ -171,7 +171,7 @@ class RobotClient:
     def jog(self, joint: str, share: float) -> None:
         """Move a joint a short distance, at a fraction ``share`` (-1 to 1) of its full speed."""
         self.listen()
-        name, controller = self._of(joint)
+        name, controller = self._controller_of(joint)
         motion, passed_s, at = self._begin(name, controller)
         velocity = np.zeros(len(controller.joints))
         velocity[controller.joints.index(joint)] = np.clip(share, -1.0, 1.0) * self.fastest(joint)
@@ -193,8 +193,8 @@ class RobotClient:
         """
         self.listen()
         if missing := sorted(pose.keys() - set(self.joints)):
-            raise HandlingError(self._not_moved(missing))
-        there = True
+            raise HandlingError(self._no_controller(missing))
+        reached = True
         for name, controller in self._controllers.items():
             if not any(joint in pose for joint in controller.joints):
                 continue
@@ -202,9 +202,9 @@ class RobotClient:
             target = np.array(
                 [pose.get(joint, here) for joint, here in zip(controller.joints, motion.set_point, strict=True)]
             )
-            there &= motion.go_to(target, passed_s * min(1.0, max(0.0, share)), at)
+            reached &= motion.go_to(target, passed_s * min(1.0, max(0.0, share)), at)
             self._send(controller, motion)
-        return there
+        return reached
 
     def stop(self) -> None:
         """Cancel all goals of all clients. Motions of this client stop without further calls."""
@@ -212,36 +212,38 @@ class RobotClient:
         for cancel in (*trajectories, *self._grippers.values()):
             cancel.call_async(CancelGoal.Request())
 
-    def _made(self, state: ControllerState) -> _DrivenController | None:
+    def _create(self, state: ControllerState) -> _DrivenController | None:
         joints = _joints_of(state)
         if any("/" in joint for joint in joints):
             return None
         if state.type == TRAJECTORY:
             publisher = self._node.create_publisher(JointTrajectory, f"/{state.name}/joint_trajectory", 1)
-            made = _DrivenController(joints, publisher, True)
+            created = _DrivenController(joints, publisher, True)
             action = f"/{state.name}/follow_joint_trajectory/_action"
-            made.status = f"{action}/status"
-            made.cancel = self._node.create_client(CancelGoal, f"{action}/cancel_goal")
+            created.status = f"{action}/status"
+            created.cancel = self._node.create_client(CancelGoal, f"{action}/cancel_goal")
 
             def on_status(message: GoalStatusArray) -> None:
-                made.busy = any(goal.status in RUNNING for goal in message.status_list)
-                made.reported_by = self._publishers(made.status)
+                created.busy = any(goal.status in RUNNING for goal in message.status_list)
+                created.reported_by = self._publishers(created.status)
 
-            self._node.create_subscription(GoalStatusArray, made.status, on_status, qos_profile_action_status_default)
-            return made
+            self._node.create_subscription(
+                GoalStatusArray, created.status, on_status, qos_profile_action_status_default
+            )
+            return created
         if state.type in FORWARD:
             return _DrivenController(
                 joints, self._node.create_publisher(Float64MultiArray, f"/{state.name}/commands", 1), False
             )
         return None
 
-    def _of(self, joint: str) -> tuple[str, _DrivenController]:
+    def _controller_of(self, joint: str) -> tuple[str, _DrivenController]:
         for name, controller in self._controllers.items():
             if joint in controller.joints:
                 return name, controller
-        raise HandlingError(self._not_moved([joint]))
+        raise HandlingError(self._no_controller([joint]))
 
-    def _not_moved(self, joints: Sequence[str]) -> str:
+    def _no_controller(self, joints: Sequence[str]) -> str:
         """Return an error message with a remedy for joints without an active controller."""
         inactive = dict.fromkeys(self._inactive[joint] for joint in joints if joint in self._inactive)
         advice = f"activate {', '.join(inactive)}" if inactive else "activate a controller that does"

@@ -16,7 +16,7 @@ class PendingRequests:
         self._pending: list[tuple[Request[object], Future]] = []
 
     async def result(self, request: "Request[Result]") -> Result:
-        """Wait for the result of a request in an ``async`` callback. Exceptions of the request are passed on."""
+        """Wait for the result of a request in an ``async`` callback. Exceptions of the request propagate."""
         if not request.done:
             future: Future = Future()
             self._pending.append((request, future))  # type: ignore[arg-type]

@@ -48,7 +48,7 @@ class RosArm:
     async def move(self, positions_rad: Sequence[float]) -> Outcome:
         """Send one goal and wait for its outcome, within the timeouts of the settings."""
         self._stop = Future()
-        found = await self._server_is_there()
+        found = await self._find_server()
         if self._stop.done():
             return Outcome(False)
         if not found:
@@ -61,7 +61,7 @@ class RosArm:
             return Outcome(False, "the arm rejected the goal; the log of the stack contains the reason")
         return await self._outcome(sent.result())
 
-    async def _server_is_there(self) -> bool:
+    async def _find_server(self) -> bool:
         for _ in range(round(self._settings.server_timeout_s / _POLL_S)):
             if self._client.server_is_ready() or self._stop.done():
                 break
@@ -69,13 +69,13 @@ class RosArm:
         return bool(self._client.server_is_ready())
 
     async def _outcome(self, goal: Any) -> Outcome:
-        result, there = goal.get_result_async(), self._client.server_is_ready
-        if not await self._waiter.until_moved(self._settings.result_timeout_s, there, result, self._stop):
+        result, is_available = goal.get_result_async(), self._client.server_is_ready
+        if not await self._waiter.until_moved(self._settings.result_timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
             return self._unfinished("the arm did not finish in time; its goal is canceled", "result")
         if not result.done():  # stopped by stop()
             goal.cancel_goal_async()
-            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, there, result):
+            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, is_available, result):
                 return self._unfinished("the arm did not confirm that it stopped", "cancel")
         return _outcome_of(result.result(), stopped=self._stop.done())
 
@@ -103,8 +103,8 @@ def _outcome_of(response: Any, *, stopped: bool) -> Outcome:
     if stopped and response.status == GoalStatus.STATUS_CANCELED:
         return Outcome(False)
     what = _STATUS.get(response.status, f"ended with status {response.status}")
-    why = response.result.error_string or f"error code {response.result.error_code} without a text"
-    return Outcome(False, f"the arm {what}: {why}")
+    reason = response.result.error_string or f"error code {response.result.error_code} without a text"
+    return Outcome(False, f"the arm {what}: {reason}")
 
 
 def _cancel_if_accepted(sent: Future) -> None:

@@ -28,7 +28,7 @@ Take = Callable[[Entity], object]
 
 
 class CycleExecutor(SingleThreadedExecutor):
-    """Executor whose ``serve`` returns for each posted cycle. Callbacks run as on rclpy's executor."""
+    """Executor that returns from ``serve`` for each posted cycle. Callbacks run as on rclpy's executor."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class CycleExecutor(SingleThreadedExecutor):
         return bool(super().shutdown(timeout_sec))
 
     def serve(self, timeout_s: float, behind: bool = False) -> None:
-        """Serve until a cycle is posted, callbacks have run, or the timeout has passed. Exceptions are passed on.
+        """Serve until a cycle is posted, callbacks have run, or the timeout has passed. Exceptions propagate.
 
         Args:
             timeout_s: Maximum time to wait, in seconds.
@@ -156,7 +156,7 @@ class CycleExecutor(SingleThreadedExecutor):
     def _hold(
         self, nodes: Iterable[Node], kind: str, take: Take, add: Callable[..., None]
     ) -> dict[int, tuple[Entity, Node, Take]]:
-        """Collect the entities of one kind by their handle pointers, which the wait set returns for ready entities."""
+        """Collect the entities of one kind by handle pointer, by which the wait set identifies ready entities."""
         found = {}
         for entity, node in self._executable(nodes, kind):
             try:

@@ -1,4 +1,6 @@
-"""Select the patches that fit the installed rclpy. Without a patch the stack runs with a limitation and a warning.
+"""Select the patches that fit the installed rclpy.
+
+Without a patch, the stack still runs but has a limitation, about which it warns.
 
 Patches depend on the layouts of C structures. A patch that does not fit could crash the process that controls the arm.
 Each patch is therefore used only with the rclpy versions it was tested with, and only if its checks find no difference.

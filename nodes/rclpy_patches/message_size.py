@@ -1,7 +1,7 @@
 """Measure the size of a C message before its conversion to Python.
 
-The conversion holds the GIL. A list of numbers is converted without interruption, and 200,000 trajectory points keep
-the GIL busy for almost two seconds, in which the control cycles compete for it. The offsets of the fields come from the
+The conversion holds the GIL. It converts a list of numbers without interruption. With 200,000 trajectory points, the
+control cycles compete for the GIL for almost two seconds. The offsets of the fields come from the
 introspection type support. Its structures (message_introspection.h of Jazzy) are defined here.
 """
 
@@ -123,7 +123,7 @@ def _words(address: int, count: int) -> Any:
 
 @cache
 def layout_of(kind: Any) -> Layout:
-    """Return the layout of a message type. Exceptions of ctypes are passed on.
+    """Return the layout of a message type. Exceptions of ctypes propagate.
 
     Raises:
         ValueError: The fields differ from those of the Python type.

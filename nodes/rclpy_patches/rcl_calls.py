@@ -279,7 +279,7 @@ class _Refusal:
 
 
 _REFUSALS: Final[deque[_Refusal]] = deque(maxlen=10_000)
-"""Pending rejections. They are sent slowly, because every client receives all responses and most queue only ten."""
+"""Pending rejections, sent at a limited rate. Every client receives all responses, and most queue only ten."""
 
 
 def send_refusals() -> None:

@@ -50,7 +50,7 @@ def stack(node: Node) -> Iterator[Publisher]:
 def test_goal_of_a_killed_stack_does_not_block_motions(ros_domain: int) -> None:
     with client_node("test_robot_client") as (node, executor):
         client = RobotClient(node, executor, RobotAtRest())
-        made = client._made(
+        made = client._create(
             ControllerState(name="arm", type=TRAJECTORY, required_command_interfaces=["joint1/position"])
         )
         assert made is not None
