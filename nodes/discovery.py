@@ -38,7 +38,7 @@ def open_to_network(environment: MutableMapping[str, str]) -> None:
     if environment.get(RANGE) not in _WHOLE_NETWORK:
         environment[RANGE] = "SUBNET"
     environment.pop(LOCALHOST_ONLY, None)
-    if environment.get(PROFILES) == str(PROFILE):  # inherited from a parent process of this project
+    if environment.get(PROFILES) == str(PROFILE):  # A parent process of this project has set it.
         del environment[PROFILES]
 
 

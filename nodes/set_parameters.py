@@ -38,7 +38,7 @@ def _each(callback: Callback, request: Any, response: Any) -> Any:
                 one = callback(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
                 response.results.append(one.results[0])
                 continue
-            except Exception as error:  # raised by a parameter callback, possibly of a plug-in
+            except Exception as error:  # A plug-in's callback may raise any exception.
                 reason = _failed(parameter, error)
         response.results.append(SetParametersResult(successful=False, reason=reason))
     return response
@@ -49,7 +49,7 @@ def _together(callback: Callback, request: Any, response: Any) -> Any:
     if not reason:
         try:
             return callback(request, response)
-        except Exception as error:  # raised by a parameter callback, possibly of a plug-in
+        except Exception as error:  # A plug-in's callback may raise any exception.
             reason = _failed(request.parameters[0], error) if request.parameters else str(error)
     response.result = SetParametersResult(successful=False, reason=reason)
     return response

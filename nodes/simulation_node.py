@@ -31,7 +31,7 @@ class SimulationNode:
         self._pending = pending
         self._clock = self.node.create_publisher(ClockMessage, "/clock", 10)
         self.node.create_timer(REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        group = ReentrantCallbackGroup()  # serves other requests while one waits for its steps
+        group = ReentrantCallbackGroup()  # Others are served while one waits for steps.
         for kind, name, serve in (
             (SetPause, "set_pause", self._set_pause),
             (StepSimulation, "step_simulation", self._step),

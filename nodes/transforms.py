@@ -31,7 +31,7 @@ class MovingTransforms:
             position = positions[index]
             if mimic is not None:
                 position = position * mimic.multiplier + mimic.offset
-            if position == position:  # not NaN
+            if position == position:  # The position is not NaN.
                 place(message.transform, position)
                 message.header.stamp = stamp
                 shown.append(message)

@@ -60,7 +60,7 @@ class ControllerNode:
                 lambda new: self._specs.append(manager_client.change(spec.name, new)),
                 lambda: manager_client.configured(spec.name),
             )
-        except Exception:  # mostly from a plug-in; clients of other controllers still wait for responses
+        except Exception:  # Other clients still wait for responses.
             LOG.exception(_INCOMPLETE, spec.name)
 
     def belongs_to(self, entry: Loaded | None) -> bool:
@@ -80,7 +80,7 @@ class ControllerNode:
                     self._interface.publish_cycle(*cycle)
             if isinstance(self._interface, NewestCycleNode):
                 self._interface.publish(stamp)
-        except Exception:  # mostly from a plug-in; the other controllers still publish
+        except Exception:  # The other controllers must still publish.
             LOG.exception("controller %s stops publishing after this error", self.node.get_name())
             self._interface = None
 
@@ -104,7 +104,7 @@ class ControllerNode:
             self._interface_entities = NodeEntities(self.node)
             try:
                 self._interface = interface_node_of(self.node, controller)
-            except Exception:  # mostly from a plug-in
+            except Exception:  # A plug-in may raise any exception.
                 LOG.exception(_INCOMPLETE, controller.name)
 
     def destroy(self) -> None:

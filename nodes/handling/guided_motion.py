@@ -57,7 +57,7 @@ class GuidedMotion:
         return self.set_point
 
     def go_to(self, target: FloatArray, passed_s: float, at: JointPositions) -> bool:
-        """Advance the set point along a straight line, and return whether the joints are commanded to the target."""
+        """Advance the set point along a straight line, and return whether the commands have reached the target."""
         target = np.clip(target, self._lower, self._upper)
         way = target - self.set_point
         whole_s = float((np.abs(way) / self._fastest).max())

@@ -53,7 +53,7 @@ class ManagerNode:
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
-        group = ReentrantCallbackGroup()  # serves other requests while one waits for the loop
+        group = ReentrantCallbackGroup()  # Others are served while one waits.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
             (ListControllerTypes, "list_controller_types", self._types),
@@ -123,7 +123,7 @@ class ManagerNode:
             try:
                 await self._pending.result(act(request))
                 response.ok = True
-            except Exception as error:  # includes any exception of a plug-in
+            except Exception as error:  # A plug-in may raise any exception.
                 self.node.get_logger().error(printable(str(error)))
                 response.ok = False
             return response

@@ -28,7 +28,7 @@ class HardwareServices:
         self._node = node
         self._stack = stack
         self._pending = pending
-        group = ReentrantCallbackGroup()  # serves other requests while one waits
+        group = ReentrantCallbackGroup()  # Others are served while one waits.
         for kind, name, callback in (
             (ListHardwareComponents, "list_hardware_components", self._list_components),
             (ListHardwareInterfaces, "list_hardware_interfaces", self._list_interfaces),
@@ -94,7 +94,7 @@ class HardwareServices:
     async def _reached(self, name: str, target: LifecycleState) -> bool:
         try:
             await self._pending.result(self._stack.loop.component_transitions.ask(name, target, self._stack.relax))
-        except Exception as error:  # includes any exception of a plug-in
+        except Exception as error:  # A plug-in may raise any exception.
             self._node.get_logger().error(printable_line(f"{name} was not set to {target.name.lower()}: {error}"))
             return False
         return True

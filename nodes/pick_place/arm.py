@@ -73,7 +73,7 @@ class RosArm:
         if not await self._waiter.until_moved(self._settings.result_timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
             return self._unfinished("the arm did not finish in time; its goal is canceled", "result")
-        if not result.done():  # stopped by stop()
+        if not result.done():  # The motion was stopped by stop().
             goal.cancel_goal_async()
             if not await self._waiter.until_moved(self._settings.cancel_timeout_s, is_available, result):
                 return self._unfinished("the arm did not confirm that it stopped", "cancel")

@@ -149,7 +149,7 @@ class PickPlaceNode:
         return PickPlaceJob(self._jobs, grade, self._settings, self._arm, tell)
 
     async def _execute(self, handle: Any) -> Any:
-        if self._job is None:  # impossible, because _on_accepted has set it
+        if self._job is None:  # This cannot happen, because _on_accepted has set it.
             return PickPlace.Result(message="internal error: no job")
         result = await self._run(self._job)
         if result.ending is Ending.SUCCEEDED:

@@ -20,7 +20,7 @@ def on_stop_signal(call: Callable[[], object]) -> None:
     An ordinary handler would run only when the main thread returns to Python, but that thread sleeps in the middleware.
     The wake-up descriptor is written immediately, regardless of the thread that receives the signal.
     """
-    reader, writer = os.pipe()  # stays open, because a signal may arrive until the process ends
+    reader, writer = os.pipe()  # The pipe stays open until the process ends.
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -74,7 +74,7 @@ class CycleExecutor(SingleThreadedExecutor):
         self._resume_tasks()
         self._wait(timeout_s)
         guards = self._wait_set.get_ready_entities("guard_condition")
-        for guard, _, _ in self._entities["guard_condition"].values():  # waiting resets guard conditions
+        for guard, _, _ in self._entities["guard_condition"].values():  # Waiting resets guards.
             guard._executor_triggered |= guard.handle.pointer in guards
         if behind or self._posted.handle.pointer not in guards:  # Entities that are ready remain ready.
             self._run_ready()
@@ -99,7 +99,7 @@ class CycleExecutor(SingleThreadedExecutor):
             for task in tasks:
                 task()
                 if task.done():
-                    task.result()  # raises the exception of the task
+                    task.result()  # Raise the exception of the task.
         finally:
             with self._tasks_lock:
                 self._tasks = [entry for entry in self._tasks if not entry[0].done() and not entry[0].cancelled()]
@@ -176,7 +176,7 @@ class CycleExecutor(SingleThreadedExecutor):
         for waitable, _ in self._waitables:
             waitable.add_to_wait_set(wait_set)
         for guard, _, _ in self._entities["guard_condition"].values():
-            if guard._executor_triggered:  # triggered while it could not be served
+            if guard._executor_triggered:  # It was triggered while it could not be served.
                 guard.trigger()
 
     def _run_ready(self) -> None:

@@ -80,7 +80,7 @@ def send_delayed() -> None:
 
 def _differences() -> Iterable[str]:
     yield from _other_methods()
-    replacements()  # raises an error if a C library or one of its functions is missing
+    replacements()  # This fails if a C library or one of its functions is missing.
     yield from _other_layouts()
 
 
@@ -101,7 +101,7 @@ def _other_layouts() -> Iterable[str]:
 
     for name, fields in _FIELDS.items():
         yield from missing(getattr(rclpy_implementation, name), fields)
-    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # raises an error if the layout of messages differs
+    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This fails if the layout differs.
     ours = ctypes.sizeof(rcl_calls.GoalStatuses)
     if platform.machine() == "x86_64" and (theirs := rcl_calls.written_by_zero_initialized_goal_statuses()) != ours:
         yield f"rcl_action_goal_status_array_t has {theirs} bytes instead of {ours}"

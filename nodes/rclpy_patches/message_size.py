@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 _INTROSPECTION: Final = b"rosidl_typesupport_introspection_c"
-_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # from field_types.h, like the sizes below
+_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # Like the sizes below, these are from field_types.h.
 _SIZES: Final = {1: 4, 2: 8, 3: 16, 4: 1, 5: 2, 6: 1, 7: 1, 8: 1, 9: 1, 10: 2, 11: 2, 12: 4, 13: 4, 14: 8, 15: 8}
 _NO_FIELD: Final = "structure_needs_at_least_one_member"
 """Name of the C field of an empty message."""

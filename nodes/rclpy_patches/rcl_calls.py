@@ -100,7 +100,7 @@ class _Kind:
         """Convert a message to C, pass it to ``send`` and return the return code."""
         raw = self._create()
         try:
-            self._from_python(message, raw)  # raises an error for an invalid message
+            self._from_python(message, raw)  # This fails for an invalid message.
             return send(raw)
         finally:
             self._destroy(raw)
