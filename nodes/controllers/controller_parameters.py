@@ -93,9 +93,8 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
     Raises:
         ValidationError: A value is invalid.
     """
-    content = parameters.model_dump(
-        warnings=False
-    )  # If some parameters are missing, the others have not been validated.
+    # If some parameters are missing, the others have not been validated and may cause warnings.
+    content = parameters.model_dump(warnings=False)
     for name, value in values.items():
         *groups, last = name.split(".")
         inner = content

@@ -204,9 +204,8 @@ def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) ->
     assert refusal(goal_tolerance=-1.0)
     assert refusal(goal_tolerance=0.02) == ""
     answer = client.wait(client.send(0.03)[1])
-    assert _place(client, answer.result) == pytest.approx(
-        0.02, abs=0.002
-    )  # within the tolerance from the first cycle on
+    # The fingers are within the tolerance from the first cycle on.
+    assert _place(client, answer.result) == pytest.approx(0.02, abs=0.002)
     assert refusal(goal_tolerance=0.0005) == ""
 
 

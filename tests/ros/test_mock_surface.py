@@ -103,15 +103,8 @@ def test_systems_actuators_and_sensors_are_separate_components(bench: Bench) -> 
         "probe": ("sensor", "active"),
         "hand": ("system", "active"),
     }
-    names = {
-        "plain_1",
-        "smooth",
-        "wheel",
-        "stuck",
-        "strong",
-        "probe",
-        "hand",
-    }  # with the characters allowed in node names
+    # Node names contain only letters, digits and underscores.
+    names = {"plain_1", "smooth", "wheel", "stuck", "strong", "probe", "hand"}
     bench.until(lambda: names <= set(bench.client.node.get_node_names()))
     probe = next(c for c in listed if c.name == "probe")
     assert not probe.command_interfaces

@@ -89,9 +89,8 @@ def test_controller_state_is_published_every_cycle_with_the_command(ours: Trajec
     stamps = [stamp_s(state) for state in ours.states]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
     between = sorted(after - before for before, after in pairwise(map(stamp_s, states)))
-    assert between[len(between) // 2] == pytest.approx(
-        PERIOD_S, abs=0.01
-    )  # Half of them suffice, because machines can be late.
+    # Half of them suffice, because machines can be late.
+    assert between[len(between) // 2] == pytest.approx(PERIOD_S, abs=0.01)
     for before, after in pairwise(states):
         assert list(after.joint_names) == list(JOINTS)
         # The mock is at its command, so the measured position equals the last output.

@@ -54,9 +54,8 @@ def test_every_cycle_is_published_and_the_hand_follows(stack: StackProcess) -> N
         hand = client.node.create_publisher(Float64MultiArray, "/hand_controller/commands", 10)
 
         def obeyed() -> bool:
-            hand.publish(
-                Float64MultiArray(data=[0.04])
-            )  # The first message may arrive before the stack has discovered its publisher.
+            # The first message may arrive before the stack has discovered its publisher.
+            hand.publish(Float64MultiArray(data=[0.04]))
             return bool(states) and position(states[-1], HAND) > 0.03
 
         client.spin_until(obeyed)
