@@ -32,9 +32,9 @@ def start(folder: Path, arm: str) -> StackProcess:
 
 
 def test_so101_in_mujoco_reaches_a_goal(ros_domain: int, tmp_path: Path) -> None:
-    said = load_pick_place(find_arm("so101").pick_place)
+    poses_file = load_pick_place(find_arm("so101").pick_place)
     with client_of(tmp_path, "--arm", "so101", "--hardware", "mujoco") as client:
-        assert _reached(client, said.joints, said.poses.ready)
+        assert _reached(client, poses_file.joints, poses_file.poses.ready)
 
 
 def _reached(client: TrajectoryClient, joints: tuple[str, ...], pose: tuple[float, ...]) -> bool:

@@ -35,7 +35,7 @@ from tests.ros.stack_process import JOINTS, READY, PATIENCE_S
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 with client_node("flooder") as (node, executor):
-    # Of the answers, its own and all others' that it hears, a client keeps only ten, unless it says so.
+    # By default, a client queues only ten responses, including those to all other clients.
     client = ActionClient(
         node,
         FollowJointTrajectory,

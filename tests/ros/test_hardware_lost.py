@@ -139,8 +139,10 @@ def test_two_manufacturers_on_two_buses_and_both_buses_lost(ros_domain: int, tmp
 
 def test_components_start_in_the_states_of_the_controllers_file(ros_domain: int, tmp_path: Path) -> None:
     controllers_file = tmp_path / "controllers.yaml"
-    said = "    update_rate: 20\n    hardware_components_initial_state: {unconfigured: [hand], inactive: [arm]}\n"
-    controllers_file.write_text(CONTROLLERS.read_text().replace("    update_rate: 20\n", said))
+    replacement = (
+        "    update_rate: 20\n    hardware_components_initial_state: {unconfigured: [hand], inactive: [arm]}\n"
+    )
+    controllers_file.write_text(CONTROLLERS.read_text().replace("    update_rate: 20\n", replacement))
     options = ("--urdf", str(write_urdf(tmp_path)), "--controllers", str(controllers_file))
     with running(tmp_path, *options), arm_client() as client:
         assert components(client) == {"arm": "inactive", "hand": "unconfigured"}
@@ -168,8 +170,8 @@ def test_component_whose_cleanup_fails_is_finalized(
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")
-        told = "hand was not set to active: hand is finalized, which is its end: start the stack anew"
-        client.spin_until(lambda: told in stack.words)
+        expected = "hand was not set to active: hand is finalized, which is its end: start the stack anew"
+        client.spin_until(lambda: expected in stack.words)
         assert set(interfaces(client, "hand").values()) == {(False, False)}
         states = controllers(client)
         assert (states["hand_controller"], states["arm_controller"]) == ("inactive", "active")

@@ -119,20 +119,20 @@ def test_activation_from_unconfigured_configures_first(bench: Bench) -> None:
 
 @pytest.mark.row("cm-set-hardware")
 @pytest.mark.parametrize(("call", "stays"), [("configure", "unconfigured"), ("activate", "inactive")])
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
 def test_failed_transition_is_logged_and_the_last_state_is_kept(
-    bench: Bench, call: str, stays: str, order: str, says: str
+    bench: Bench, call: str, stays: str, order: str, expected: str
 ) -> None:
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
     bench.arm.give(call, order)
     assert set_state(bench.client, "arm", label="active") == (False, stays)
-    bench.client.spin_until(lambda: f"arm was not set to active: {says}" in bench.stack.words)
+    bench.client.spin_until(lambda: f"arm was not set to active: {expected}" in bench.stack.words)
 
 
 @pytest.mark.row("cm-on-error", "trouble-fault", "trouble-nan")
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
 def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
-    bench: Bench, order: str, says: str
+    bench: Bench, order: str, expected: str
 ) -> None:
     """Other components and the broadcaster continue. ros2_control also deactivates the broadcaster."""
     client = bench.client
@@ -141,7 +141,7 @@ def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
     answer = client.wait(result)
     assert answer.status == ABORTED
     text = "Current goal cancelled during deactivate transition."
-    assert answer.result.error_string == f"{text} arm is lost: {says}"
+    assert answer.result.error_string == f"{text} arm is lost: {expected}"
     client.spin_until(lambda: components(client) == {"arm": "unconfigured", "hand": "active"})
     assert controllers(client) == {"arm_controller": "inactive", **BACKGROUND}
     assert set(interfaces(client, "joint").values()) == {(False, False)}
@@ -171,12 +171,12 @@ def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
 
 
 @pytest.mark.row("cm-on-error", "cm-write-deactivate")
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, order: str, says: str) -> None:
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
+def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, order: str, expected: str) -> None:
     result = bench.move()
     begin = len(bench.arm.calls)
     bench.arm.give("write", order)
-    assert bench.client.wait(result).result.error_string.endswith(f"arm is lost: {says}")
+    assert bench.client.wait(result).result.error_string.endswith(f"arm is lost: {expected}")
     seen: list[str] = []
     bench.client.spin_until(lambda: seen.append(components(bench.client)["arm"]) or seen[-1] == "unconfigured")
     assert "inactive" not in seen

@@ -73,9 +73,9 @@ def periods_s(messages: Sequence[JointState]) -> list[float]:
 
 
 def joint_states(client: ManagerClient, count: int) -> list[JointState]:
-    with client.hearing(JointState, "/joint_states") as heard:
-        client.spin_until(lambda: len(heard) >= count)
-    return heard
+    with client.hearing(JointState, "/joint_states") as received:
+        client.spin_until(lambda: len(received) >= count)
+    return received
 
 
 @pytest.mark.row("cm-update-rate")
@@ -90,9 +90,9 @@ def test_all_interfaces_report_the_rate(client: ManagerClient) -> None:
     assert {controller.update_rate for controller in client.listed().values()} == {RATE_HZ}
     (component,) = client.call(ListHardwareComponents, f"{MANAGER}/list_hardware_components").component
     assert component.rw_rate == RATE_HZ
-    with client.hearing(DiagnosticArray, "/diagnostics") as heard:
-        client.spin_until(lambda: heard)
-    assert {value.key: value.value for value in heard[0].status[0].values}["rate_hz"] == str(RATE_HZ)
+    with client.hearing(DiagnosticArray, "/diagnostics") as received:
+        client.spin_until(lambda: received)
+    assert {value.key: value.value for value in received[0].status[0].values}["rate_hz"] == str(RATE_HZ)
 
 
 @pytest.mark.row("cm-sim-time")

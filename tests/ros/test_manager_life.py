@@ -19,12 +19,12 @@ from tests.ros.stack_process import PICK, ArmClient, StackProcess
 pytestmark = pytest.mark.ros
 
 
-def refused(case: str, verb: str, name: str, said: str) -> Any:
-    return pytest.param(verb, name, said, id=case, marks=pytest.mark.row("golden-not-ok", f"cm-{verb}"))
+def refused(case: str, verb: str, name: str, expected: str) -> Any:
+    return pytest.param(verb, name, expected, id=case, marks=pytest.mark.row("golden-not-ok", f"cm-{verb}"))
 
 
 @pytest.mark.parametrize(
-    ("verb", "name", "said"),
+    ("verb", "name", "expected"),
     [
         refused("load unknown", "load", "nope", "The 'type' param was not defined for 'nope'"),
         refused("load with no name", "load", "", "The 'type' param was not defined for ''"),
@@ -39,13 +39,13 @@ def refused(case: str, verb: str, name: str, said: str) -> Any:
     ],
 )
 def test_invalid_requests_are_refused(
-    client: ManagerClient, stack: StackProcess, verb: str, name: str, said: str
+    client: ManagerClient, stack: StackProcess, verb: str, name: str, expected: str
 ) -> None:
     assert client.set_from_text(MANAGER, "bad.type", "no_such/Type")
-    before = stack.words.count(said)
+    before = stack.words.count(expected)
     assert not getattr(client, verb)(name)
     assert client.states() == AT_START
-    assert stack.words.count(said) == before + 1
+    assert stack.words.count(expected) == before + 1
 
 
 @pytest.mark.row("golden-clean-unload", "cm-cleanup", "cm-unload", "cm-load")
@@ -82,8 +82,8 @@ def test_only_an_inactive_controller_is_configured_again(client: ManagerClient) 
 def test_unconfigured_controller_must_be_configured_before_activation(client: ManagerClient) -> None:
     assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
     text = "Controller with name 'hand_controller' can not be activated since it is unconfigured"
-    ok, said = client.switch(["hand_controller"])
-    assert not ok and said.startswith(text)
+    ok, message = client.switch(["hand_controller"])
+    assert not ok and message.startswith(text)
     assert client.states()["hand_controller"] == "unconfigured"
     assert client.configure("hand_controller") and client.states()["hand_controller"] == "inactive"
     assert client.switch(["hand_controller"])[0]
@@ -116,16 +116,16 @@ def test_action_exists_only_while_configured(client: ManagerClient) -> None:
 def test_node_exists_from_load_to_unload_and_publishes_every_transition(client: ManagerClient) -> None:
     """A client that has discovered the node once can use it through all configurations."""
     assert client.get("/hand_controller", "interface_name") == ["position"]
-    with client.hearing(TransitionEvent, "/hand_controller/transition_event") as heard:
+    with client.hearing(TransitionEvent, "/hand_controller/transition_event") as received:
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
         assert client.get("/hand_controller", "interface_name") == ["position"]
         assert client.configure("hand_controller") and client.configure("hand_controller")
         assert client.get("/hand_controller", "interface_name") == ["position"]
         assert client.switch(["hand_controller"])[0]
-        client.spin_until(lambda: len(heard) >= 12)
+        client.spin_until(lambda: len(received) >= 12)
     begun = ["deactivate", "cleanup", "configure", "cleanup", "configure", "activate"]
-    assert [m.transition.label for m in heard[::2]] == begun
-    assert {m.transition.label for m in heard[1::2]} == {"transition_success"}
+    assert [m.transition.label for m in received[::2]] == begun
+    assert {m.transition.label for m in received[1::2]} == {"transition_success"}
     client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 1)
     client.spin_until(lambda: client.node.get_node_names().count("hand_controller") == 1)
 

@@ -50,32 +50,32 @@ def stack(node: Node) -> Iterator[Publisher]:
 def test_goal_of_a_killed_stack_does_not_block_motions(ros_domain: int) -> None:
     with client_node("test_robot_client") as (node, executor):
         client = RobotClient(node, executor, RobotAtRest())
-        made = client._create(
+        controller = client._create(
             ControllerState(name="arm", type=TRAJECTORY, required_command_interfaces=["joint1/position"])
         )
-        assert made is not None
-        client._controllers["arm"] = made
+        assert controller is not None
+        client._controllers["arm"] = controller
 
-        def says(publisher: Publisher, statuses: list[GoalStatus], busy: bool) -> None:
-            def heard() -> bool:
+        def report(publisher: Publisher, statuses: list[GoalStatus], busy: bool) -> None:
+            def arrived() -> bool:
                 publisher.publish(GoalStatusArray(status_list=statuses))
                 executor.spin_once(timeout_sec=0.05)
-                return made.busy is busy
+                return controller.busy is busy
 
-            until(heard)
+            until(arrived)
 
         with stack(node) as killed:
-            says(killed, EXECUTING, busy=True)
+            report(killed, EXECUTING, busy=True)
             with pytest.raises(HandlingError, match="arm has a goal under way: stop it first"):
                 client.jog("joint1", 0.1)
             with stack(node) as newer:
                 until(lambda: node.count_publishers(STATUS) == 2)
                 client.jog("joint1", 0.1)  # A killed process remains in the graph for seconds.
-                says(newer, EXECUTING, busy=True)
+                report(newer, EXECUTING, busy=True)
                 with pytest.raises(HandlingError, match="arm has a goal under way"):
                     client.jog("joint1", 0.1)
-                says(newer, ABORTED, busy=False)
+                report(newer, ABORTED, busy=False)
                 client.jog("joint1", 0.1)
-                says(newer, EXECUTING, busy=True)
+                report(newer, EXECUTING, busy=True)
         until(lambda: node.count_publishers(STATUS) == 0)
         client.jog("joint1", 0.1)

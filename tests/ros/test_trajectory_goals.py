@@ -181,9 +181,9 @@ def test_goal_is_rejected_with_a_reason_and_nothing_moves(ours: TrajectoryClient
 @pytest.mark.row(*PAST)
 def test_recently_ended_trajectory_is_rejected_with_its_age(ours: TrajectoryClient) -> None:
     reason = ours.refusal(goal_of(T(P(0.1, 0.5), P(0.2, 1.0), stamp=ours.stamp(-1.1))))
-    said = re.search(r"with non-zero start time that ends in the past \((\d+\.\d{3}) s ago\)$", reason)
-    assert said is not None, reason
-    assert float(said[1]) >= 0.1
+    matched = re.search(r"with non-zero start time that ends in the past \((\d+\.\d{3}) s ago\)$", reason)
+    assert matched is not None, reason
+    assert float(matched[1]) >= 0.1
 
 
 @pytest.mark.row("trouble-reason")

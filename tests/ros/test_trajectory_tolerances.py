@@ -49,7 +49,7 @@ MEASURED = (0.0, 0.0, 0.25, 0.0, 0.0, 0.0)
 """Frozen positions of the joints."""
 ERASED: Mapping[str, float] = {"joint1": -1.0}
 UNKNOWN = ["jtc-30", "golden-unknown-tolerance"]
-SAID = (
+SETTINGS = (
     "allow_partial_joints_goal: true",
     "constraints: {goal_time: 0.15, decelerate_on_cancel: false, joint1: {trajectory: 0.05, goal: 0.02}}",
 )
@@ -58,7 +58,7 @@ SAID = (
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrajectoryClient]:
     folder = tmp_path_factory.mktemp("stuck")
-    with plain_client(folder, *SAID, initial_rad={"joint3": 0.25}, disable_commands="true") as client:
+    with plain_client(folder, *SETTINGS, initial_rad={"joint3": 0.25}, disable_commands="true") as client:
         yield client
 
 

@@ -35,13 +35,13 @@ def ours(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield client
 
 
-def untold(cycles_s: list[float], told_s: Collection[float]) -> list[float]:
+def without_feedback(cycles_s: list[float], with_feedback_s: Collection[float]) -> list[float]:
     """Return the cycles without feedback.
 
     A cycle that follows a late one closely is excluded, because it may have no separate feedback.
     """
     close = {after for before, after in pairwise(cycles_s) if after - before < 0.6 * PERIOD_S}
-    return [cycle_s for cycle_s in cycles_s if cycle_s not in told_s and cycle_s not in close]
+    return [cycle_s for cycle_s in cycles_s if cycle_s not in with_feedback_s and cycle_s not in close]
 
 
 @pytest.mark.row("golden-qos")
@@ -71,7 +71,7 @@ def test_feedback_has_the_ros2_control_form_and_comes_at_20_hz(ours: TrajectoryC
     told = {stamp_s(message): message for message in sent.feedback}
     meanwhile = [state for state in ours.states[before:] if min(told) <= stamp_s(state) <= max(told)]
     assert len(meanwhile) > 8
-    assert untold([stamp_s(state) for state in meanwhile], told) == []
+    assert without_feedback([stamp_s(state) for state in meanwhile], told) == []
     for state in meanwhile:
         assert stamp_s(state) not in told or told[stamp_s(state)].desired == state.reference
 
@@ -117,7 +117,7 @@ def test_every_cycle_has_state_and_feedback_even_if_the_ros_thread_was_blocked(o
     stamps = [stamp_s(state) for state in ours.states]
     told = [stamp_s(message) for message in sent.feedback]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
-    assert untold([cycle for cycle in cycles if told[0] < cycle < told[-1]], told) == []
+    assert without_feedback([cycle for cycle in cycles if told[0] < cycle < told[-1]], told) == []
     shown = {stamp_s(state): state for state in ours.states}
     for message in sent.feedback:
         assert message.desired == shown[stamp_s(message)].reference

@@ -227,9 +227,9 @@ class TrajectoryClient:
 
 def measured(client: TrajectoryClient) -> list[float]:
     """Return the positions of the arm from /joint_states, as MoveIt does."""
-    heard: list[JointState] = []
-    listener = client.node.create_subscription(JointState, "/joint_states", heard.append, 10)
-    client.until(lambda: bool(heard))
+    received: list[JointState] = []
+    listener = client.node.create_subscription(JointState, "/joint_states", received.append, 10)
+    client.until(lambda: bool(received))
     client.node.destroy_subscription(listener)
-    position = dict(zip(heard[-1].name, heard[-1].position, strict=True))
+    position = dict(zip(received[-1].name, received[-1].position, strict=True))
     return [position[joint] for joint in JOINTS]

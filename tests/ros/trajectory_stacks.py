@@ -38,22 +38,24 @@ def client_of(folder: Path, *arguments: str) -> Iterator[TrajectoryClient]:
 
 @contextmanager
 def plain_client(
-    folder: Path, *said: str, initial_rad: Mapping[str, float] = NONE, **hardware: str
+    folder: Path, *extra_lines: str, initial_rad: Mapping[str, float] = NONE, **hardware: str
 ) -> Iterator[TrajectoryClient]:
     """Run a stack with a ros2_control controllers file and no robot file. It uses splines."""
     urdf = mock_urdf(folder, initial_rad, **hardware)
-    with client_of(folder, *MOCK, "--urdf", urdf, "--controllers", controllers_file(folder, *said)) as client:
+    with client_of(folder, *MOCK, "--urdf", urdf, "--controllers", controllers_file(folder, *extra_lines)) as client:
         yield client
 
 
-def controllers_file(folder: Path, *said: str) -> str:
+def controllers_file(folder: Path, *extra_lines: str) -> str:
     """Write the arm's controllers file without tolerances and with extra lines for its controller."""
     text = CONTROLLERS.read_text()
     ours = r" +allow_nonzero_velocity_at_trajectory_end: true\n|    # rad(?s:.*?)(?=\nhand_controller)"
     text = re.sub(ours, "", text)
     mark = "    state_interfaces: [position, velocity]\n"
     assert mark in text
-    (folder / "controllers.yaml").write_text(text.replace(mark, mark + "".join(f"    {line}\n" for line in said)))
+    (folder / "controllers.yaml").write_text(
+        text.replace(mark, mark + "".join(f"    {line}\n" for line in extra_lines))
+    )
     return str(folder / "controllers.yaml")
 
 

@@ -1,4 +1,4 @@
-"""The arm's URDF with the arm and the hand as two hardware components."""
+"""The URDF of the arm with arm and hand as two hardware components."""
 
 import re
 from pathlib import Path
@@ -60,13 +60,13 @@ def servos(path: Path) -> str:
 
 
 def write_servos(folder: Path) -> Path:
-    """The URDF with servos in both, each with a robot file, and so a line, of its own."""
+    """Write the URDF with servos in both components. Each has its own robot file and bus."""
     arm, hand = write_robot_file(folder, "arm", *ARM), write_robot_file(folder, "hand", HAND)
     return write_urdf(folder, servos(arm), servos(hand))
 
 
 def add_states(urdf: Path, joint: str, *names: str) -> Path:
-    """More state interfaces of a joint."""
+    """Additional state interfaces of a joint."""
     text, begin = urdf.read_text(), f'<joint name="{joint}">'
     assert text.count(begin) == 1
     urdf.write_text(text.replace(begin, begin + "".join(f'<state_interface name="{name}"/>' for name in names)))
