@@ -1,4 +1,4 @@
-"""docs/write-a-node.md: its node moves the arm of ``servoloop up``."""
+"""The node of docs/write-a-node.md moves the arm of ``servoloop up``."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ OFF_RAD = 0.06
 
 
 @pytest.mark.runs(*commands(PAGE), f"{PAGE} python 1")
-def test_the_node_of_the_page_moves_the_arm(ros_domain: int, tmp_path: Path) -> None:
+def test_node_of_the_page_moves_the_arm(ros_domain: int, tmp_path: Path) -> None:
     assert commands(PAGE) == ["servoloop up", "python swing.py"]
     (tmp_path / "swing.py").write_text(code(PAGE, "python"))
     node = [sys.executable, "swing.py"]
@@ -31,7 +31,7 @@ def test_the_node_of_the_page_moves_the_arm(ros_domain: int, tmp_path: Path) -> 
     assert all(abs(float(target) - float(measured)) < OFF_RAD for target, measured in reports), done.stdout
 
 
-def test_without_a_stack_the_node_says_what_to_start(ros_domain: int, tmp_path: Path) -> None:
+def test_node_without_a_stack_names_the_command_to_start(ros_domain: int, tmp_path: Path) -> None:
     text = code(PAGE, "python").replace("timeout_sec=10.0", "timeout_sec=0.5")
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 1 and "start servoloop up" in done.stderr
