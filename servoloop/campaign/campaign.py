@@ -18,16 +18,17 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.arms.folder import OWN, arm_in, find_arm, read_arm_files
 from servoloop.campaign.draw_clients import draw_client
-from servoloop.campaign.invariants import Violation
+from servoloop.campaign.hangs import ended_when_it_stands, limit
 from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
-from servoloop.campaign.run import RunReport, run_schedule
+from servoloop.campaign.run import NO_CRASH, NO_HANG, RunReport, lost_run, run_schedule
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import job_settings, require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
+from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw, impossible
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
@@ -160,26 +161,32 @@ def run_seed(scenario: Scenario, seed: int) -> RunReport:
 
 
 def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
-    """Run a schedule on the arm that it names. An exception that no program may end with is a violation too.
+    """Run a schedule on the arm that it names.
 
-    ``prepare`` gets the stack before it comes up.
+    An exception that no program may end with is a violation too, and so is a run that does not end. ``prepare`` gets
+    the stack before it comes up.
     """
     settings = job_settings(find_arm(schedule.arm), schedule.job)
     require_cell(files_of(schedule.arm), schedule.job)
     stacks: list[FaultyStack] = []
 
+    def now_s() -> float:
+        return stacks[-1].clock.now() if stacks else 0.0
+
     def prepared(stack: FaultyStack) -> None:
         stacks.append(stack)
+        limit(stack.clock, schedule)
         prepare(stack)
 
     try:
-        return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
+        with ended_when_it_stands(now_s):
+            return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
     except FaultError:
         raise  # the schedule is wrong, not the stack
-    except Exception as error:  # a bug, and the other seeds shall be looked at as well
-        now_s = stacks[-1].clock.now() if stacks else 0.0
-        crash = Violation("no crash", round(now_s, 4), f"{type(error).__name__}: {error}")
-        return RunReport(schedule, (crash,), 0, str(error), now_s, None)
+    except Hang as hang:
+        return lost_run(schedule, NO_HANG, now_s(), str(hang))
+    except (Exception, SystemExit) as error:  # a bug, and the other seeds shall be looked at as well
+        return lost_run(schedule, NO_CRASH, now_s(), f"{type(error).__name__}: {error}")
 
 
 @cache

@@ -170,7 +170,8 @@ def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
     """The files that were written, for programs."""
     return {
         "kept": {one.violation.invariant: str(one.schedule_path) for one in fallen},
-        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen},
+        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen if one.trace_path},
+        "not_minimized": {one.violation.invariant: one.note for one in fallen if one.note},
         "report": None if page is None else str(page),
     }
 
@@ -217,7 +218,7 @@ def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", con
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
         if one is not None:
-            for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
+            for line in (one.note or f"trace: {one.trace_path}", f"again: {one.command}"):
                 console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
 
 
