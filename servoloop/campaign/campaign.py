@@ -1,10 +1,11 @@
 """A campaign: one scenario with many seeds, on several processes, with the same result however many there are."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from functools import cache, partial
 from pathlib import Path
 from random import Random
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
@@ -21,7 +22,8 @@ from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.hangs import ended_when_it_stands, limit
 from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
-from servoloop.campaign.run import NO_CRASH, NO_HANG, RunReport, lost_run, run_schedule
+from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule
+from servoloop.campaign.supervised import Loss, WorkerError
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.files import Files
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -32,6 +34,9 @@ from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw, impossible
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
+
+KILLED_IN_A_ROW: Final = 3
+"""Number of seeds whose processes are killed one after the other, at which a campaign ends."""
 
 
 class ScenarioError(DriverError):
@@ -200,13 +205,35 @@ def campaign(
 ) -> Iterator[RunReport]:
     """Run all seeds; their reports come one by one, in the order of the seeds, until ``stop`` says so.
 
-    ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this machine. Raises FaultError for a
-    mistake in the scenario before anything is started, and RayError and WorkerError while it runs.
+    A run that hangs or is killed is reported as a violation; without ``processes`` the runs take place in this process,
+    and one that is killed ends it. ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this
+    machine. Raises FaultError for a mistake in the scenario before anything is started, and RayError and WorkerError
+    while it runs.
     """
     schedule_of(scenario, seeds.start)
-    run = partial(run_seed, scenario)
+    run, lost = partial(run_seed, scenario), partial(_lost_seed, scenario)
     if ray is not None:
-        return on_ray(run, seeds, ray, processes, stop)
-    if processes == 1:
+        return _unless_all_die(on_ray(run, lost, seeds, ray, max(processes, 1), stop))
+    if processes == 0:
         return in_this_process(run, seeds, stop)
-    return in_processes(run, seeds, processes, stop)
+    return _unless_all_die(in_processes(run, lost, seeds, processes, stop))
+
+
+def _lost_seed(scenario: Scenario, seed: int, loss: Loss) -> RunReport:
+    """The report of a seed whose process did not come to its end."""
+    return lost_run(schedule_of(scenario, seed), NO_HANG if loss.hung else NOT_KILLED, loss.time_s, loss.text)
+
+
+def _unless_all_die(reports: Generator[RunReport, None, None]) -> Iterator[RunReport]:
+    """Raise WorkerError behind the report of the last of several seeds in a row whose process is killed."""
+    in_a_row = 0
+    with closing(reports):
+        for report in reports:
+            yield report
+            killed = any(one.invariant == NOT_KILLED for one in report.violations)
+            in_a_row = in_a_row + 1 if killed else 0
+            if in_a_row == KILLED_IN_A_ROW:
+                raise WorkerError(
+                    f"the processes of {in_a_row} seeds in a row were killed, the last one that of seed {report.seed} "
+                    f"({report.ended}), perhaps for want of memory: take fewer processes, with --jobs"
+                )

@@ -7,15 +7,15 @@ from typing import Final
 
 from servoloop.campaign.campaign import files_of, run_schedule_of
 from servoloop.campaign.invariants import Violation
+from servoloop.campaign.quiet import quiet
 from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
-from servoloop.campaign.shrink import shrink
-from servoloop.campaign.workers import Stop, quiet
+from servoloop.campaign.shrinking import Violated, smallest, violated
+from servoloop.campaign.workers import Stop
 from servoloop.files import write_file
 from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
-from sim_backend.faults.errors import FaultError
 
 BEFORE_S: Final = 2.0
 CYCLES_BEHIND: Final = 4
@@ -61,45 +61,20 @@ def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
     return report, recorders[-1].recording if recorders else NOTHING
 
 
-def smallest(report: RunReport, invariant: str, stop: Stop) -> Schedule:
-    """The smallest schedule found that breaks the invariant as this run did; ``stop``: no smaller one is looked for.
-
-    None is looked for either after a schedule that hangs: the next ones would last until the limit, too.
-    """
-    hung: list[Schedule] = []
-
-    def breaks(schedule: Schedule) -> bool:
-        names = violated(schedule)
-        if NO_HANG in names:
-            hung.append(schedule)
-        return invariant in names
-
-    with quiet():
-        return shrink(report.schedule, breaks, lambda: bool(hung) or stop())
-
-
 def violates(schedule: Schedule, invariant: str) -> bool:
     """Whether a run of the schedule violates the invariant; one whose arm cannot have its faults does not."""
     return invariant in violated(schedule)
 
 
-def violated(schedule: Schedule) -> set[str]:
-    """The invariants that a run of the schedule violates; none if its arm cannot have its faults."""
-    try:
-        return {violation.invariant for violation in run_schedule_of(schedule).violations}
-    except FaultError:
-        return set()
-
-
-def keep(report: RunReport, invariant: str, out: Path, stop: Stop) -> Fallen:
+def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> Fallen:
     """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError.
 
-    A run that hangs or is killed is not run again: its schedule is kept as it was drawn.
+    A run that hangs or is killed is not run again: its schedule is kept as it was drawn. ``violated`` runs schedules.
     """
     path = out / f"{stem_of(invariant)}-seed-{report.seed}.yaml"
     if invariant in AS_DRAWN:
         return _kept_as_drawn(report, invariant, path, AS_DRAWN[invariant])
-    schedule = smallest(report, invariant, stop)
+    schedule = smallest(report.schedule, invariant, violated, stop)
     again, recording = recorded(schedule)
     violation = _of(again, invariant)
     if violation is None:

@@ -16,7 +16,8 @@ MARGIN_S: Final = 120.0
 """Simulated time that a run may take for activation, recovery and shutdown, beside twice the time of its schedule."""
 STANDS_S: Final = 120.0
 """Time of the machine for which the simulated time may stand still."""
-STANDS: Final = f"its simulated time stood still for {STANDS_S:g} s of the machine's time"
+BEGINS_S: Final = 600.0
+"""The same before the first cycle, when code may have to be compiled."""
 LOOK_S: Final = 5.0
 """Time from one look at the simulated time to the next.
 
@@ -40,16 +41,26 @@ def limit(clock: SimulatedClock, schedule: Schedule) -> None:
 
 
 class Standstill:
-    """Tells whether a time has stood still for a number of looks."""
+    """Tells whether a simulated time has stood still for too many looks."""
 
-    def __init__(self, looks: int = round(STANDS_S / LOOK_S)) -> None:
-        self._looks, self._count, self._time_s = looks, 0, -1.0
+    def __init__(self, more_s: float = 0.0) -> None:
+        """``more_s`` is added to the limits."""
+        self._more_s, self._count, self._time_s = more_s, 0, -1.0
 
     def look(self, time_s: float) -> bool:
-        """Look once more; whether the time has stood still since the first of so many looks."""
+        """Look once more; whether the time has stood still for its limit."""
         self._count = self._count + 1 if time_s == self._time_s else 0
         self._time_s = time_s
-        return self._count >= self._looks
+        return self._count >= (_limit_s(time_s) + self._more_s) / LOOK_S
+
+
+def stands(time_s: float) -> str:
+    """Describe a run whose simulated time stands still."""
+    return f"its simulated time stood still for {_limit_s(time_s):g} s of the machine's time"
+
+
+def _limit_s(time_s: float) -> float:
+    return STANDS_S if time_s else BEGINS_S
 
 
 @contextmanager
@@ -65,7 +76,7 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
     def raise_hang(number: int, frame: FrameType | None) -> None:
         if not over.is_set():
-            raise Hang(STANDS)
+            raise Hang(stands(now()))
 
     former = signal.signal(SIGNAL, raise_hang)
     thread = threading.Thread(target=_watch, args=(now, over), name="hangs", daemon=True)

@@ -56,10 +56,12 @@ def test_a_clock_ends_what_goes_on_after_its_limit() -> None:
 
 
 def test_a_time_stands_when_so_many_looks_have_found_it_the_same() -> None:
-    standstill = Standstill(3)
-    assert [standstill.look(time_s) for time_s in (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0)] == [
-        *(False, False, False, False, False, False, True, True, False)
-    ]
+    standstill, patient = Standstill(), Standstill(30.0)
+    assert [standstill.look(0.0) for _ in range(121)] == [False] * 120 + [True]
+    assert not standstill.look(1.0) and not patient.look(1.0)
+    assert [standstill.look(1.0) for _ in range(25)] == [False] * 23 + [True] * 2
+    assert [patient.look(1.0) for _ in range(31)] == [False] * 29 + [True] * 2
+    assert not standstill.look(1.05)
 
 
 @pytest.mark.parametrize("handled", ["not", "by the stack", "and tried again"])
