@@ -143,13 +143,12 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     """One schedule: what falls in it is printed and traced. Returns the exit status."""
     from rich.console import Console
 
-    from servoloop.campaign.campaign import files_of
+    from servoloop.campaign.campaign import require_possible_schedule
     from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
-    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 
     schedule = read_schedule(path)
-    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm)))
+    require_possible_schedule(path, schedule)
     make_folder(out)
     report, recording = recorded(schedule)
     fallen: list[Fallen] = []

@@ -100,14 +100,14 @@ def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> 
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(
         "seconds: 0.5\nfaults: 1\nwithin_s: 0.3\nkinds: [noise]\n"
-        "promises: {examined: [nan holds], visits: [{phase: canceling, fault: silent}, {fault: noise}]}\n"
+        "promises: {examined: [nan holds], visits: [{phase: canceling, fault: noise}, {fault: noise}]}\n"
     )
     arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "0", "--out", str(tmp_path / "out"), "--json"]
     ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
     assert ran.exit_code == 1
     assert json.loads(ran.stdout)["broken_promises"] == [
         "the invariant 'nan holds' examined nothing in 2 runs",
-        "no run visited phase canceling, fault silent, in 2 runs",
+        "no run visited phase canceling, fault noise, in 2 runs",
     ]
 
 
@@ -117,6 +117,8 @@ def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> 
         ("{examined: [nan hold]}", "there is no invariant 'nan hold'"),
         ("{visits: [{phase: resting}]}", "there is no phase 'resting'"),
         ("{visits: [{fault: silence}]}", "there is no fault 'silence'"),
+        ("{visits: [{make: dynamo}]}", "there is no make 'dynamo': known are dynamixel, feetech, none"),
+        ("{visits: [{client: moves}]}", "no client does 'moves': known are job, move, plan, "),
     ],
 )
 def test_a_promise_that_cannot_be_kept_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
