@@ -237,10 +237,10 @@ def _unless_all_die(reports: Generator[RunReport, None, None]) -> Iterator[RunRe
     with closing(reports):
         for report in reports:
             yield report
-            killed = any(one.invariant == NOT_KILLED for one in report.violations)
+            killed = [one.text for one in report.violations if one.invariant == NOT_KILLED]
             in_a_row = in_a_row + 1 if killed else 0
             if in_a_row == KILLED_IN_A_ROW:
                 raise WorkerError(
                     f"the processes of {in_a_row} seeds in a row were killed, the last one that of seed {report.seed} "
-                    f"({report.ended}), perhaps for want of memory: take fewer processes, with --jobs"
+                    f"({killed[0]}), perhaps for want of memory: take fewer processes, with --jobs"
                 )

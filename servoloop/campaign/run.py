@@ -89,7 +89,7 @@ def run_schedule(
 def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:
     """Report a run that did not come to its end: nothing is known of it but this violation."""
     time_s = round(time_s, 4)
-    return RunReport(schedule, (Violation(name, time_s, text),), 0, text, time_s, None)
+    return RunReport(schedule, (Violation(name, time_s, text),), 0, "", time_s, None)
 
 
 def end_program(stack: FaultyStack, on_exit: ExitPolicy | None = None) -> None:

@@ -84,7 +84,7 @@ def test_a_run_whose_time_goes_on_without_end_is_ended_and_reported(handled: str
     (violation,) = report.violations
     assert violation.invariant == NO_HANG and violation.time_s == report.simulated_s
     assert hangs.MARGIN_S + 1.0 < violation.time_s < hangs.MARGIN_S + 3.0
-    assert violation.text == "it went on for longer than 121 s of simulated time" == report.ended
+    assert violation.text == "it went on for longer than 121 s of simulated time"
 
 
 def loops() -> None:

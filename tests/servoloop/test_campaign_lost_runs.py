@@ -96,6 +96,7 @@ def test_the_table_and_the_plots_of_a_campaign_show_runs_that_were_lost() -> Non
     tally.add(lost_run(DRAWN, NO_HANG, 1.0, "it went on"))
     tally.add(lost_run(DRAWN.model_copy(update={"seed": 8}), NOT_KILLED, 0.5, "SIGKILL"))
     assert [(one["seed"], one["invariant"]) for one in tally.plain()["violations"]] == [(7, NO_HANG), (8, NOT_KILLED)]
+    assert tally.ended == 0, "none of them was ended by a lost line"
     assert {NO_HANG, NOT_KILLED}.isdisjoint(name for name, *_ in tally.marks)
     text = report.page(tally, [])
     assert NO_HANG in text and NOT_KILLED in text
