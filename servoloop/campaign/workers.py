@@ -1,9 +1,11 @@
 """Runs on several processes, told in the order of their seeds, however many processes there are."""
 
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from itertools import takewhile
 from queue import SimpleQueue
+from threading import Event
 from typing import Final, TypeVar
 
 from servoloop.campaign.quiet import quiet
@@ -27,7 +29,7 @@ LOOK_S: Final = 0.1
 """Seconds after which whoever waits for a worker looks whether to stop."""
 
 
-def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: range) -> list[T]:
+def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[int]) -> list[T]:
     """The task of a worker, in the supervisor's process."""
     return [_run_one(supervisor, run, lost, seed) for seed in seeds]
 
@@ -68,13 +70,15 @@ def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None,
 def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop: Stop) -> Generator[T, None, None]:
     """The same on several processes of this machine."""
     idle: SimpleQueue[Supervisor] = SimpleQueue()
+    over = Event()
+    """Set at the end, when no task begins another run."""
     for _ in range(processes):
         idle.put(Supervisor())
 
     def task(chunk: range) -> list[T]:
         supervisor = idle.get()
         try:
-            return run_all(supervisor, run, lost, chunk)
+            return run_all(supervisor, run, lost, takewhile(lambda _: not over.is_set(), chunk))
         finally:
             idle.put(supervisor)
 
@@ -86,6 +90,7 @@ def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop:
         try:
             yield from in_order(submit, seeds, processes, stop)
         finally:
+            over.set()
             pool.shutdown(cancel_futures=True)
             while not idle.empty():
                 idle.get().close()

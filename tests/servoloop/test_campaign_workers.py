@@ -5,10 +5,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Event
 from types import ModuleType
 from typing import Any
 
@@ -147,6 +148,31 @@ def test_a_run_whose_process_dies_is_run_once_more_and_one_that_hangs_is_not(
 @pytest.mark.slow
 def test_a_run_that_is_killed_is_lost_alone_and_in_its_place() -> None:
     assert list(in_processes(kill_at_7, lost, range(20), 2, never)) == [*range(7), -7, *range(8, 20)]
+
+
+def test_at_the_end_no_task_begins_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk whose runs hang would otherwise last for minutes after Ctrl-C."""
+    begun, goes_on, ran = Event(), Event(), list[int]()
+
+    class Waits(Supervisor):
+        def run(self, run: Any, item: Any) -> Any:
+            ran.append(item)
+            begun.set()
+            goes_on.wait()
+            return item
+
+    def stop() -> bool:
+        return begun.is_set()
+
+    class Ending(ThreadPoolExecutor):
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            goes_on.set()
+            super().shutdown(wait, cancel_futures=cancel_futures)
+
+    monkeypatch.setattr(workers, "Supervisor", Waits)
+    monkeypatch.setattr(workers, "ThreadPoolExecutor", Ending)
+    assert list(in_processes(abs, lost, range(20), 1, stop)) == []
+    assert ran == [0]
 
 
 def killed_at(*seeds: int) -> Any:
