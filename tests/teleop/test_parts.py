@@ -56,7 +56,9 @@ def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
     trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
     pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))
     robot = replace(LEADER.robot, joints=(*LEADER.robot.joints[:-1], pulled))
-    joints = {one.joint: one for one in followed_joints(replace(LEADER, robot=robot), FOLLOWER, Rig().teleop.stack.setup)}
+    joints = {
+        one.joint: one for one in followed_joints(replace(LEADER, robot=robot), FOLLOWER, Rig().teleop.stack.setup)
+    }
     assert (joints["elbow_flex"].gain, joints["elbow_flex"].offset) == (1.0, 0.0)
     jaw = joints["gripper"]
     assert jaw.offset == pytest.approx(jaw.limits.lower)
