@@ -10,8 +10,8 @@ from bench.stopwatch import Stopwatch
 from servoloop.arms.folder import find_arm
 from servoloop.campaign.campaign import Scenario, files_of, read_scenario, schedule_of
 from servoloop.campaign.invariants import ALL, Invariant
+from servoloop.campaign.quiet import quiet
 from servoloop.campaign.run import run_schedule
-from servoloop.campaign.workers import quiet
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule
 

@@ -89,7 +89,7 @@ CHANGE = ": change the scenario, or leave out the promise"
         ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: name one of "),
         ("arm: []\n", "1: arm: the list is empty: name at least one, or leave out the key"),
         ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: name at least one, or leave out the key"),
-        ("clients: [jobs]\n", "1: clients.0: Input should be 'job', 'moves', 'plans', 'streams' or 'switches'"),
+        ("clients: [jobs]\n", "1: clients.0: Input should be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs' or 'guides'"),
         ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': known are A, B, C"),
         (
             "clients: [moves]\njob: [A]\n",
