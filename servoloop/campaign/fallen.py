@@ -7,18 +7,26 @@ from typing import Final
 
 from servoloop.campaign.campaign import files_of, run_schedule_of
 from servoloop.campaign.invariants import Violation
-from servoloop.campaign.run import RunReport
-from servoloop.campaign.shrink import shrink
-from servoloop.campaign.workers import Stop, quiet
+from servoloop.campaign.quiet import quiet
+from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
+from servoloop.campaign.shrinking import Violated, smallest, violated
+from servoloop.campaign.workers import Stop
 from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
 from servoloop.stack.robot_files import write_file
-from sim_backend.faults.errors import FaultError
 
 BEFORE_S: Final = 2.0
 CYCLES_BEHIND: Final = 4
+NOTHING: Final = Recording((), (), ())
+"""The recording of a run that was not recorded."""
+AS_DRAWN: Final = {
+    NO_HANG: "It is not minimized: every further run of it would last until the limit.",
+    NOT_KILLED: "It is not minimized: every further run of it would end its process.",
+}
+"""Violations whose schedules are kept as they were drawn, and why."""
+UNSEEN: Final = "It is not minimized: a second run of the schedule did not show it again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +38,10 @@ class Fallen:
     recording: Recording
     """``BEFORE_S`` before the violation and ``CYCLES_BEHIND`` behind it."""
     schedule_path: Path
-    trace_path: Path
+    trace_path: Path | None
+    """None: the schedule was not run again."""
+    note: str = ""
+    """Why the schedule is not the smallest one; empty if it is."""
 
     @property
     def command(self) -> str:
@@ -47,32 +58,46 @@ def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
 
     with quiet():
         report = run_schedule_of(schedule, prepare)
-    return report, recorders[-1].recording if recorders else Recording((), (), ())
-
-
-def smallest(report: RunReport, invariant: str, stop: Stop) -> Schedule:
-    """The smallest schedule found that breaks the invariant as this run did; ``stop``: no smaller one is looked for."""
-
-    with quiet():
-        return shrink(report.schedule, lambda schedule: violates(schedule, invariant), stop)
+    return report, recorders[-1].recording if recorders else NOTHING
 
 
 def violates(schedule: Schedule, invariant: str) -> bool:
     """Whether a run of the schedule violates the invariant; one whose arm cannot have its faults does not."""
-    try:
-        return any(violation.invariant == invariant for violation in run_schedule_of(schedule).violations)
-    except FaultError:
-        return False
+    return invariant in violated(schedule)
 
 
-def keep(report: RunReport, invariant: str, out: Path, stop: Stop) -> Fallen:
-    """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError."""
-    schedule = smallest(report, invariant, stop)
-    again, recording = recorded(schedule)
-    violation = next(one for one in again.violations if one.invariant == invariant)
+def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> Fallen:
+    """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError.
+
+    A run that hangs or is killed is not run again: its schedule is kept as it was drawn. ``violated`` runs schedules.
+    """
     path = out / f"{stem_of(invariant)}-seed-{report.seed}.yaml"
-    write_file(path, f"# {invariant}: {violation.text}\n{schedule_text(schedule)}", keep=False)
+    if invariant in AS_DRAWN:
+        return _kept_as_drawn(report, invariant, path, AS_DRAWN[invariant])
+    schedule = smallest(report.schedule, invariant, violated, stop)
+    again, recording = recorded(schedule)
+    violation = _of(again, invariant)
+    if violation is None:
+        return _kept_as_drawn(report, invariant, path, UNSEEN)
+    _write(path, violation, schedule)
     return traced(violation, schedule, recording, path, path.with_suffix(".csv"))
+
+
+def _kept_as_drawn(report: RunReport, invariant: str, path: Path, note: str) -> Fallen:
+    violation = _of(report, invariant)
+    assert violation is not None
+    _write(path, violation, report.schedule, note)
+    return Fallen(violation, report.schedule, NOTHING, path, None, note)
+
+
+def _of(report: RunReport, invariant: str) -> Violation | None:
+    return next((one for one in report.violations if one.invariant == invariant), None)
+
+
+def _write(path: Path, violation: Violation, schedule: Schedule, note: str = "") -> None:
+    text = " ".join(f"{violation.invariant}: {violation.text}".split())
+    remarks = "".join(f"# {line}\n" for line in (text, note) if line)
+    write_file(path, f"{remarks}{schedule_text(schedule)}", keep=False)
 
 
 def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> Fallen:

@@ -90,7 +90,8 @@ def _section(fallen: Fallen) -> dict[str, Any]:
         "schedule": schedule_text(fallen.schedule),
         "command": fallen.command,
         "recording": fallen.recording,
-        "trace_name": fallen.trace_path.name,
+        "note": fallen.note,
+        "trace_name": fallen.trace_path.name if fallen.trace_path else "",
         "plot": figures.trace(fallen, joints) if fallen.recording.cycles else "",
         "moments": _moments(fallen, packet_texts(fallen.recording, joints)),
     }

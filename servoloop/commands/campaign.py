@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -42,7 +43,10 @@ def campaign(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many runs.")] = 100,
     first: Annotated[int, typer.Option(min=0, help="The first one's seed.")] = 0,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as processors without.")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes; as many as processors without. 0: this process, as for a debugger."),
+    ] = None,
     ray: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on a Ray cluster instead; `local` starts one on this machine."),
@@ -71,51 +75,65 @@ def campaign(
 
     said = read_scenario(scenario, arm)
     make_folder(out)
-    asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
+    asked, processes = range(first, first + seeds), jobs if jobs is not None else os.cpu_count() or 1
     with Signals() as signals:
-        tally = _run(said, asked, processes, ray, lambda: signals.count > 0)
-        fallen, page, unwritten = _keep(tally, out, lambda: signals.count > 0)
+        tally, ended_by = _run(said, asked, processes, ray, lambda: signals.count > 0)
+        fallen, page, unwritten = _keep(tally, out, lambda: signals.count > 0, apart=processes > 0)
         interrupted = signals.count > 0
     if json:
         print_json({**tally.plain(), **_files(fallen, page)})
     else:
         _print(tally, fallen, page)
-    if unwritten:
-        raise unwritten
+    if error := ended_by or unwritten:
+        raise error
     if interrupted:
         raise Interrupted(f"interrupted: {len(tally.rows)} of {tally.planned} runs were done, and are reported")
     raise typer.Exit(1 if fallen or tally.broken_promises else 0)
 
 
-def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop") -> "Tally":
-    """Run the scenario with each seed."""
+def _run(
+    scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop"
+) -> "tuple[Tally, DriverError | None]":
+    """Run the scenario with each seed; an error that ends the campaign is returned: the runs are to be told first."""
     from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
+    from servoloop.campaign.supervised import WorkerError
     from servoloop.campaign.tally import Tally
 
     tally = Tally(scenario, len(seeds))
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("runs", total=len(seeds))
-        for report in run(scenario, seeds, processes, stop, ray):
-            tally.add(report)
-            progress.advance(task)
-    return tally
+        try:
+            for report in run(scenario, seeds, processes, stop, ray):
+                tally.add(report)
+                progress.advance(task)
+        except WorkerError as error:
+            return tally, error
+    return tally, None
 
 
-def _keep(tally: "Tally", out: Path, stop: "Stop") -> "tuple[list[Fallen], Path | None, DriverError | None]":
-    """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first."""
+def _keep(
+    tally: "Tally", out: Path, stop: "Stop", apart: bool
+) -> "tuple[list[Fallen], Path | None, DriverError | None]":
+    """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first.
+
+    ``apart``: whether runs that look for smaller schedules take place in another process.
+    """
     from rich.console import Console
     from rich.progress import track
 
     from servoloop.campaign.fallen import keep
+    from servoloop.campaign.shrinking import violated, violated_apart
 
     fallen: list[Fallen] = []
     console = Console(stderr=True)
     try:
-        for invariant, report in track(tally.first.items(), "what fell, made small", console=console, transient=True):
-            fallen.append(keep(report, invariant, out, stop))
+        with violated_apart() if apart and tally.first else nullcontext(violated) as names:
+            first = track(tally.first.items(), "what fell, made small", console=console, transient=True)
+            for invariant, report in first:
+                fallen.append(keep(report, invariant, out, stop, names))
         return fallen, _write_page(out / REPORT, tally, fallen), None
     except DriverError as error:
         return fallen, None, error
@@ -125,13 +143,12 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     """One schedule: what falls in it is printed and traced. Returns the exit status."""
     from rich.console import Console
 
-    from servoloop.campaign.campaign import files_of
+    from servoloop.campaign.campaign import require_possible_schedule
     from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
-    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 
     schedule = read_schedule(path)
-    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm)))
+    require_possible_schedule(path, schedule)
     make_folder(out)
     report, recording = recorded(schedule)
     fallen: list[Fallen] = []
@@ -170,7 +187,8 @@ def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
     """The files that were written, for programs."""
     return {
         "kept": {one.violation.invariant: str(one.schedule_path) for one in fallen},
-        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen},
+        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen if one.trace_path},
+        "not_minimized": {one.violation.invariant: one.note for one in fallen if one.note},
         "report": None if page is None else str(page),
     }
 
@@ -217,7 +235,7 @@ def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", con
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
         if one is not None:
-            for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
+            for line in (one.note or f"trace: {one.trace_path}", f"again: {one.command}"):
                 console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
 
 
