@@ -8,7 +8,7 @@ from typing import Final
 
 from benchmarks.stopwatch import Stopwatch
 from servoloop.campaign.campaign import Scenario, files_of, read_scenario, schedule_of
-from servoloop.campaign.invariants import ALL, Invariant
+from servoloop.campaign.invariants.watch import ALL, Invariant
 from servoloop.campaign.quiet import quiet
 from servoloop.campaign.run import run_schedule
 from servoloop.simulation.job import job_settings

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, field_validator
 
 from drivers.printable import counted
 from drivers.servos.catalog import SERIES
-from servoloop.campaign.invariants import ALL
+from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.visits import JOB, NO_SERVO, PHASES, Visit
 from servoloop.simulation.acts import Act
 from sim_backend.faults.events import KINDS

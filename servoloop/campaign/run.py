@@ -10,7 +10,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
+from servoloop.campaign.invariants.watch import ALL, Invariant, Violation, Watch
 from servoloop.campaign.visits import Visit
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from servoloop.campaign.campaign import Scenario
-from servoloop.campaign.invariants import ALL, Violation
+from servoloop.campaign.invariants.watch import ALL, Violation
 from servoloop.campaign.run import WHOLE_RUN, RunReport
 from servoloop.campaign.visits import PHASES, Visit
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from servoloop.campaign.campaign import Scenario
-    from servoloop.campaign.fallen import Fallen
-    from servoloop.campaign.invariant import Violation
+    from servoloop.campaign.invariants.invariant import Violation
+    from servoloop.campaign.kept_violation import KeptViolation
     from servoloop.campaign.tally import Tally
     from servoloop.campaign.workers import Stop
 
@@ -116,7 +116,7 @@ def _run(
 
 def _keep(
     tally: "Tally", out: Path, stop: "Stop", apart: bool
-) -> "tuple[list[Fallen], Path | None, DriverError | None]":
+) -> "tuple[list[KeptViolation], Path | None, DriverError | None]":
     """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first.
 
     ``apart``: whether runs that look for smaller schedules take place in another process.
@@ -124,10 +124,10 @@ def _keep(
     from rich.console import Console
     from rich.progress import track
 
-    from servoloop.campaign.fallen import keep
+    from servoloop.campaign.kept_violation import keep
     from servoloop.campaign.shrinking import violated, violated_apart
 
-    fallen: list[Fallen] = []
+    fallen: list[KeptViolation] = []
     console = Console(stderr=True)
     try:
         with violated_apart() if apart and tally.first else nullcontext(violated) as names:
@@ -144,14 +144,14 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     from rich.console import Console
 
     from servoloop.campaign.campaign import require_possible_schedule
-    from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
+    from servoloop.campaign.kept_violation import KeptViolation, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
 
     schedule = read_schedule(path)
     require_possible_schedule(path, schedule)
     make_folder(out)
     report, recording = recorded(schedule)
-    fallen: list[Fallen] = []
+    fallen: list[KeptViolation] = []
     page, unwritten = None, None
     try:
         for one in report.violations:
@@ -173,7 +173,7 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     return 1 if report.violations else 0
 
 
-def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Path | None:
+def _write_page(path: Path, tally: "Tally | None", fallen: "list[KeptViolation]") -> Path | None:
     from servoloop.campaign import report
 
     if not report.possible():
@@ -183,7 +183,7 @@ def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Pa
     return path
 
 
-def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
+def _files(fallen: "list[KeptViolation]", page: Path | None) -> dict[str, Any]:
     """The files that were written, for programs."""
     return {
         "kept": {one.violation.invariant: str(one.schedule_path) for one in fallen},
@@ -193,7 +193,7 @@ def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
     }
 
 
-def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
+def _print(tally: "Tally", fallen: "list[KeptViolation]", page: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -229,7 +229,7 @@ def _marks(tally: "Tally") -> "Table":
     return table
 
 
-def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", console: "Console") -> None:
+def _print_fallen(violations: "Sequence[Violation]", fallen: "list[KeptViolation]", console: "Console") -> None:
     """Print each violation, and where its trace is; of the last ones none may have been written."""
     for violation, one in zip_longest(violations, fallen):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from benchmarks import invariants, simulation, stopwatch
 from servoloop.campaign.campaign import Scenario, files_of
-from servoloop.campaign.invariants import ALL, Invariant
+from servoloop.campaign.invariants.watch import ALL, Invariant
 from servoloop.campaign.run import run_schedule
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule

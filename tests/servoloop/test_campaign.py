@@ -19,7 +19,7 @@ from servoloop.campaign.campaign import (
     run_schedule_of,
     schedule_of,
 )
-from servoloop.campaign.invariants import ALL
+from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 from sim_backend.faults.text import parse

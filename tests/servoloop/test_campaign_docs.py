@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from servoloop.campaign.campaign import files_of, read_scenario
-from servoloop.campaign.fallen import recorded
-from servoloop.campaign.invariants import ALL
+from servoloop.campaign.invariants.watch import ALL
+from servoloop.campaign.kept_violation import recorded
 from servoloop.campaign.visits import PHASES
 from servoloop.cli import app
 from servoloop.simulation.schedule import Schedule

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.campaign import fallen, report, shrinking
+from servoloop.campaign import kept_violation as fallen
+from servoloop.campaign import report, shrinking
 from servoloop.campaign.campaign import Scenario
-from servoloop.campaign.fallen import AS_DRAWN, UNSEEN, keep
-from servoloop.campaign.invariants import Violation
+from servoloop.campaign.invariants.watch import Violation
+from servoloop.campaign.kept_violation import AS_DRAWN, UNSEEN, keep
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run
 from servoloop.campaign.shrinking import smallest, violated_apart
 from servoloop.campaign.supervised import Loss

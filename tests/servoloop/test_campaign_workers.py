@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from servoloop.campaign import hangs, supervised, workers
 from servoloop.campaign.campaign import Scenario, campaign, run_seed, schedule_of
 from servoloop.campaign.hangs import SHOWN
-from servoloop.campaign.invariants import Violation
+from servoloop.campaign.invariants.watch import Violation
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
 from servoloop.campaign.run import RunReport
 from servoloop.campaign.supervised import Loss, Supervisor, WorkerError

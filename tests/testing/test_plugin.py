@@ -13,7 +13,7 @@ from controller.parameters import Parameters
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants import Invariant
+from servoloop.campaign.invariants.watch import Invariant
 from servoloop.testing.arm import ArmTestError, VirtualArm
 from sim_backend.faults.errors import FaultError
 

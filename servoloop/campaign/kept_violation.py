@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from servoloop.campaign.campaign import files_of, run_schedule_of
-from servoloop.campaign.invariants import Violation
+from servoloop.campaign.invariants.watch import Violation
 from servoloop.campaign.quiet import quiet
 from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
 from servoloop.campaign.shrinking import Violated, smallest, violated
@@ -30,7 +30,7 @@ UNSEEN: Final = "It is not minimized: a second run of the schedule did not show 
 
 
 @dataclass(frozen=True, slots=True)
-class Fallen:
+class KeptViolation:
     """A violation as it is seen again, ``violation.time_s`` of the stack's clock, and where that is kept."""
 
     violation: Violation
@@ -66,7 +66,7 @@ def violates(schedule: Schedule, invariant: str) -> bool:
     return invariant in violated(schedule)
 
 
-def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> Fallen:
+def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> KeptViolation:
     """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError.
 
     A run that hangs or is killed is not run again: its schedule is kept as it was drawn. ``violated`` runs schedules.
@@ -83,11 +83,11 @@ def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Vio
     return traced(violation, schedule, recording, path, path.with_suffix(".csv"))
 
 
-def _kept_as_drawn(report: RunReport, invariant: str, path: Path, note: str) -> Fallen:
+def _kept_as_drawn(report: RunReport, invariant: str, path: Path, note: str) -> KeptViolation:
     violation = _of(report, invariant)
     assert violation is not None
     _write(path, violation, report.schedule, note)
-    return Fallen(violation, report.schedule, NOTHING, path, None, note)
+    return KeptViolation(violation, report.schedule, NOTHING, path, None, note)
 
 
 def _of(report: RunReport, invariant: str) -> Violation | None:
@@ -100,11 +100,11 @@ def _write(path: Path, violation: Violation, schedule: Schedule, note: str = "")
     write_file(path, f"{remarks}{schedule_text(schedule)}", keep=False)
 
 
-def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> Fallen:
+def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> KeptViolation:
     """Write the trace of a violation of the schedule in the file ``path``; ``recording``: of the whole run."""
     part = recording.around(violation.time_s, BEFORE_S, CYCLES_BEHIND)
     write_file(trace, trace_text(part, files_of(schedule.arm).robot.joints), keep=False)
-    return Fallen(violation, schedule, part, path, trace)
+    return KeptViolation(violation, schedule, part, path, trace)
 
 
 def stem_of(invariant: str) -> str:
