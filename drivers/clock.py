@@ -1,4 +1,4 @@
-"""Where time comes from. Nothing else in the core asks for the time or sleeps."""
+"""Clocks. All other code of the core reads the time and sleeps only through a clock."""
 
 import time
 from collections.abc import Callable
@@ -6,19 +6,19 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Seconds on a clock that never goes backwards; its zero means nothing."""
+    """A clock that never goes backwards. Its zero point has no meaning."""
 
     def now(self) -> float:
-        """The time in seconds."""
+        """Return the time, in seconds."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Return at ``deadline_s`` or a little later; at once if it has passed."""
+        """Sleep until ``deadline_s``. Return immediately if this time has passed."""
         ...
 
 
 class MonotonicClock:
-    """The machine's own monotonic clock. All processes of one machine share it."""
+    """The monotonic clock of the operating system. All processes on a machine share it."""
 
     now = staticmethod(time.monotonic)
 
@@ -29,7 +29,7 @@ class MonotonicClock:
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """What to add to ``clock`` for the time of day (s): of five readings of both the one that was held up least."""
+    """Return the offset from ``clock`` to the time of day, in seconds, from the fastest of five readings."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
     before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall_s - 0.5 * (before_s + after_s)

@@ -1,4 +1,4 @@
-"""The bus is one line of servos of one wire protocol: all calls that the layer above may make."""
+"""Interface to all servos on one serial bus."""
 
 import logging
 import math
@@ -30,15 +30,15 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_AT_ONCE: Final = 256  # bytes that are thrown away in one read
+_AT_ONCE: Final = 256  # maximum number of bytes that are discarded in one read
 
 
 class Bus:
-    """One transaction at a time, from one thread.
+    """All servos on one serial bus. They share one wire protocol. Use a bus from one thread only.
 
-    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
-    for lost packets (drivers/bus/retry.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on``,
-    ``limit_torque``, ``torque_off``. A cycle is ``request``, ``receive``, ``write_goals``.
+    A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls to a single servo raise ServoError. All
+    calls raise PortLost after the port has disappeared. The calls for set-up repeat lost requests: ``identify``,
+    ``goal``, ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
     """
 
     def __init__(
@@ -50,71 +50,92 @@ class Bus:
         position_p: Mapping[int, int] | None = None,
         lent: bool = False,
     ) -> None:
-        """``models`` by ID; ValueError where they cannot share a line. None: STS servos.
+        """Create a bus on an open port.
 
-        ``position_p``: the position P gain of Dynamixels (by ID) that are not to have the factory's. It lives
-        in RAM: it is written whenever the torque goes on. ``lent``: the port is another bus's, and ``close`` leaves it.
+        Args:
+            port: The port.
+            clock: Clock of all deadlines.
+            models: Model of each servo, by ID; STS servos by default.
+            position_p: Position P gains of Dynamixel servos, by ID, written to RAM each time torque is enabled.
+            lent: Whether the port belongs to another bus, so that ``close`` leaves it open.
+
+        Raises:
+            ValueError: The models cannot share a bus.
         """
         self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
         self._turns: Turns | None = None
-        """Those of servos in extended position mode, if there are any."""
+        """Whole turns of the servos in extended position mode. None if there are no such servos."""
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
-        """What went wrong since the bus was opened, by servo and kind."""
+        """Replies and faults since the bus was opened, by servo and kind."""
         late, protocol = LateReplies(), servos.protocol
         self._line = line = Line(port, clock)
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)
         self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
-        # What one servo is asked and told goes straight to the SDK, once.
+        # These calls to single servos pass to the SDK without retries.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
         self.reboot, self.factory_reset, self.forget_turns = single.reboot, single.factory_reset, single.forget_turns
 
     @property
     def name(self) -> str:
-        """The port's name."""
+        """Name of the port."""
         return self._port.name
 
     @property
     def baud(self) -> int:
-        """The rate of the line, in bits per second."""
+        """Baud rate, in bits per second."""
         return self._port.baud
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet asks all servos for their states; otherwise each is asked by itself."""
+        """Whether one packet requests the states of all servos. Otherwise each servo gets a request of its own."""
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
-        """Ask for the states; ``receive`` waits for them until ``deadline_s`` on the bus's clock.
+        """Request servo states without waiting. Several buses that are requested first then work in parallel.
 
-        Lines that are asked before any of them is waited for work at the same time. What was requested before and
-        not received is abandoned.
+        A previous request that was not received is abandoned.
+
+        Args:
+            servo_ids: The servos.
+            deadline_s: Time on the clock until which ``receive`` waits.
         """
         self._reader.request(tuple(servo_ids), deadline_s)
 
     def receive(self) -> Mapping[int, Reading]:
-        """The state of each servo that was asked, or its fault.
+        """Wait for the requested states. Return the state or the fault of each servo, by ID.
 
-        What is missing is asked for again while there is time, and a servo known to be silent is not waited for in
-        every cycle.
+        Missing states are requested again if there is time. A servo known to be silent is not asked in every cycle.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
         return readings if self._maps is None else self._look_after(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
+        """Write the goals of several servos, by ID, in one packet. Servos do not acknowledge it.
+
+        Raises:
+            ValueError: A goal does not fit its register. No goal is written.
+        """
         if goals:
             self._line.tell(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
-        """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
+        """Request and receive servo states.
+
+        Args:
+            servo_ids: The servos.
+            deadline_s: Time on the clock until which to wait; None waits for every servo, too long for a control cycle.
+
+        Returns:
+            The state or the fault of each servo, by ID.
+        """
         if deadline_s is None:
             readings = self._reader.read_patiently(tuple(servo_ids))
             return readings if self._maps is None else self._look_after(readings, math.inf)
@@ -122,11 +143,11 @@ class Bus:
         return self.receive()
 
     def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
-        """Bytes that a cycle with these goals and states puts on the wire, where nothing goes wrong."""
+        """Return the number of bytes that a control cycle without faults sends and receives."""
         return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
 
     def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
-        """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
+        """Read which hardware errors the servos have, if there is time, and record servos that were reset."""
         readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
@@ -143,7 +164,7 @@ class Bus:
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
+        """Check that the servo answers, is of this model and has usable settings. Raise ServoError otherwise."""
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
         extended = self._is_extended(servo_id, model)
@@ -155,26 +176,25 @@ class Bus:
             self._maps.set_up(servo_id, model)
 
     def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
-        """Whether it is a Dynamixel X in extended position mode."""
         if series_of(model) is not X:
             return False
         return self._read_surely(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoError unless it is set up to be driven, as a servo with this model's table is."""
+        """Check that the settings of a servo with this model's control table are usable. Raise ServoError otherwise."""
         if warning := check_settings(self._single, servo_id, model):
             LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
 
     def goal(self, servo_id: int) -> int:
-        """The goal position that the servo holds, in counts."""
+        """Return the goal position that the servo holds, in counts."""
         held = self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
         return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
-        """The lowest and the highest goal that the servo's settings let it take, in counts.
+        """Return the lowest and the highest goal that the servo's settings allow, in counts.
 
-        None where it has none: both 0 is a servo without such a setting, or a simulator's empty table. In extended
-        position mode a servo does not look at them.
+        The result is None if both registers are 0, as in a simulator's empty table, and for servos in extended
+        position mode, which ignore these registers.
         """
         if self._turns and servo_id in self._turns:
             return None
@@ -183,20 +203,22 @@ class Bus:
         return (lowest, highest) if (lowest, highest) != (0, 0) else None
 
     def torque_is_on(self, servo_id: int) -> bool:
-        """Whether the servo drives its motor."""
+        """Return whether the servo's torque is enabled."""
         return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
-        """Whether these servos drive their motors with the torque limit that they were given: a servo that was reset
-        has another. As far as they answer by the deadline: one question and one attempt."""
+        """Return whether each servo has torque enabled with the torque limit that ``limit_torque`` wrote.
+
+        A servo that was reset has a different limit. Servos that do not reply before the deadline are left out.
+        """
         series = {i: self._servos.series(i) for i in servo_ids}
         held = self._reader.registers({i: one.torque_state for i, one in series.items()}, deadline_s)
         return {i: series[i].drives(value, self._limits.get(i)) for i, value in held.items()}
 
     def torque_on(self, servo_id: int) -> None:
-        """Drive the motor. The caller has written the goal before.
+        """Enable torque. Write the goal first.
 
-        Told once: of a servo that does not acknowledge it nobody knows whether it was reset, and has its goal still.
+        The write is not repeated: a servo that does not acknowledge it may have been reset and have lost its goal.
         """
         if self._maps is not None:
             self._maps.restore(servo_id)
@@ -208,8 +230,8 @@ class Bus:
         self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
-        """Let go of every servo, each tried whatever the others answer; returns what failed."""
-        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged, or else once more.
+        """Disable torque of all these servos and return the errors of those that failed."""
+        # One packet to all first, so that no servo waits for another's timeout; then one acknowledged write to each.
         if servo_ids:
             self._line.tell(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
@@ -224,35 +246,40 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        """Limit the torque to a share (0 to 1) of the full torque until power-off."""
         series = self._servos.series(servo_id)
         wanted, lasting, passing = round(share * series.full_torque), series.max_torque, series.torque_limit
         held, where = self._read_surely(servo_id, lasting), f"{lasting.name} (register {lasting.address}"
-        # What lasts is the upper bound, and what a reset servo has: one less tells the two apart.
+        # The persistent limit is the upper bound and returns after a reset. One less shows whether the servo was reset.
         limit = min(wanted, held - 1 if passing else held)
         if limit <= 0:
             raise ServoRefused(
-                servo_id, f"would have no torque: {where}) is {held}, torque_limit {share:g}: raise what is too low"
+                servo_id,
+                f"would have no torque: {where}) is {held}, torque_limit is {share:g}: increase one of them",
             )
         if passing is not None:
             self._limits[servo_id] = limit
             self._write_surely(servo_id, passing, limit)
         elif share < 1.0:
             what = f"write {wanted} to {where}, EEPROM) and set torque_limit: 1.0 in the robot file"
-            raise ServoRefused(servo_id, f"has no torque limit that ends with the power: {what}")
+            raise ServoRefused(servo_id, f"has no torque limit in RAM: {what}")
 
     def _read_surely(self, servo_id: int, register: Register) -> int:
         return retry(partial(self.read, servo_id, register))
 
     def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
-        """One register of RAM: written twice, it holds what it holds after once."""
         retry(partial(self.write, servo_id, register, value))
 
     @contextmanager
     def at_baud(self, baud: int, models: Mapping[int, ServoModel] | None = None) -> Iterator["Bus"]:
-        """The same line at this rate, for these models, if any. Raises PortError where the adapter has no such rate.
+        """Use the port at a different baud rate within a ``with`` block.
 
-        What is still on the way then is an answer to that bus's questions, and not to be heard at the next.
+        Args:
+            baud: Baud rate, in bits per second.
+            models: Model of each servo at this rate, by ID; the models of this bus by default.
+
+        Raises:
+            PortError: The adapter does not support this rate.
         """
         former = self._port.baud
         self._port.set_baud(baud)
@@ -264,12 +291,12 @@ class Bus:
             self._line.clean = False
 
     def _let_pass(self) -> None:
-        """Throw away what comes until nothing comes any more, or somebody never stops."""
+        """Discard replies that are still arriving, for a limited time."""
         end_s = self._line.now() + 4.0 * HELD_S
         while self._port.read(_AT_ONCE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
             pass
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port, unless it belongs to another bus."""
         if not self._lent:
             self._port.close()

@@ -1,6 +1,6 @@
-"""Fast sync reads: one packet in which each servo has its piece, so who is silent silences those behind.
+"""Fast sync reads: all servos reply with one common packet, so a silent servo also silences the servos after it.
 
-Some firmware of the X series answers them, with nothing stuffed. Source: ROBOTIS e-manual, "Fast Sync Read".
+Some firmware of the X series supports them, without byte stuffing. Source: ROBOTIS e-manual, "Fast Sync Read".
 """
 
 import logging
@@ -21,13 +21,13 @@ from drivers.servos.series import StateBlock
 LOG = logging.getLogger("servoloop.drivers")
 
 FAST_TRIES: Final = 5
-"""After so many broken answers in a row there are no more fast sync reads."""
+"""Number of consecutive failures after which fast sync reads are no longer used."""
 FAST_TRIAL_S: Final = 0.005
-"""How long the answer to the trial of a fast sync read may take beside its time on the wire."""
+"""Timeout of the trial of a fast sync read in addition to the transmission time, in seconds."""
 
 
 def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan:
-    """Ask all servos for the block by one fast sync read."""
+    """Return the plan of a fast sync read of this block."""
     servo_ids = tuple(scales)
     return ReadPlan(
         servo_ids,
@@ -43,7 +43,7 @@ def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan
 
 
 def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
-    """The last checksum goes over the whole packet: those of the pieces before need no look."""
+    """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet."""
     head = v2.fast_head(len(scales), block.size)
     piece = Struct(f"<BB{block.at}x{block.fields.format[1:]}H")
     size = len(head) + piece.size * len(scales)
@@ -63,21 +63,21 @@ def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
 
 
 class FastReads:
-    """Whether the servos of one line are asked fast: found out once, and given up where too much comes broken."""
+    """Use of fast sync reads on one bus. It is tried once, and stopped after too many failures."""
 
     def __init__(self, line: Line) -> None:
         self._line = line
         self.tried = False
         self.known = False
-        """Whether the servos answer fast sync reads; ``trial`` finds out."""
+        """Whether all servos support fast sync reads, as found by ``trial``."""
         self._broken_in_a_row = 0
         self._rests_until_s = -math.inf
 
     def trial(self, plan: ReadPlan) -> None:
-        """Ask servos that have just answered once more, fast, and remember whether they did.
+        """Try a fast sync read of servos that have just answered, and record whether it succeeds.
 
-        Not for a cycle: whoever does not know the instruction costs a wait. Nothing is counted. A slow adapter gets no
-        fast reads: a silent first servo silences all, and would cost its whole wait in the cycle.
+        Call this outside a control cycle, because a servo that does not know the instruction costs a timeout. Faults
+        are not counted. The trial fails on a slow adapter: there a silent first servo would cost too long a timeout.
         """
         line = self._line
         self.tried = True
@@ -85,21 +85,20 @@ class FastReads:
         self.known = plan.whole(line.hear(plan.request, plan.reply_size, due_s + FAST_TRIAL_S)) is not None
         line.clean = False
         if not self.known:
-            LOG.info("%s: not every servo knows fast sync reads: their states by plain ones", line.port.name)
+            LOG.info("%s: not every servo supports fast sync reads: using plain sync reads", line.port.name)
 
     def may_be_asked(self) -> bool:
-        """Whether no answer to a broken one can still come."""
+        """Whether no reply to a failed fast sync read can still arrive."""
         return self._line.now() >= self._rests_until_s
 
     def came_whole(self) -> None:
-        """A fast answer was complete."""
         self._broken_in_a_row = 0
 
     def came_broken(self) -> None:
-        """Something was missing or wrong: the next are plain, and after too many in a row all."""
+        """Record a failure. Plain sync reads are used for a while, or permanently after too many failures."""
         self._rests_until_s = self._line.now() + OPEN_S
         self._broken_in_a_row += 1
         if self._broken_in_a_row == FAST_TRIES:
             self.known = False
             name = self._line.port.name
-            LOG.warning("%s: %d fast sync reads broken in a row: plain ones from now on", name, FAST_TRIES)
+            LOG.warning("%s: %d consecutive fast sync reads failed: using plain sync reads", name, FAST_TRIES)

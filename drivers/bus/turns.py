@@ -1,8 +1,8 @@
-"""The turns of servos in extended position mode: outside the bus their positions are places within one turn.
+"""Remove whole turns from the positions of servos in extended position mode.
 
-Such a servo counts on over turns, and begins within one after each restart. So the bus takes whole turns off what it
-reports, and adds them to its goals. Another number of turns counts only once a second reading confirms it: a false one
-would send the joint a whole turn away.
+Such a servo counts several turns, but restarts within a single turn. The bus therefore subtracts whole turns from its
+readings and adds them to its goals. A second reading must confirm a changed number of turns, because a wrong number
+would move the joint by a whole turn.
 """
 
 from collections.abc import Mapping
@@ -12,17 +12,16 @@ from drivers.servos.register import ServoModel
 
 
 class Turns:
-    """The servos of one line that are in extended position mode, by ID."""
+    """The servos of one bus that are in extended position mode."""
 
     def __init__(self) -> None:
         self._counts_per_turn: dict[int, int] = {}
         self._turned: dict[int, int] = {}
-        """Counts of the whole turns in each servo's readings."""
+        """Whole turns in the readings of each servo, in counts."""
         self._doubted: dict[int, int] = {}
-        """The same of the newest reading, if it differs."""
+        """Whole turns in the newest reading of each servo, in counts, if not confirmed yet."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
-        """Note whether the servo counts on over turns."""
         self._counts_per_turn.pop(servo_id, None)
         self._forget(servo_id)
         if extended:
@@ -32,7 +31,7 @@ class Turns:
         return servo_id in self._counts_per_turn
 
     def readings(self, readings: Mapping[int, Reading]) -> Mapping[int, Reading]:
-        """The readings with every position within one turn, or as far outside as an unconfirmed one says."""
+        """Return the readings without whole turns. An unconfirmed position may be outside a single turn."""
         changed: dict[int, Reading] = {}
         for servo_id, turn in self._counts_per_turn.items():
             reading = readings.get(servo_id)
@@ -55,7 +54,7 @@ class Turns:
         self._doubted.pop(servo_id, None)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
-        """The goals in the turns that the servos are in."""
+        """Return the goals with the whole turns of the servos added."""
         changed = {
             i: goals[i]._replace(position_counts=goals[i].position_counts + turned)
             for i, turned in self._turned.items()
@@ -64,5 +63,5 @@ class Turns:
         return {**goals, **changed} if changed else goals
 
     def goal(self, servo_id: int, held: int) -> int:
-        """The goal that a servo holds, counted as its readings are."""
+        """Return the goal that a servo holds, without its whole turns."""
         return held - self._turned.get(servo_id, 0)

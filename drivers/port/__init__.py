@@ -1,22 +1,22 @@
-"""The first seam: where bytes leave. A real serial device and the virtual bus are both a Port."""
+"""The interface of ports. Serial devices and the virtual bus implement it."""
 
 from typing import Protocol
 
 
 class Port(Protocol):
-    """A half-duplex byte line with one owner.
+    """A half-duplex serial port with one owner.
 
-    Every method raises ``PortLost`` once the line is gone (unplugged adapter, ended emulator).
+    All methods raise ``PortLost`` after the device has disappeared, such as an unplugged adapter.
     """
 
     @property
     def name(self) -> str:
-        """What to call the line in a message, e.g. ``/dev/ttyACM0``."""
+        """Name of the port for messages, such as ``/dev/ttyACM0``."""
         ...
 
     @property
     def baud(self) -> int:
-        """Bits per second; a byte takes ten of them (8N1)."""
+        """Baud rate, in bits per second. A byte takes ten bits (8N1)."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -24,20 +24,25 @@ class Port(Protocol):
         ...
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        """Wait without spinning until ``size`` bytes are there or the clock says ``deadline_s``.
+        """Wait for bytes without busy-waiting.
 
-        Returns what has come by then: at most ``size`` bytes, perhaps none.
+        Args:
+            size: Number of bytes to wait for.
+            deadline_s: Time on the clock at which to stop waiting, in seconds.
+
+        Returns:
+            The bytes received by then: at most ``size`` bytes, possibly none.
         """
         ...
 
     def discard_input(self) -> None:
-        """Drop whatever was received and not yet read."""
+        """Discard all received bytes that have not been read."""
         ...
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate. Raises PortError, and keeps the old one, where the adapter does not know it."""
+        """Change the baud rate. Raise PortError and keep the old rate if the adapter does not support the new rate."""
         ...
 
     def close(self) -> None:
-        """Give the line back. Closing twice is no error."""
+        """Close the port. Closing it again has no effect."""
         ...

@@ -1,4 +1,4 @@
-"""Servos as data: a register is one line of a table, a servo model is a table."""
+"""Registers and servo models."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ ByteOrder = Literal["little", "big"]
 
 
 class Access(Enum):
-    """Who may change a register."""
+    """Access rights of a register."""
 
     READ = "read"
     READ_WRITE = "read_write"
@@ -17,12 +17,16 @@ class Access(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One entry of a control table.
+    """One register of a control table.
 
-    ``sign_bit`` is the bit that holds the sign of a sign-magnitude number (Feetech's way of
-    writing negative values); None means that there is none. ``signed`` registers hold two's
-    complement (Dynamixel's way); with neither, the register is unsigned.
-    ``persistent`` registers live in EEPROM: they survive power-off and wear out when written.
+    Attributes:
+        name: Name of the register.
+        address: Address of its first byte.
+        size: Size, in bytes.
+        access: Whether the register can be written.
+        persistent: Whether it is in EEPROM, which keeps its value without power and wears out when written.
+        sign_bit: Sign bit of a sign-magnitude number (Feetech); None if there is none.
+        signed: Whether it holds a two's complement number (Dynamixel).
     """
 
     name: str
@@ -35,24 +39,24 @@ class Register:
 
     @property
     def largest(self) -> int:
-        """The largest value that the register can say."""
+        """Largest value of the register."""
         bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
         return (1 << bits) - 1
 
     @property
     def smallest(self) -> int:
-        """The smallest value that the register can say."""
+        """Smallest value of the register."""
         if self.signed:
             return -self.largest - 1
         return 0 if self.sign_bit is None else -self.largest
 
     def check(self, value: int) -> None:
-        """Raise ValueError where the register cannot say ``value``."""
+        """Raise ValueError if ``value`` does not fit the register."""
         if not self.smallest <= value <= self.largest:
-            raise ValueError(f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written")
+            raise ValueError(f"{self.name} must be {self.smallest} to {self.largest}, not {value}: nothing was written")
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
-        """``value`` as it goes over the wire. Raises ValueError where it does not fit."""
+        """Return the bytes of ``value`` on the wire. Raise ValueError if it does not fit the register."""
         self.check(value)
         raw = value
         if self.sign_bit is not None and value < 0:
@@ -60,31 +64,39 @@ class Register:
         return raw.to_bytes(self.size, order, signed=self.signed)
 
     def decode(self, data: bytes, order: ByteOrder) -> int:
-        """The value in ``data``, which is ``size`` bytes long."""
+        """Return the value in ``data``, which must be ``size`` bytes long."""
         raw = int.from_bytes(data, order, signed=self.signed)
         return raw if self.sign_bit is None else signed(raw, 1 << self.sign_bit)
 
 
 def signed(raw: int, sign: int) -> int:
-    """A sign-magnitude number whose sign is the bit ``sign``."""
+    """Return the value of a sign-magnitude number. ``sign`` is the mask of its sign bit."""
     return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def by_address(values: Iterable[object]) -> tuple[Register, ...]:
-    """The registers among these values, by address: a control table."""
+    """Return the registers among these values, sorted by address."""
     return tuple(sorted((v for v in values if isinstance(v, Register)), key=lambda register: register.address))
 
 
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
-    """The bits of one byte that are set, by name; one that the manuals do not name by its number."""
+    """Return the names of the bits that are set in a byte. A bit without a name is described by its number."""
     return tuple(names.get(bit, f"unknown (bit {bit})") for bit in range(8) if bits >> bit & 1)
 
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """What distinguishes one servo model from another.
+    """Data of a servo model. Stall torque and no-load speed are datasheet values at the rated voltage.
 
-    ``stall_torque_nm`` and ``no_load_speed_rad_s`` are the datasheet's figures at ``rated_voltage_v``.
+    Attributes:
+        name: Name in robot files.
+        number: Model number that the servo reports.
+        byte_order: Byte order of its registers.
+        counts_per_turn: Position counts of a full turn.
+        rated_voltage_v: Rated voltage, in V.
+        stall_torque_nm: Stall torque, in N m.
+        no_load_speed_rad_s: Speed without load, in rad/s.
+        positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
     """
 
     name: str
@@ -95,9 +107,8 @@ class ServoModel:
     stall_torque_nm: float
     no_load_speed_rad_s: float
     positions: int | None = None
-    """Readings and goals are below this where the sensor sees less than a turn; None: a whole turn."""
 
     @property
     def last_count(self) -> int:
-        """The largest position that it can be told to go to, and know."""
+        """Largest position that the servo can measure within one turn, in counts."""
         return (self.positions or self.counts_per_turn) - 1

@@ -132,7 +132,7 @@ def test_a_model_of_no_series_is_refused_and_not_taken_for_an_sts(monkeypatch: p
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS15), clock)
     monkeypatch.setattr(catalog, "SERIES", dynamixel.SERIES)
-    with pytest.raises(ValueError, match="scs15 is no servo that is known"):
+    with pytest.raises(ValueError, match="scs15 is not a supported servo model"):
         Bus(port, clock, {1: scs.SCS15})
 
 

@@ -48,6 +48,6 @@ def test_the_newer_of_two_readings_that_agree_counts(readings: tuple[int | None,
 
 def test_without_two_that_agree_there_is_a_fault() -> None:
     found, taken = confirmed(*([2000, 3000] * READINGS))
-    assert isinstance(found, ServoFault) and "positions that differ" in found.text
+    assert isinstance(found, ServoFault) and "a different position in every reading" in found.text
     assert taken == READINGS
     assert confirmed(*[None] * READINGS)[0] == SILENT

@@ -154,8 +154,8 @@ def test_a_checksum_that_looks_like_a_header_belongs_to_its_reply_alone(dialect:
 
 
 def test_an_error_is_told_in_words_and_one_that_has_no_name_by_its_number() -> None:
-    assert v2.error_text(4) == "was given a value out of range"
-    assert v2.error_text(99) == "answered error 99"
+    assert v2.error_text(4) == "received a value out of range"
+    assert v2.error_text(99) == "reported error 99"
 
 
 @pytest.mark.parametrize(("size", "longest"), [(12, 16), (13, 17), (14, 19)])

@@ -211,7 +211,7 @@ def test_identify_tells_absent_wrong_and_wrongly_set_up_apart() -> None:
     for register, value, says in (
         (x.operating_mode, 1, "operating mode 1: set it to 3"),
         (x.drive_mode, 4, "time-based profile"),
-        (x.drive_mode, 8, "switches its torque on by itself"),
+        (x.drive_mode, 8, "enables its torque at every goal"),
     ):
         line = Line()
         line.put(1, register, value)
@@ -223,10 +223,10 @@ def test_what_a_servo_refuses_is_said_in_words() -> None:
     line = Line()
     with pytest.raises(ServoRefused, match="value beyond its limit"):
         line.bus.write(1, x.goal_position, 5000)
-    with pytest.raises(ServoRefused, match="no such register"):
+    with pytest.raises(ServoRefused, match="does not have this register"):
         line.bus.write(1, x.present_position, 0)
     line.bus.torque_on(1)
-    with pytest.raises(ServoRefused, match="locked while the torque is on"):
+    with pytest.raises(ServoRefused, match="locked while torque is enabled"):
         line.bus.write(1, x.drive_mode, 1)
     line.servos.faults.corrupt_next(1)
     with pytest.raises(ServoCorrupt):

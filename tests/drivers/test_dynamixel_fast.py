@@ -157,7 +157,7 @@ def test_where_the_firmware_does_not_know_it_plain_reads_are_remembered_and_told
             assert right(line.cycle())
     assert line.codes().count(Code.FAST_SYNC_READ) == 1
     assert [record.message for record in caplog.records] == [
-        "line: not every servo knows fast sync reads: their states by plain ones"
+        "line: not every servo supports fast sync reads: using plain sync reads"
     ]
     assert all((a.replies, a.silent, a.corrupt, a.late) == (6, 0, 0, 0) for a in line.bus.counters.servos.values())
 
@@ -239,7 +239,9 @@ def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCapt
         assert right(line.cycle())
         line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no question is open any more
     assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
-    assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
+    assert [
+        record.levelname for record in caplog.records if "consecutive fast sync reads failed" in record.message
+    ] == ["WARNING"]
 
 
 def test_the_whole_packet_has_every_servo_s_state_and_alarm_and_a_refusal_none() -> None:

@@ -314,10 +314,10 @@ def blind(line: TrueLine, servo_id: int) -> None:
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda line, i: refusing(line, i, DATA_RANGE), "was given a value out of range"),
-        (lambda line, i: refusing(line, i, ACCESS), "has no such register"),
-        (forgetful, "does not keep it"),
-        (blind, "does not show what it is to show"),
+        (lambda line, i: refusing(line, i, DATA_RANGE), "received a value out of range"),
+        (lambda line, i: refusing(line, i, ACCESS), "does not have this register"),
+        (forgetful, "did not keep the map"),
+        (blind, "did not return the mapped registers"),
     ],
     ids=["range", "access", "forgetful", "blind"],
 )

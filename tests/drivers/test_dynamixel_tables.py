@@ -46,7 +46,7 @@ def test_any_bytes_come_back(register: Register, data: st.DataObject) -> None:
 @given(st.sampled_from(ALL), st.integers())
 def test_a_value_is_either_in_range_or_refused(register: Register, value: int) -> None:
     if not register.smallest <= value <= register.largest:
-        with pytest.raises(ValueError, match="nothing written"):
+        with pytest.raises(ValueError, match="nothing was written"):
             register.encode(value, "little")
 
 

@@ -97,7 +97,7 @@ def test_identify_is_content_with_the_right_model() -> None:
 
 def test_identify_names_the_model_that_it_found_and_says_what_to_do() -> None:
     line = Line()
-    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(.*sts3215.*\), not 2825 \(sts3250\): write"):
+    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(.*sts3215.*\), not 2825 \(sts3250\): correct"):
         line.bus.identify(3, sts.STS3250)
     line.servos.servo(3).memory.put(sts.model_number, 1234)
     with pytest.raises(ServoRefused, match=r"is model 1234 \(unknown\), not 777 \(sts3215\)"):
@@ -122,7 +122,7 @@ def test_a_silent_servo_is_named_and_the_text_says_where_to_look() -> None:
 def test_a_corrupt_reply_is_named() -> None:
     line = Line()
     line.servos.faults.corrupt_next(3)
-    with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
+    with pytest.raises(ServoCorrupt, match="servo 3: sent a corrupt packet"):
         line.bus.read(3, sts.present_position)
     assert line.bus.read(3, sts.present_position) == 2048
 
@@ -143,7 +143,7 @@ def test_a_negative_value_survives_the_way_there_and_back() -> None:
 
 def test_a_value_that_does_not_fit_is_not_sent() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="torque_limit takes 0 to 65535"):
+    with pytest.raises(ValueError, match="torque_limit must be 0 to 65535"):
         bus.write(1, sts.torque_limit, -1)
     with pytest.raises(ValueError, match="goal_position"):
         bus.write_goals({1: ServoGoal(40_000)})
@@ -152,7 +152,7 @@ def test_a_value_that_does_not_fit_is_not_sent() -> None:
 
 def test_more_goals_than_a_packet_holds_are_refused_in_words() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="a packet holds 31 goals, not 32"):
+    with pytest.raises(ValueError, match="32 goals do not fit into a packet of at most 31"):
         bus.write_goals({i: ServoGoal(0) for i in range(1, 33)})
     assert port.sent == []
 
@@ -209,7 +209,7 @@ def test_a_torn_reply_ends_at_the_deadline_too() -> None:
 def test_a_reply_of_another_length_is_not_taken_for_a_value(register: Register, data: bytes) -> None:
     """A late acknowledgement has the right ID and a right checksum, and is no answer."""
     bus, _, _ = scripted(status(1, data))
-    with pytest.raises(ServoCorrupt, match=rf"servo 1: answered {len(data)} bytes? for {register.name}"):
+    with pytest.raises(ServoCorrupt, match=rf"servo 1: sent {len(data)} bytes? in reply to {register.name}"):
         bus.read(1, register)
 
 
@@ -241,7 +241,7 @@ def test_a_servo_that_multiplies_its_goals_is_refused_with_the_setting() -> None
 def test_a_servo_that_acknowledges_no_writes_is_refused_with_the_setting() -> None:
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
-    with pytest.raises(ServoRefused, match=r"acknowledges no writes: set its status_level \(register 8\) to 1"):
+    with pytest.raises(ServoRefused, match=r"does not acknowledge writes: set its status_level \(register 8\) to 1"):
         line.bus.identify(3, sts.STS3215)
 
 
@@ -262,7 +262,7 @@ def test_another_unit_of_speed_is_told(caplog: pytest.LogCaptureFixture) -> None
     line.servos.servo(3).memory.put(sts.phase, 8)
     line.bus.identify(3, sts.STS3215)
     assert "servo 3: phase (register 18) is 8" in caplog.text
-    assert "set it to 12" in caplog.text
+    assert "set phase to 12" in caplog.text
 
 
 def test_the_lasting_torque_limit_stays_the_upper_bound() -> None:

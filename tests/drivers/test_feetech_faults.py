@@ -79,9 +79,9 @@ def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, i
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [
-        *((ServoGoal(wrong), "goal_position takes") for wrong in (0x8000, -0x8000, 1 << 32, -(1 << 48))),
-        *((ServoGoal(0, wrong), "goal_velocity takes") for wrong in (0x8000, 1 << 32)),
-        *((ServoGoal(0, wrong), "velocity is 0 or more") for wrong in (-1, -0x8000, -(1 << 48))),
+        *((ServoGoal(wrong), "goal_position must be") for wrong in (0x8000, -0x8000, 1 << 32, -(1 << 48))),
+        *((ServoGoal(0, wrong), "goal_velocity must be") for wrong in (0x8000, 1 << 32)),
+        *((ServoGoal(0, wrong), "velocity must be 0 or more") for wrong in (-1, -0x8000, -(1 << 48))),
     ],
 )
 def test_a_goal_that_does_not_fit_is_refused_among_others(wrong: ServoGoal, text: str) -> None:

@@ -77,7 +77,9 @@ def test_more_goals_than_a_packet_s_length_can_say_are_refused(size: int) -> Non
     """Its length is one byte, and counts all of the packet but header, ID and itself."""
     most = (255 - 4) // (size + 1)
     assert wire.sync_write(0x2A, size, bytes(size + 1) * most)[3] == most * (size + 1) + 4
-    with pytest.raises(ValueError, match=f"^a packet holds {most} goals, not {most + 1}: use another port$"):
+    with pytest.raises(
+        ValueError, match=f"^{most + 1} goals do not fit into a packet of at most {most}: use another port as well$"
+    ):
         wire.sync_write(0x2A, size, bytes(size + 1) * (most + 1))
 
 

@@ -39,7 +39,7 @@ def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -
     bench = Bench(case)
     bench.bus.torque_on(1)
     if case.model is dxl.AX_12A:
-        with pytest.raises(ServoRefused, match="servo 1: cannot be rebooted over the wire"):
+        with pytest.raises(ServoRefused, match="servo 1: cannot be rebooted over the bus"):
             bench.bus.reboot(1)
         assert bench.bus.torque_is_on(1)
         return
@@ -69,5 +69,5 @@ def test_who_is_there_by_one_question(case: Case) -> None:
         bench.servos.faults.silence(1)
         assert bench.bus.broadcast_ping() == ()
     else:
-        with pytest.raises(DriverError, match="ping each ID by itself"):
+        with pytest.raises(DriverError, match="ping each ID separately"):
             bench.bus.broadcast_ping()

@@ -63,7 +63,7 @@ def test_nouns_follow_their_numbers() -> None:
 def test_a_virtual_line_has_no_plugs() -> None:
     master, slave = os.openpty()
     device = os.ttyname(slave)
-    assert "plugs" not in line_advice(device) and "virtual line" in line_advice(device)
+    assert "plugs" not in line_advice(device) and "virtual bus" in line_advice(device)
     assert line_advice("/dev/ttyUSB0") == "the cable's plugs"
-    assert "virtual line" in now_and_then(1, device)
+    assert "virtual bus" in now_and_then(1, device)
     os.close(master), os.close(slave)

@@ -68,7 +68,7 @@ def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("kind", "register", "number", "text"),
     [
-        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): write"),
+        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): correct"),
         (
             KINDS[0],
             scs.model_number,
@@ -107,9 +107,9 @@ def test_a_mode_in_which_goals_mean_something_else_is_refused(kind: Kind, limits
 @pytest.mark.parametrize(
     ("kind", "level", "text"),
     [
-        (KINDS[0], 0, r"servo 3: acknowledges no writes: set its status_level \(register 8\) to 1"),
-        (KINDS[2], 1, r"servo 3: acknowledges no writes: set its status_return_level \(register 16\) to 2"),
-        (KINDS[3], 0, r"servo 3: answers a ping but no read: set its status_return_level \(register 16\) to 2"),
+        (KINDS[0], 0, r"servo 3: does not acknowledge writes: set its status_level \(register 8\) to 1"),
+        (KINDS[2], 1, r"servo 3: does not acknowledge writes: set its status_return_level \(register 16\) to 2"),
+        (KINDS[3], 0, r"servo 3: answers pings but not reads: set its status_return_level \(register 16\) to 2"),
     ],
 )
 def test_a_servo_that_does_not_answer_everything_is_refused(kind: Kind, level: int, text: str) -> None:
@@ -137,7 +137,7 @@ def test_a_silent_servo_is_named(kind: Kind) -> None:
 def test_a_corrupt_reply_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(3)
-    with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
+    with pytest.raises(ServoCorrupt, match="servo 3: sent a corrupt packet"):
         line.bus.read(3, series_of(kind.model).goal_position)
     assert line.bus.goal(3) == line.held(3, series_of(kind.model).goal_position)
 
@@ -146,7 +146,7 @@ def test_a_corrupt_reply_is_named(kind: Kind) -> None:
 def test_a_reply_of_another_length_is_no_value(kind: Kind) -> None:
     for data in (b"", b"\x01", b"\x01\x02\x03"):
         bus, _, _ = scripted(kind, wire.packet(1, 0, data))
-        with pytest.raises(ServoCorrupt, match=rf"answered {len(data)} bytes? for goal_position"):
+        with pytest.raises(ServoCorrupt, match=rf"sent {len(data)} bytes? in reply to goal_position"):
             bus.read(1, series_of(kind.model).goal_position)
 
 
@@ -254,7 +254,7 @@ def test_goals_arrive_with_their_speeds(kind: Kind) -> None:
 def test_a_goal_that_the_servo_does_not_have_is_not_sent(kind: Kind) -> None:
     bus, port, _ = scripted(kind)
     for position in (-1, 4096):
-        with pytest.raises(ValueError, match="goal_position takes 0 to"):
+        with pytest.raises(ValueError, match="goal_position must be 0 to"):
             bus.write_goals({1: ServoGoal(position)})
     assert port.sent == b""
 
@@ -264,7 +264,7 @@ def test_a_goal_that_the_servo_does_not_have_is_not_sent(kind: Kind) -> None:
 def test_a_goal_with_a_negative_velocity_is_not_sent(kind: Kind, velocity: int) -> None:
     """Nor is a small one rounded to 0, which is as fast as the servo can."""
     bus, port, _ = scripted(kind)
-    with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing written"):
+    with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing was written"):
         bus.write_goals({1: ServoGoal(500, velocity)})
     assert port.sent == b""
 
@@ -368,7 +368,7 @@ def test_that_a_cycle_takes_longer_is_said_once(caplog: pytest.LogCaptureFixture
     with line.bus.at_baud(500_000):
         pass
     (said,) = caplog.messages
-    assert "no group read" in said and "the 7 of them are asked one by one" in said
+    assert "do not support a group read" in said and "the 7 servos are read one by one" in said
     assert "1.54 ms of every cycle at 1000000 baud" in said
     caplog.clear()
     Line(KINDS[3])
@@ -392,7 +392,9 @@ def test_the_bus_fits_the_servos(models: tuple[ServoModel, ...], bus: type[Bus])
 
 
 def test_servos_that_speak_differently_cannot_share_a_line() -> None:
-    with pytest.raises(ValueError, match=r"tape: these servos cannot share a line: Feetech STS: 1 \(sts3215\); ") as e:
+    with pytest.raises(
+        ValueError, match=r"tape: servos with different protocols cannot share a bus: Feetech STS: 1 \(sts3215\); "
+    ) as e:
         Bus(Tape(), MonotonicClock(), {1: sts.STS3215, 2: scs.SCS0009, 3: dxl.MX_28})
     assert "Feetech SCS: 2 (scs0009); Dynamixel protocol 1.0: 3 (mx-28)" in str(e.value)
 

@@ -40,8 +40,8 @@ def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
 @pytest.mark.parametrize(
     ("kind", "error", "why"),
     [
-        *((kind, RESULT_FAIL, "it could not do it") for kind in X_KINDS),
-        *((kind, NO_ACCESS, "it has no such register") for kind in X_KINDS if not kind.mapped),
+        *((kind, RESULT_FAIL, "it could not execute the instruction") for kind in X_KINDS),
+        *((kind, NO_ACCESS, "it does not have this register") for kind in X_KINDS if not kind.mapped),
         (AX, 0x08, "it refused the instruction (range error)"),
         (AX, 0x51, "it refused the instruction (checksum and instruction error)"),
         (MX, 0x48, "it refused the instruction (range and instruction error)"),
@@ -59,7 +59,7 @@ def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
         fault = readings[servo_id]
         assert isinstance(fault, ServoFault)
         assert fault.kind == "refused"
-        assert fault.text.startswith(f"servo {servo_id} refuses to be read: {why}")
+        assert fault.text.startswith(f"servo {servo_id} refuses the read request: {why}")
         assert all(isinstance(readings[i], ServoState) for i in IDS if i != servo_id)
     account = line.account(servo_id)
     assert account.refused >= 8

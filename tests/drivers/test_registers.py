@@ -49,7 +49,7 @@ def test_a_value_and_its_bytes(register: Register, value: int, little: str) -> N
 def test_what_does_not_fit_is_refused_with_the_range(register: Register, low: int, high: int) -> None:
     assert (register.smallest, register.largest) == (low, high)
     for value in (low - 1, high + 1):
-        with pytest.raises(ValueError, match=f"{register.name} takes {low} to {high}, not {value}"):
+        with pytest.raises(ValueError, match=f"{register.name} must be {low} to {high}, not {value}"):
             register.encode(value, "little")
 
 
@@ -75,7 +75,7 @@ def test_a_value_is_either_in_range_or_refused(register: Register, value: int) -
     if register.smallest <= value <= register.largest:
         register.encode(value, "little")
     else:
-        with pytest.raises(ValueError, match="nothing written"):
+        with pytest.raises(ValueError, match="nothing was written"):
             register.encode(value, "little")
 
 

@@ -91,20 +91,20 @@ def test_a_missing_device_is_named_with_what_is_there(monkeypatch: pytest.Monkey
     with pytest.raises(PortMissing) as caught:
         SerialPort(str(missing))
     assert str(caught.value) == (
-        f"there is no {missing}: plug in the adapter or name another port (there is /dev/ttyACM3, /dev/ttyUSB0)"
+        f"{missing} does not exist: plug in the adapter or choose another port (found: /dev/ttyACM3, /dev/ttyUSB0)"
     )
 
 
 def test_a_missing_device_on_a_machine_without_any(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(Path, "glob", lambda self, pattern: [])
-    with pytest.raises(PortMissing, match=r"\(there is none\)"):
+    with pytest.raises(PortMissing, match=r"\(found: none\)"):
         SerialPort(str(tmp_path / "ttyACM0"))
 
 
 def test_a_link_that_leads_nowhere_is_missing(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     link.symlink_to(tmp_path / "gone")
-    with pytest.raises(PortMissing, match="there is no"):
+    with pytest.raises(PortMissing, match="does not exist"):
         SerialPort(str(link))
 
 
@@ -113,7 +113,7 @@ def test_a_device_that_goes_away_while_it_is_opened_is_missing(
     monkeypatch: pytest.MonkeyPatch, terminal: Terminal, number: int
 ) -> None:
     refuse(monkeypatch, with_errno(number))
-    with pytest.raises(PortMissing, match=f"there is no {terminal.device}"):
+    with pytest.raises(PortMissing, match=f"{terminal.device} does not exist"):
         SerialPort(terminal.device)
 
 
@@ -152,7 +152,7 @@ def test_an_owner_that_may_not_be_seen(monkeypatch: pytest.MonkeyPatch, terminal
 
 def test_our_own_second_opening_is_refused(terminal: Terminal) -> None:
     first = SerialPort(terminal.device)
-    with pytest.raises(PortBusy, match=f"{terminal.device} is in use by this very program: close it first"):
+    with pytest.raises(PortBusy, match=f"{terminal.device} is already open in this program: close it first"):
         SerialPort(terminal.device)
     first.close()
     SerialPort(terminal.device).close()
@@ -267,7 +267,7 @@ def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.Monke
         SerialPort(terminal.device)
     assert str(caught.value) == (
         f"no permission to open {terminal.device}: it belongs to the group 'dialout'. "
-        "Run 'sudo usermod -aG dialout $USER', log out and in again"
+        "Run 'sudo usermod -aG dialout $USER', then log out and in again"
     )
 
 
@@ -277,9 +277,9 @@ def test_nobody_is_told_to_join_the_group_root(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(PortDenied) as caught:
         SerialPort(terminal.device)
     assert str(caught.value) == (
-        f"no permission to open {terminal.device}: it belongs to root alone. Give it to the group 'dialout' by the "
-        """line 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"' in /etc/udev/rules.d/99-servos.rules, """
-        "and plug the adapter in again. Run 'sudo usermod -aG dialout $USER', log out and in again"
+        f"no permission to open {terminal.device}: only root can open it. To give it to the group 'dialout', add the "
+        """line 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"' to /etc/udev/rules.d/99-servos.rules """
+        "and plug the adapter in again. Run 'sudo usermod -aG dialout $USER', then log out and in again"
     )
 
 
@@ -311,17 +311,17 @@ def test_the_group_is_that_of_the_device_behind_a_link(
 )
 def test_a_refused_baud_is_named(monkeypatch: pytest.MonkeyPatch, terminal: Terminal, error: Exception) -> None:
     refuse(monkeypatch, error)
-    with pytest.raises(PortError, match=f"{terminal.device} does not take 12345678 baud") as caught:
+    with pytest.raises(PortError, match=f"{terminal.device} does not support 12345678 baud") as caught:
         SerialPort(terminal.device, 12_345_678)
     assert str(error) in str(caught.value)
 
 
 @pytest.mark.parametrize("baud", [99_999_999_999, 10**30])
 def test_a_baud_beyond_any_number_is_refused(terminal: Terminal, baud: int) -> None:
-    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+    with pytest.raises(PortError, match=f"does not support {baud} baud"):
         SerialPort(terminal.device, baud)
     port = SerialPort(terminal.device, 115_200)
-    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+    with pytest.raises(PortError, match=f"does not support {baud} baud"):
         port.set_baud(baud)
     assert port.baud == 115_200
     port.write(b"x")
@@ -333,7 +333,7 @@ def test_a_refused_baud_leaves_the_device_free(monkeypatch: pytest.MonkeyPatch, 
 
     with monkeypatch.context() as patch:
         patch.setattr(serial.Serial, "_set_special_baudrate", refused)
-        with pytest.raises(PortError, match="does not take 1234567 baud"):
+        with pytest.raises(PortError, match="does not support 1234567 baud"):
             SerialPort(terminal.device, 1_234_567)
     SerialPort(terminal.device).close()
 
@@ -399,7 +399,7 @@ def test_a_line_that_takes_no_more_is_waited_for_and_then_lost(
 ) -> None:
     monkeypatch.setattr(serial_port, "STALLED_S", 0.05)
     port = SerialPort(terminal.device)
-    with pytest.raises(PortLost, match=r"takes no more bytes.*check the cable"):
+    with pytest.raises(PortLost, match=r"accepts no more bytes.*check the cable"):
         for _ in range(1_000_000):  # nobody reads at the other end
             port.write(bytes(100))
     port.close()
@@ -416,7 +416,7 @@ def test_input_from_before_the_opening_is_dropped(terminal: Terminal) -> None:
 def test_the_other_end_closing_is_a_lost_port_that_says_what_to_do(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     terminal.end()
-    with pytest.raises(PortLost, match=f"{terminal.device} is gone.*check the cable"):
+    with pytest.raises(PortLost, match=f"{terminal.device} has disappeared.*check the cable"):
         port.read(1, MonotonicClock().now() + 20.0)
     port.close()
 
@@ -424,7 +424,7 @@ def test_the_other_end_closing_is_a_lost_port_that_says_what_to_do(terminal: Ter
 def test_a_rate_for_a_port_that_is_gone_is_a_lost_port(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     terminal.end()
-    with pytest.raises(PortLost, match=f"{terminal.device} is gone"):
+    with pytest.raises(PortLost, match=f"{terminal.device} has disappeared"):
         port.set_baud(115_200)
     port.close()
 
@@ -524,7 +524,7 @@ def test_a_path_that_is_not_a_serial_device_is_called_by_its_kind(
 ) -> None:
     path = tmp_path / "port"
     make(path)
-    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {said}: name the adapter's port"):
+    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {said}: choose the adapter's port"):
         SerialPort(str(path))
 
 

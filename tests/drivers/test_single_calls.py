@@ -215,7 +215,7 @@ def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
         bench.bus.read(1, case.temperature)
     assert account.silent == 1
     bench.port.hold_s = 0.0
-    with pytest.raises(ServoCorrupt, match=f"answered 1 byte for {case.position.name}"):
+    with pytest.raises(ServoCorrupt, match=f"sent 1 byte in reply to {case.position.name}"):
         bench.bus.read(1, case.position)
     assert account.late == 1
     assert sum(account.as_dict().values()) == 2 + 1 + 3
