@@ -32,7 +32,7 @@ def test_a_sign_is_one_bit_up_to_both_limits(register: object, order: ByteOrder,
     assert raw & limit == abs(value)
     assert raw >> register.sign_bit == (value < 0)
     assert register.decode(register.encode(value, order), order) == value
-    with pytest.raises(ValueError, match="nothing written"):
+    with pytest.raises(ValueError, match="nothing was written"):
         register.encode(limit + 1 if value >= 0 else -limit - 1, order)
 
 
@@ -103,7 +103,7 @@ def test_the_new_offset_keeps_the_seam_out_of_the_travel(sweep: tuple[int, int, 
 
 @given(turns, st.integers(TURN - 1, 3 * TURN), offsets)
 def test_a_travel_that_fills_the_turn_is_refused(lower: int, span: int, offset: int) -> None:
-    with pytest.raises(ValueError, match="cannot be kept off the seam"):
+    with pytest.raises(ValueError, match="the wrap cannot be outside it"):
         angles.offset_for_travel(Travel(lower, lower + span), offset)
 
 

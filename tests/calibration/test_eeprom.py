@@ -110,18 +110,26 @@ def test_a_lock_that_somebody_left_open_is_closed() -> None:
 @pytest.mark.parametrize(
     ("register", "value", "text"),
     [
-        (sts.homing_offset, 2114, "homing_offset takes -2047 to 2047, not 2114"),
-        (sts.model_number, 1, "model_number is not a setting"),
-        (sts.goal_position, 1, "goal_position is not a setting"),
-        (sts.servo_id, 254, "id takes 0 to 253"),
-        (sts.baud_rate, 1, "baud_rate takes the servo off this line"),
-        (dxl.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
-        (xl320.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
+        (sts.homing_offset, 2114, "homing_offset must be -2047 to 2047, not 2114"),
+        (sts.model_number, 1, "model_number is not a writable EEPROM setting"),
+        (sts.goal_position, 1, "goal_position is not a writable EEPROM setting"),
+        (sts.servo_id, 254, "id must be 0 to 253"),
+        (sts.baud_rate, 1, "baud_rate cannot be verified, because the servo leaves this bus"),
+        (
+            dxl.status_return_level,
+            0,
+            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+        ),
+        (
+            xl320.status_return_level,
+            0,
+            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+        ),
     ],
 )
 def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register, value: int, text: str) -> None:
     line = Line()
-    with pytest.raises(ValueError, match=f"{text}.*nothing written"):
+    with pytest.raises(ValueError, match=f"{text}.*nothing was written"):
         update(line.bus, 1, LOCK, {sts.position_p: 16, register: value})
     assert line.port.packets == []
 
@@ -132,7 +140,7 @@ def test_a_servo_may_be_told_to_acknowledge_no_writes_and_then_to_do_so_again(mo
     servos = VirtualBus.of(BenchPlant((1, 2)), model)
     bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys((1, 2), model))
     level = dxl.status_return_level
-    with pytest.raises(ValueError, match="nothing written"), eeprom(bus, 1, None) as memory:
+    with pytest.raises(ValueError, match="nothing was written"), eeprom(bus, 1, None) as memory:
         memory.write(level, 0)
     assert update(bus, 1, None, {level: 1}) == (Change(level, 2, 1),)
     assert update(bus, 1, None, {level: 2}) == (Change(level, 1, 2),)
@@ -143,7 +151,7 @@ def test_a_servo_under_torque_is_left_alone() -> None:
     line = Line()
     line.bus.torque_on(1)
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) is not written: the servo holds torque"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written: the servo holds torque"
     ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.port.wear == []
@@ -184,7 +192,9 @@ def test_the_id_comes_last_and_the_lock_is_closed_under_the_new_one() -> None:
 
 def test_an_id_that_is_taken_is_refused() -> None:
     line = Line()
-    with pytest.raises(EepromError, match=r"servo 1: id \(register 5\) must not become 2: another servo answers"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: id \(register 5\) cannot be changed to 2: another servo has this ID"
+    ):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
     assert line.port.wear == []
 
@@ -198,7 +208,7 @@ def test_an_id_is_taken_even_if_only_one_of_all_answers_comes(heard: int) -> Non
         line.port.losing = 0 < number <= SILENCES and number != 1 + heard
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+    with pytest.raises(EepromError, match="cannot be changed to 2: another servo has this ID"):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
     assert [servo.servo_id for servo in line.servos.servos] == [1, 2]
 
@@ -210,7 +220,7 @@ def test_an_id_at_which_something_stirs_is_taken() -> None:
         line.port.losing, line.port.garbling = 0 < number < SILENCES, number == SILENCES
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+    with pytest.raises(EepromError, match="cannot be changed to 2: another servo has this ID"):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
 
 
@@ -235,7 +245,7 @@ def test_torque_that_cannot_be_read_names_the_setting_that_was_to_be_written() -
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 1 else None
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) is not written.* torque .*not answer"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written.* torque .*not answer"
     ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
@@ -246,7 +256,9 @@ def test_torque_that_cannot_be_read_names_the_setting_that_was_to_be_written() -
 def test_a_setting_that_cannot_be_read_back_is_said_to_be_written_perhaps() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 5 else None
-    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) has perhaps become 16: .*not answer"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p \(register 21\) may have changed to 16, but .*not answer"
+    ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.held(sts.position_p) == 16
 
@@ -256,7 +268,7 @@ def test_a_line_that_is_lost_before_the_setting_is_read_back_leaves_word_of_it()
     line.port.before_write = lambda number: line.port.unplug() if number == 5 else None
     with pytest.raises(PortLost) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
-    assert "servo 1: position_p (register 21) has perhaps become 16" in caught.value.__notes__
+    assert "servo 1: position_p (register 21) may have changed to 16" in caught.value.__notes__
     assert line.held(sts.position_p) == 16
 
 
@@ -273,7 +285,7 @@ def test_a_failure_tells_what_was_written_before_it(second: Register) -> None:
     line.port.before_write = meddle
     with pytest.raises(EepromError, match=second.name) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16} | ({second: 5} if begun == 2 else {}))
-    assert "written before that: position_p 32 to 16" in caught.value.__notes__
+    assert "written before this error: position_p 32 to 16" in caught.value.__notes__
 
 
 @pytest.mark.parametrize("number", range(8))
@@ -317,7 +329,9 @@ def test_a_servo_that_is_reset_again_and_again_is_named() -> None:
             line.first.memory.put(LOCK, 1)
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match=r"servo 1: position_p .* is perhaps not saved: the servo loses its power"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p .* may not have been saved: the servo was reset repeatedly"
+    ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.held(LOCK) == 1
 
@@ -427,7 +441,9 @@ def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:
 def test_a_silent_servo_is_said_to_be_silent_and_costs_little() -> None:
     line = Line()
     line.servos.faults.silence(1)
-    with pytest.raises(EepromError, match=r"servo 1: position_p .* cannot be read: it does not answer") as caught:
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p .* cannot be read: the servo does not answer"
+    ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert isinstance(caught.value.__cause__, ServoSilent)
     assert len(line.port.packets) <= ATTEMPTS + 2

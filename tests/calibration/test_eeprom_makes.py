@@ -84,7 +84,7 @@ def test_a_servo_under_torque_is_left_alone(case: Case) -> None:
     bench.port.sent = ()
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} is not written: the servo holds torque, switch it off first"):
+    with pytest.raises(EepromError, match=f"{place} was not written: the servo holds torque. Support the arm"):
         update(bench.bus, 1, None, case.new)
     assert bench.written == []
 
@@ -104,7 +104,9 @@ def test_a_value_that_does_not_stick_is_reported_with_what_was_written_before(
 
     monkeypatch.setattr(bench.port, "write", forgetting)
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} stays {old}, not {value}: the servo does not take it") as caught:
+    with pytest.raises(
+        EepromError, match=f"{place} stays {old}, not {value}: the servo did not accept the value"
+    ) as caught:
         update(bench.bus, 1, None, case.new)
     assert (caught.value.servo_id, caught.value.register) == (1, register)
     assert any(first.name in note for note in getattr(caught.value, "__notes__", [])) is (number == 1)
@@ -116,7 +118,7 @@ def test_a_silent_servo_is_named_with_the_setting(case: Case) -> None:
     bench.servos.faults.silence(1)
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} cannot be read: it does not answer") as caught:
+    with pytest.raises(EepromError, match=f"{place} cannot be read: the servo does not answer") as caught:
         update(bench.bus, 1, None, case.new)
     assert isinstance(caught.value.__cause__, ServoSilent)
 
@@ -125,7 +127,7 @@ def test_a_silent_servo_is_named_with_the_setting(case: Case) -> None:
 def test_the_id_comes_last_and_one_that_is_taken_is_refused(case: Case) -> None:
     bench = Bench(case)
     register, value = next(iter(case.new.items()))
-    with pytest.raises(EepromError, match=rf"servo 1: id \(register {case.servo_id.address}\) must not become 2"):
+    with pytest.raises(EepromError, match=rf"servo 1: id \(register {case.servo_id.address}\) cannot be changed to 2"):
         update(bench.bus, 1, None, {case.servo_id: 2})
     assert bench.written == []
     changes = update(bench.bus, 1, None, {case.servo_id: 9, register: value})
